@@ -1,0 +1,80 @@
+"""Writing so that a file is whole or absent, and reading text with errors that name the place."""
+
+from __future__ import annotations
+
+import json
+import os
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import InputError, WorkError
+
+
+def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], None]) -> None:
+    """Call `write` with a temporary name beside `path` (same ending), then rename it onto `path`.
+
+    Whatever fails, `path` is either as before or whole. An OSError becomes WorkError with the path in it.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot write: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
+    """UTF-8, line ends as given."""
+    atomic_write(path, lambda temporary: temporary.write_bytes(text.encode()))
+
+
+def write_json(path: str | os.PathLike[str], content: dict) -> None:
+    """Indented, keys in the order given, ends with a line end."""
+    atomic_write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def read_json(path: str | os.PathLike[str]) -> dict:
+    """A JSON object. Raises InputError with the line of the first mistake."""
+    text = read_text(path)
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError("JSON", path=path, line=error.lineno, found=error.msg) from None
+    except RecursionError:
+        raise InputError("JSON", path=path, found="brackets nested too deeply") from None
+    if not isinstance(content, dict):
+        raise InputError("a JSON object", path=path, found=type(content).__name__)
+    return content
+
+
+def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
+    """The whole file. Raises InputError where it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except IsADirectoryError:
+        raise InputError(what, path=path, found="a folder") from None
+    except FileNotFoundError:
+        raise InputError(what, path=path, found="nothing of that name") from None
+    except (OSError, ValueError) as error:
+        raise InputError(what, path=path, found=getattr(error, "strerror", None) or error) from None
+
+
+def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
+    """UTF-8 text. Raises InputError for a missing, unreadable, empty or binary file, and for a web page saved under its name."""
+    data = read_bytes(path, what)
+    if not data.strip():
+        raise InputError(what, path=path, found="an empty file")
+    if b"\0" in data:
+        raise InputError(what, path=path, found="a binary file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(what, path=path, line=line, found="bytes that are not UTF-8 text") from None
+    if text.lstrip()[:200].lower().startswith(("<!doctype", "<html", "<?xml")):
+        raise InputError(what, path=path, line=1, found="a web page", hint="downloading the file itself again")
+    return text

@@ -1,0 +1,60 @@
+"""Every change of axes, in one place.
+
+| frame | axes | handedness |
+|---|---|---|
+| world | ours and Blender's: metres, z up | right |
+| pov world | POV-Ray's: y up | left |
+| cv camera | OpenCV, TUM: x right, y down, z forward | right |
+| pov camera | x right, y up, z forward | left |
+| blender camera | x right, y up, looks along -z | right |
+
+A left-handed pose is held as SE3 too (its rotation part is a proper rotation); only these functions may mix the kinds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .se3 import SE3
+
+#: p_world = WORLD_FROM_POV @ p_pov, that is (x, y, z) -> (-x, -z, y). Determinant -1: it also mends the handedness.
+WORLD_FROM_POV = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+#: cv camera <-> pov camera: y changes sign (and with it the handedness).
+CV_FROM_POV_CAMERA = np.diag([1.0, -1.0, 1.0])
+#: cv camera <-> Blender camera: half a turn about x.
+CV_FROM_BLENDER_CAMERA = np.diag([1.0, -1.0, -1.0])
+#: y up <-> z up, both right-handed, as Blender's importers do it: (x, y, z) -> (x, -z, y).
+Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+def world_cv_from_pov(T_pov_camera: SE3) -> SE3:
+    """Pose of the pov camera in the pov world (left-handed, metres) -> T_world_cv."""
+    return _change_axes(T_pov_camera, WORLD_FROM_POV, CV_FROM_POV_CAMERA)
+
+
+def pov_from_world_cv(T_world_cv: SE3) -> SE3:
+    """T_world_cv -> pose of the pov camera in the pov world (left-handed, metres)."""
+    return _change_axes(T_world_cv, WORLD_FROM_POV.T, CV_FROM_POV_CAMERA)
+
+
+def mirrored_y(T: SE3) -> SE3:
+    """S T S with S = diag(1, -1, 1): left-handed y-up poses of `*.gt.freiburg` <-> right-handed y-down ones. Its own inverse.
+
+    On numbers: ty -> -ty and (qx, qy, qz, qw) -> (-qx, qy, -qz, qw).
+    """
+    return _change_axes(T, CV_FROM_POV_CAMERA, CV_FROM_POV_CAMERA)
+
+
+def world_blender_from_world_cv(T_world_cv: SE3) -> SE3:
+    """T_world_cv -> pose of Blender's camera object, T_world_blender."""
+    return SE3(T_world_cv.rotation @ CV_FROM_BLENDER_CAMERA, T_world_cv.translation)
+
+
+def world_cv_from_world_blender(T_world_blender: SE3) -> SE3:
+    """Pose of Blender's camera object -> T_world_cv."""
+    return SE3(T_world_blender.rotation @ CV_FROM_BLENDER_CAMERA, T_world_blender.translation)
+
+
+def _change_axes(T: SE3, to_world: np.ndarray, camera: np.ndarray) -> SE3:
+    """R' = W R C, t' = W t. `camera` is its own inverse."""
+    return SE3(to_world @ T.rotation @ camera, T.translation @ to_world.T)

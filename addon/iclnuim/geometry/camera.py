@@ -1,0 +1,160 @@
+"""The pinhole camera, pixel centres at integer indices, and what Blender has to be told to reproduce it exactly.
+
+Camera frame: cv (x right, y down, z forward). Depth is planar: z along the optical axis, in metres.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+
+from ..errors import InputError
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; pixel (u, v) is seen through its centre at u = 0..width-1, v = 0..height-1.
+
+    The defaults are the benchmark's (paper, equation 1), whose printed fy = -480 stands for a y axis pointing up; in cv axes it
+    is +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
+    """
+
+    width: int = 640
+    height: int = 480
+    fx: float = 640 / 1.33
+    fy: float = 480.0
+    cx: float = 319.5
+    cy: float = 239.5
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or int(value) != value or not 1 <= value <= 65536:
+                raise InputError(f"a camera {name} of 1..65536 pixels", found=value)
+            object.__setattr__(self, name, int(value))
+        for name in ("fx", "fy", "cx", "cy"):
+            value = float(getattr(self, name))
+            if not np.isfinite(value) or (name[0] == "f" and value <= 0):
+                hint = "the positive value: fy = -480 only says that y points up" if value < 0 else None
+                raise InputError(f"a finite camera {name}{' > 0' if name[0] == 'f' else ''}", found=value, hint=hint)
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_dict(cls, settings: dict) -> PinholeCamera:
+        """The inverse of to_dict; unknown keys are refused."""
+        known = {f.name for f in fields(cls)}
+        unknown = sorted(set(settings) - known)
+        if unknown:
+            raise InputError(f"camera keys {', '.join(sorted(known))}", found=", ".join(unknown))
+        try:
+            return cls(**settings)
+        except (TypeError, ValueError) as error:
+            raise InputError("numbers for every camera key", found=error) from None
+
+    @classmethod
+    def parse(cls, text: str) -> PinholeCamera:
+        """`WIDTHxHEIGHT,FX,FY,CX,CY`, the last four optional: without them the benchmark's view, scaled to the width."""
+        parts = text.strip().split(",")
+        size = re.fullmatch(r"(\d+)x(\d+)", parts[0])
+        if not size or len(parts) not in (1, 5):
+            raise InputError("a camera as WIDTHxHEIGHT or WIDTHxHEIGHT,FX,FY,CX,CY", found=text)
+        width, height = int(size[1]), int(size[2])
+        if len(parts) == 1:
+            scale = width / 640
+            return cls(width, height, 640 / 1.33 * scale, 480.0 * scale, (width - 1) / 2, (height - 1) / 2)
+        try:
+            return cls(width, height, *(float(p) for p in parts[1:]))
+        except ValueError:
+            raise InputError("numbers for FX,FY,CX,CY", found=text) from None
+
+    def to_dict(self) -> dict:
+        return asdict(self)
+
+    @property
+    def K(self) -> np.ndarray:
+        """(3, 3)."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    def rays(self) -> np.ndarray:
+        """(height, width, 3): the point at depth 1 behind each pixel centre, camera frame."""
+        x = (np.arange(self.width) - self.cx) / self.fx
+        y = (np.arange(self.height) - self.cy) / self.fy
+        rays = np.ones((self.height, self.width, 3))
+        rays[..., 0], rays[..., 1] = x, y[:, None]
+        return rays
+
+    def unproject(self, depth_z_m: np.ndarray) -> np.ndarray:
+        """(height, width) planar depth in metres -> (height, width, 3) points in the camera frame."""
+        depth_z_m = np.asarray(depth_z_m)
+        if depth_z_m.shape != (self.height, self.width):
+            raise InputError(f"a depth image of shape {(self.height, self.width)}", found=depth_z_m.shape)
+        return self.rays() * depth_z_m[..., None]
+
+    def project(self, points_camera: np.ndarray) -> np.ndarray:
+        """(..., 3) points in the camera frame -> (..., 2) pixel coordinates (u, v); NaN where z <= 0."""
+        p = np.asarray(points_camera, float)
+        z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
+        return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], -1)
+
+    def planar_from_ray_distance(self, distance_m: np.ndarray) -> np.ndarray:
+        """(height, width) distance along the ray -> planar depth, Z = d / sqrt(x^2 + y^2 + 1), as the raw `.depth` files need."""
+        return np.asarray(distance_m) / np.linalg.norm(self.rays(), axis=-1)
+
+    def halved(self) -> PinholeCamera:
+        """The camera of the 2x2-mean pyramid's next level: centres keep to pixel centres, cx' = (cx + 0.5)/2 - 0.5."""
+        return PinholeCamera(
+            self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        )
+
+
+@dataclass(frozen=True)
+class BlenderCamera:
+    """Settings of a Blender perspective camera (lens in mm) and of the scene's render size."""
+
+    resolution_x: int
+    resolution_y: int
+    pixel_aspect_x: float
+    pixel_aspect_y: float
+    lens: float
+    sensor_width: float
+    shift_x: float
+    shift_y: float
+    sensor_fit: str = "HORIZONTAL"
+
+
+def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -> BlenderCamera:
+    """The exact settings for a K, also with fx != fy and an off-centre principal point.
+
+    Blender measures shifts in units of the image width (horizontal fit) and knows one focal length; the ratio of the two is put
+    into the pixel aspect. Blender keeps both aspects at 1 or above.
+    """
+    pixel_aspect_x = max(1.0, camera.fy / camera.fx)
+    pixel_aspect_y = max(1.0, camera.fx / camera.fy)
+    aspect = pixel_aspect_y / pixel_aspect_x
+    return BlenderCamera(
+        resolution_x=camera.width,
+        resolution_y=camera.height,
+        pixel_aspect_x=pixel_aspect_x,
+        pixel_aspect_y=pixel_aspect_y,
+        lens=camera.fx * sensor_width_mm / camera.width,
+        sensor_width=sensor_width_mm,
+        shift_x=-(camera.cx - (camera.width - 1) / 2) / camera.width,
+        shift_y=(camera.cy - (camera.height - 1) / 2) / camera.width * aspect,
+    )
+
+
+def pinhole_from_blender(blender: BlenderCamera) -> PinholeCamera:
+    """The inverse of blender_from_pinhole, so that the panel can show what Blender makes of a K."""
+    width, height = blender.resolution_x, blender.resolution_y
+    aspect = blender.pixel_aspect_y / blender.pixel_aspect_x
+    fx = blender.lens * width / blender.sensor_width
+    return PinholeCamera(
+        width,
+        height,
+        fx,
+        fx / aspect,
+        (width - 1) / 2 - blender.shift_x * width,
+        (height - 1) / 2 + blender.shift_y * width / aspect,
+    )

@@ -1,0 +1,153 @@
+"""Rigid motions SE(3) as a frozen value type over arrays of any leading shape.
+
+`T_a_b` is the pose of b in a: p_a = T_a_b.apply(p_b), and T_a_b @ T_b_c = T_a_c. Lengths in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from . import so3
+
+
+@dataclass(frozen=True, eq=False)
+class SE3:
+    """Rotation (..., 3, 3) and translation (..., 3) in metres, float64, read-only.
+
+    The constructor trusts its arrays; `from_matrix` and the `from_quat_*` functions check theirs.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    def __post_init__(self) -> None:
+        rotation = np.array(self.rotation, float)
+        translation = np.array(self.translation, float)
+        if rotation.shape[-2:] != (3, 3) or translation.shape != (*rotation.shape[:-2], 3):
+            raise InputError("rotation (..., 3, 3) and translation (..., 3)", found=f"{rotation.shape} and {translation.shape}")
+        for name, array in (("rotation", rotation), ("translation", translation)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    # -- made from ---------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def identity(cls, shape: tuple[int, ...] = ()) -> SE3:
+        return cls(np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.zeros((*shape, 3)))
+
+    @classmethod
+    def from_matrix(cls, matrix: np.ndarray) -> SE3:
+        """(..., 3, 4) or (..., 4, 4). A rotation off by rounding is moved to the nearest one, else InputError."""
+        m = np.asarray(matrix, float)
+        if m.shape[-2:] not in ((3, 4), (4, 4)):
+            raise InputError("matrices (..., 3, 4) or (..., 4, 4)", found=m.shape)
+        if m.shape[-2] == 4 and not np.allclose(m[..., 3, :], (0, 0, 0, 1), atol=1e-6):
+            raise InputError("a last row of 0 0 0 1", found=m[..., 3, :].reshape(-1, 4)[0])
+        if not np.isfinite(m).all():
+            raise InputError("finite numbers", found="NaN or infinity")
+        return cls(so3.nearest_rotation(m[..., :3, :3]), m[..., :3, 3])
+
+    @classmethod
+    def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> SE3:
+        """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised, else InputError."""
+        return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
+
+    @classmethod
+    def from_quat_wxyz(cls, quat_wxyz: np.ndarray, translation: np.ndarray) -> SE3:
+        """The same with the scalar first, as Blender and Eigen's constructor order it."""
+        return cls.from_quat_xyzw(np.roll(np.asarray(quat_wxyz, float), -1, axis=-1), translation)
+
+    @classmethod
+    def exp(cls, twist: np.ndarray) -> SE3:
+        """(..., 6): translational part first (metres), rotation vector last (radians)."""
+        twist = np.asarray(twist, float)
+        v, w = twist[..., :3], twist[..., 3:]
+        angle = np.linalg.norm(w, axis=-1)[..., None, None]
+        _, b, c = so3.exp_coefficients(angle)
+        k = so3.hat(w)
+        left_jacobian = np.eye(3) + b * k + c * (k @ k)
+        return cls(so3.exp(w), (left_jacobian @ v[..., None])[..., 0])
+
+    # -- turned into -------------------------------------------------------------------------------------------------
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(..., 4, 4)."""
+        m = np.zeros((*self.shape, 4, 4))
+        m[..., :3, :3], m[..., :3, 3], m[..., 3, 3] = self.rotation, self.translation, 1.0
+        return m
+
+    @property
+    def quat_xyzw(self) -> np.ndarray:
+        """(..., 4), scalar last and not negative."""
+        return so3.quat_xyzw_from_matrix(self.rotation)
+
+    @property
+    def quat_wxyz(self) -> np.ndarray:
+        """(..., 4), scalar first and not negative."""
+        return np.roll(self.quat_xyzw, 1, axis=-1)
+
+    def log(self) -> np.ndarray:
+        """(..., 6), the inverse of exp; the rotation vector has a length of at most pi."""
+        w = so3.log(self.rotation)
+        angle = np.linalg.norm(w, axis=-1)[..., None, None]
+        k = so3.hat(w)
+        inverse_jacobian = np.eye(3) - 0.5 * k + _inverse_jacobian_coefficient(angle) * (k @ k)
+        return np.concatenate([(inverse_jacobian @ self.translation[..., None])[..., 0], w], axis=-1)
+
+    # -- group -------------------------------------------------------------------------------------------------------
+
+    def inverse(self) -> SE3:
+        r = np.swapaxes(self.rotation, -1, -2)
+        return SE3(r, -(r @ self.translation[..., None])[..., 0])
+
+    def __matmul__(self, other: SE3) -> SE3:
+        """Compose: T_a_b @ T_b_c = T_a_c; leading shapes broadcast."""
+        rotation = self.rotation @ other.rotation
+        translation = (self.rotation @ other.translation[..., None])[..., 0] + self.translation
+        return SE3(rotation, np.broadcast_to(translation, rotation.shape[:-1]))
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., n, 3) or (3,), metres: p_a = T_a_b.apply(p_b). One pose serves points of any leading shape."""
+        points = np.asarray(points, float)
+        if points.ndim == 1:
+            return (self.rotation @ points[..., None])[..., 0] + self.translation
+        return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
+
+    def interpolate(self, other: SE3, share: np.ndarray | float) -> SE3:
+        """The screw motion from self (share 0) to other (share 1): self exp(share log(self^-1 other))."""
+        twist = (self.inverse() @ other).log()
+        return self @ SE3.exp(np.asarray(share, float)[..., None] * twist)
+
+    # -- array -------------------------------------------------------------------------------------------------------
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The leading shape."""
+        return self.translation.shape[:-1]
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: object) -> SE3:
+        """Indexing over the leading shape."""
+        if not self.shape:
+            raise IndexError("a single pose has no leading shape to index")
+        picked = np.arange(int(np.prod(self.shape))).reshape(self.shape)[index]
+        return SE3(self.rotation.reshape(-1, 3, 3)[picked], self.translation.reshape(-1, 3)[picked])
+
+    def __repr__(self) -> str:
+        return f"SE3(shape={self.shape})" if self.shape else f"SE3(t={self.translation}, quat_xyzw={self.quat_xyzw})"
+
+
+def _inverse_jacobian_coefficient(angle: np.ndarray) -> np.ndarray:
+    """1/t^2 - cot(t/2)/(2 t), by series for small t, stable up to pi."""
+    t = np.asarray(angle, float)
+    small = t < 0.05
+    s = np.where(small, 1.0, t)
+    t2 = t * t
+    series = 1.0 / 12.0 + t2 / 720.0 + t2 * t2 / 30240.0
+    return np.where(small, series, 1.0 / (s * s) - np.cos(s / 2) / (2.0 * s * np.sin(s / 2)))

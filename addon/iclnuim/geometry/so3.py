@@ -1,0 +1,139 @@
+"""Rotations in three dimensions: matrix, quaternion and rotation vector, over arrays of any leading shape.
+
+Stable where the usual formulas break: angles near 0 (series), angles near pi (by way of the quaternion).
+All results are float64. Quaternions are Hamilton's, order named by each function.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+
+#: A quaternion may be off length one by this share and is normalised; beyond it, it is refused. Three printed decimals pass.
+QUAT_NORM_TOLERANCE = 1e-2
+#: A matrix may be off R^T R = I by this much (largest entry) and is moved to the nearest rotation; beyond it, it is refused.
+MATRIX_TOLERANCE = 1e-3
+_SMALL_ANGLE = 1e-4
+
+
+def hat(w: np.ndarray) -> np.ndarray:
+    """(..., 3) -> (..., 3, 3): the matrix with hat(w) @ p = w x p."""
+    w = np.asarray(w, float)
+    m = np.zeros((*w.shape[:-1], 3, 3))
+    m[..., 2, 1], m[..., 0, 2], m[..., 1, 0] = w[..., 0], w[..., 1], w[..., 2]
+    m[..., 1, 2], m[..., 2, 0], m[..., 0, 1] = -w[..., 0], -w[..., 1], -w[..., 2]
+    return m
+
+
+def unit_quaternion(quat: np.ndarray) -> np.ndarray:
+    """(..., 4) in either order -> the same of length one.
+
+    Raises InputError where a length differs from one by more than QUAT_NORM_TOLERANCE, or is not finite.
+    """
+    quat = np.asarray(quat, float)
+    norm = np.linalg.norm(quat, axis=-1, keepdims=True)
+    bad = ~(np.abs(norm - 1.0) <= QUAT_NORM_TOLERANCE)
+    if bad.any():
+        worst = norm[bad].flat[0]
+        raise InputError(f"quaternions of length 1 (to {QUAT_NORM_TOLERANCE:g})", found=f"length {worst:.6g}")
+    return quat / norm
+
+
+def matrix_from_quat_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
+    """(..., 4), scalar last -> (..., 3, 3)."""
+    x, y, z, w = np.moveaxis(unit_quaternion(quat_xyzw), -1, 0)
+    m = np.empty((*x.shape, 3, 3))
+    m[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    m[..., 0, 1] = 2 * (x * y - z * w)
+    m[..., 0, 2] = 2 * (x * z + y * w)
+    m[..., 1, 0] = 2 * (x * y + z * w)
+    m[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    m[..., 1, 2] = 2 * (y * z - x * w)
+    m[..., 2, 0] = 2 * (x * z - y * w)
+    m[..., 2, 1] = 2 * (y * z + x * w)
+    m[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    return m
+
+
+def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) -> (..., 4), scalar last, scalar >= 0.
+
+    Each of the four outer products of the quaternion with itself is formed and the best conditioned one taken
+    (Shepperd 1978), so that no angle loses digits.
+    """
+    m = np.asarray(rotation, float)
+    d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    rows = np.empty((*d0.shape, 4, 4))  # rows[k] = 4 q_k q
+    for k, row in enumerate(
+        (
+            (1 + d0 - d1 - d2, xy, xz, wx),
+            (xy, 1 - d0 + d1 - d2, yz, wy),
+            (xz, yz, 1 - d0 - d1 + d2, wz),
+            (wx, wy, wz, 1 + d0 + d1 + d2),
+        )
+    ):
+        rows[..., k, :] = np.stack(row, -1)
+    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., 3:] < 0, -q, q)
+
+
+def exp(w: np.ndarray) -> np.ndarray:
+    """(..., 3) rotation vector in radians -> (..., 3, 3) (Rodrigues)."""
+    w = np.asarray(w, float)
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    a, b, _ = exp_coefficients(angle)
+    k = hat(w)
+    return np.eye(3) + a * k + b * (k @ k)
+
+
+def log(rotation: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) -> (..., 3) rotation vector in radians, of length at most pi."""
+    q = quat_xyzw_from_matrix(rotation)
+    v, w = q[..., :3], q[..., 3:]
+    s = np.linalg.norm(v, axis=-1, keepdims=True)
+    half = np.arctan2(s, w)
+    small = s < _SMALL_ANGLE
+    scale = np.where(small, 2.0 + s * s / 3.0, 2.0 * half / np.where(small, 1.0, s))
+    return scale * v
+
+
+def angle(rotation: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) -> (...) rotation angle in radians, 0..pi, exact near both ends."""
+    q = quat_xyzw_from_matrix(rotation)
+    return 2.0 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), q[..., 3])
+
+
+def exp_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 of t = angle, by series below 1e-4."""
+    t = np.asarray(angle, float)
+    small = t < _SMALL_ANGLE
+    s = np.where(small, 1.0, t)
+    t2 = t * t
+    a = np.where(small, 1.0 - t2 / 6.0, np.sin(s) / s)
+    b = np.where(small, 0.5 - t2 / 24.0, 2.0 * (np.sin(s / 2.0) / s) ** 2)
+    # (s - sin s)/s^3 loses digits to about 1e-3; more terms of the series there
+    series = 1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0
+    c = np.where(t < 0.05, series, (s - np.sin(s)) / (s * s * s))
+    return a, b, c
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) almost a rotation (as from few printed digits or float32) -> the nearest rotation.
+
+    Raises InputError where R^T R is further than MATRIX_TOLERANCE from the identity, or where det R < 0.
+    """
+    m = np.asarray(matrix, float)
+    off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
+    if not off <= MATRIX_TOLERANCE:
+        raise InputError("rotation matrices", found=f"R^T R off the identity by {off:.3g}")
+    if m.size and np.linalg.det(m).min() < 0:
+        raise InputError("rotation matrices with determinant +1", found="a reflection", hint="converting its axes first")
+    if off < 1e-14:
+        return m
+    u, _, vt = np.linalg.svd(m)
+    return u @ vt

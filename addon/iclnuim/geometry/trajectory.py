@@ -1,0 +1,152 @@
+"""A timed camera path: statistics, equation 2 of the paper, resampling, slices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from . import so3
+from .se3 import SE3
+
+FRAME_RATE_HZ = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Stamps (n,) in seconds, strictly increasing, and camera-to-world poses T_world_camera (n,) of the cv camera."""
+
+    stamps_s: np.ndarray
+    T_world_camera: SE3
+
+    def __post_init__(self) -> None:
+        stamps = np.array(self.stamps_s, float)
+        if stamps.ndim != 1 or self.T_world_camera.shape != stamps.shape:
+            raise InputError("as many poses as stamps", found=f"{self.T_world_camera.shape} and {stamps.shape}")
+        if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
+            raise InputError("finite, strictly increasing stamps")
+        stamps.setflags(write=False)
+        object.__setattr__(self, "stamps_s", stamps)
+
+    @classmethod
+    def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> Trajectory:
+        """Pose i gets the stamp i / rate."""
+        return cls(np.arange(len(T_world_camera)) / rate_hz, T_world_camera)
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    def __getitem__(self, index: slice | np.ndarray) -> Trajectory:
+        """Part of the trajectory, by slice or increasing indices."""
+        return Trajectory(self.stamps_s[index], self.T_world_camera[index])
+
+    @property
+    def positions_m(self) -> np.ndarray:
+        """(n, 3)."""
+        return self.T_world_camera.translation
+
+    def step_lengths_m(self) -> np.ndarray:
+        """(n-1,)."""
+        return np.linalg.norm(np.diff(self.positions_m, axis=0), axis=1)
+
+    def step_angles_rad(self) -> np.ndarray:
+        """(n-1,): angle of the rotation between neighbouring poses."""
+        r = self.T_world_camera.rotation
+        return so3.angle(np.swapaxes(r[:-1], -1, -2) @ r[1:])
+
+    def length_m(self) -> float:
+        return float(self.step_lengths_m().sum())
+
+
+@dataclass(frozen=True)
+class TrajectoryStatistics:
+    """What Table I prints, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step of over 1.5 usual ones."""
+
+    frames: int
+    length_m: float
+    duration_s: float
+    rate_hz: float
+    mean_speed: float
+    max_speed: float
+    mean_rotation_rate: float
+    max_rotation_rate: float
+    gaps: int
+    longest_gap_s: float
+
+
+def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
+    """Statistics of one trajectory; zeros for the rates of a single pose."""
+    steps_s = np.diff(trajectory.stamps_s)
+    if len(steps_s) == 0:
+        return TrajectoryStatistics(len(trajectory), 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    usual_s = float(np.median(steps_s))
+    speeds = trajectory.step_lengths_m() / steps_s
+    rates = np.degrees(trajectory.step_angles_rad()) / steps_s
+    duration_s = float(steps_s.sum())
+    return TrajectoryStatistics(
+        frames=len(trajectory),
+        length_m=trajectory.length_m(),
+        duration_s=duration_s,
+        rate_hz=1.0 / usual_s,
+        mean_speed=trajectory.length_m() / duration_s,
+        max_speed=float(speeds.max()),
+        mean_rotation_rate=float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s),
+        max_rotation_rate=float(rates.max()),
+        gaps=int((steps_s > 1.5 * usual_s).sum()),
+        longest_gap_s=float(steps_s.max()),
+    )
+
+
+def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Trajectory:
+    """Equation 2: T_pov_cam = T_pov_kintinuous . T_kintinuous_cam, after uniform scaling of the source.
+
+    T_pov_kintinuous maps the source's first pose on `T_world_start`, the first pose in the scene.
+    """
+    if not np.isfinite(scale) or scale <= 0:
+        raise InputError("a scale > 0", found=scale)
+    scaled = SE3(source.T_world_camera.rotation, source.positions_m * scale)
+    return Trajectory(source.stamps_s, T_world_start @ scaled[0].inverse() @ scaled)
+
+
+def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
+    """Poses at any stamps inside the trajectory's span, by screw motions between neighbours (SE(3) interpolation)."""
+    stamps_s = np.asarray(stamps_s, float)
+    own = trajectory.stamps_s
+    if len(own) < 2:
+        raise InputError("at least two poses to interpolate between", found=len(own))
+    slack = 1e-9 * max(1.0, abs(own[-1]))
+    if stamps_s.size and (stamps_s.min() < own[0] - slack or stamps_s.max() > own[-1] + slack):
+        raise InputError(f"stamps within {own[0]:.6f}..{own[-1]:.6f} s", found=f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s")
+    before = np.clip(np.searchsorted(own, stamps_s, side="right") - 1, 0, len(own) - 2)
+    share = np.clip((stamps_s - own[before]) / (own[before + 1] - own[before]), 0.0, 1.0)
+    poses = trajectory.T_world_camera
+    return poses[before].interpolate(poses[before + 1], share)
+
+
+def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
+    """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays inside the span."""
+    if not 15.0 <= rate_hz <= 240.0:
+        raise InputError("a rate of 15 to 240 Hz", found=rate_hz)
+    start, end = trajectory.stamps_s[[0, -1]]
+    count = int(np.floor((end - start) * rate_hz + 1e-6)) + 1
+    stamps_s = start + np.arange(count) / rate_hz
+    return Trajectory(stamps_s, sample(trajectory, stamps_s))
+
+
+def frame_slice(text: str, count: int) -> range:
+    """`A:B:S` as a Python slice over `count` frames (B excluded, any part may be left out), or one frame's number."""
+    parts = text.strip().split(":")
+    try:
+        numbers = [int(p) if p.strip() else None for p in parts]
+    except ValueError:
+        numbers = None
+    if not numbers or len(numbers) > 3 or (len(numbers) == 1 and numbers[0] is None) or (len(numbers) == 3 and numbers[2] == 0):
+        raise InputError("frames as A:B:S (a Python slice) or one number", found=text)
+    if len(numbers) == 1:
+        numbers = [numbers[0], numbers[0] + 1 or None]
+    picked = range(count)[slice(*numbers)]
+    picked = picked if picked.step > 0 else picked[::-1]
+    if len(picked) == 0:
+        raise InputError(f"at least one of the frames 0..{count - 1}", found=text)
+    return picked

@@ -1,0 +1,1 @@
+"""All of ICL-NUIM that runs without a window: the command `iclnuim`, the farm, odometers, tables and charts."""

@@ -1,0 +1,77 @@
+"""The command `iclnuim`: finds the module of the command asked for, and turns errors into one line and an exit code.
+
+Exit codes: 0 done, 2 bad input, 3 work failed, 130 interrupted. Only the module that is needed is imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+
+from iclnuim import __version__
+from iclnuim.errors import IclnuimError
+
+from .console import Console
+
+#: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
+COMMANDS = {
+    "render": "render a sequence: EXR frames with RGB and exact depth",
+    "evaluate": "trajectory error against ground truth: ATE, RPE",
+    "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
+    "scene": "build a scene by code; compare it with the official frames",
+    "check-depth": "cast the same rays independently and compare the depth",
+    "doctor": "what is installed, what is missing, and how to mend it",
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; returns its exit code."""
+    argv = sys.argv[1:] if argv is None else argv
+    if not argv or argv[0] in ("-h", "--help"):
+        print(_overview())
+        return 0 if argv else 2
+    if argv[0] == "--version":
+        print(f"iclnuim {__version__}")
+        return 0
+    if argv[0] not in COMMANDS:
+        print(f"iclnuim: expected a command ({', '.join(COMMANDS)}), found {argv[0]!r}", file=sys.stderr)
+        return 2
+    return _guarded(argv[0], argv[1:])
+
+
+def _guarded(command: str, argv: list[str]) -> int:
+    try:
+        return _run(command, argv)
+    except IclnuimError as error:
+        print(f"iclnuim {command}: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"iclnuim {command}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        print(f"iclnuim {command}: {error.filename or ''}: {error.strerror or error}".replace(": : ", ": "), file=sys.stderr)
+        return 3
+
+
+def _run(command: str, argv: list[str]) -> int:
+    module = importlib.import_module(f".commands.{command.replace('-', '_')}", __package__)
+    parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
+    parser.set_defaults(run=getattr(module, "run", None))
+    module.configure(parser)
+    args = parser.parse_args(argv)
+    return args.run(args, Console(getattr(args, "quiet", False), getattr(args, "json", False))) or 0
+
+
+def _overview() -> str:
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name:<{width}}  {text}" for name, text in COMMANDS.items()]
+    return "\n".join(["usage: iclnuim COMMAND ...", "", *lines, "", "iclnuim COMMAND --help tells more; iclnuim --version."])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
