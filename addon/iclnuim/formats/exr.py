@@ -1,0 +1,164 @@
+"""EXR images in and out: through the OpenEXR package, or inside Blender through OpenImageIO; equal pixels either way.
+
+Sizes and times of one 640 x 480 frame, half R, G, B and float Z (one core, OpenEXR 3.5): none 3.1 MB, write 5 ms, read 2 ms;
+rle 2.5 MB, 10 ms, 5 ms; zip 1.8 MB, 30 ms, 7.5 ms; zips 2.2 MB, 28 ms, 10 ms; piz 2.0 MB, 48 ms, 13 ms. So zip to keep,
+rle where the writing is waited for.
+"""
+
+from __future__ import annotations
+
+import functools
+import glob
+import importlib
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from ..errors import InputError, WorkError
+from .exr_header import ExrHeader, exr_header
+from .files import atomic_write
+
+__all__ = ["ExrHeader", "exr_backend", "exr_header", "read_exr", "write_exr"]
+
+COMPRESSIONS = ("none", "rle", "zips", "zip", "piz")
+
+
+def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[str, np.ndarray]:
+    """Every channel of every part by its full name, (height, width), float16 or float32 as stored; the data window's pixels.
+
+    Raises InputError where the file is missing, truncated, no flat EXR, or of a size no frame has. `backend`: see exr_backend.
+    """
+    header = exr_header(path, whole=True)
+    name, module = exr_backend(backend)
+    try:
+        channels = (_read_openexr if name == "OpenEXR" else _read_oiio)(module, os.fspath(path), header)
+    except (RuntimeError, ValueError, UnicodeDecodeError) as error:
+        raise InputError("a whole EXR image", path=path, found=error, hint="rendering or copying this frame again") from None
+    lacking = [c for c in header.channels if c not in channels or channels[c].shape != (header.height, header.width)]
+    if lacking:
+        raise InputError("a whole EXR image", path=path, found=f"no pixels for {', '.join(lacking)}")
+    return channels
+
+
+def write_exr(
+    path: str | os.PathLike[str], channels: Mapping[str, np.ndarray], compression: str = "zip", backend: str | None = None
+) -> None:
+    """Write (height, width) float16 or float32 arrays under their names. The same pixels give the same bytes: no date, no host.
+
+    The file is whole or absent. Raises InputError for other arrays, WorkError where it cannot be written.
+    """
+    channels = {name: np.ascontiguousarray(values) for name, values in sorted(channels.items())}
+    _check_arrays(path, channels, compression)
+    name, module = exr_backend(backend)
+    write = _write_openexr if name == "OpenEXR" else _write_oiio
+
+    def write_and_check(temporary: Path) -> None:
+        try:
+            write(module, str(temporary), channels, compression)
+            exr_header(temporary, whole=True)  # a full disk is not always reported by the libraries
+        except (RuntimeError, ValueError, InputError) as error:
+            raise WorkError(f"{os.fspath(path)}: cannot write: {_reason(error, temporary)}") from None
+
+    atomic_write(path, write_and_check)
+
+
+def exr_backend(name: str | None = None) -> tuple[str, ModuleType]:
+    """("OpenEXR" or "OpenImageIO", its module): the one asked for, else the first there is. Raises WorkError where there is none."""
+    for candidate in (name,) if name else ("OpenEXR", "OpenImageIO"):
+        module = _module(candidate)
+        if module is not None:
+            return candidate, module
+    raise WorkError(
+        f"EXR needs {name or 'the OpenEXR package or OpenImageIO'}, which this Python ({sys.executable}) has not; try "
+        "`pip install OpenEXR`, or for a distribution's Blender its package python3-openimageio"
+    )
+
+
+@functools.cache
+def _module(name: str) -> ModuleType | None:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        return _bundled_openimageio() if name == "OpenImageIO" else None
+
+
+def _bundled_openimageio() -> ModuleType | None:
+    """The bpy wheel carries OpenImageIO off the path, under bpy/X.Y/python/lib/python3.XX/site-packages."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    for entry in sys.path:
+        for folder in sorted(glob.glob(os.path.join(entry, "bpy", "*", "python", "lib", version, "site-packages"))):
+            sys.path.append(folder)
+            try:
+                return importlib.import_module("OpenImageIO")
+            except ImportError:
+                pass
+            finally:
+                sys.path.remove(folder)
+    return None
+
+
+def _check_arrays(path: str | os.PathLike[str], channels: Mapping[str, np.ndarray], compression: str) -> None:
+    if compression not in COMPRESSIONS:
+        raise InputError(f"a compression among {', '.join(COMPRESSIONS)}", path=path, found=compression)
+    shapes = {values.shape for values in channels.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
+        raise InputError("channels of one shape (height, width)", path=path, found=sorted(shapes))
+    for name, values in channels.items():
+        if values.dtype not in (np.float16, np.float32):
+            raise InputError(f"channel {name} as float16 or float32", path=path, found=values.dtype)
+
+
+def _reason(error: Exception, temporary: Path) -> str:
+    return " ".join(str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split()) or "the disk may be full"
+
+
+def _read_openexr(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
+    with module.File(path, separate_channels=True) as file:
+        return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+
+
+def _write_openexr(module: ModuleType, path: str, channels: Mapping[str, np.ndarray], compression: str) -> None:
+    settings = {"compression": getattr(module, f"{_library_name(compression).upper()}_COMPRESSION"), "type": module.scanlineimage}
+    with module.File(settings, dict(channels)) as file:
+        file.write(path)
+
+
+def _library_name(compression: str) -> str:
+    return "no" if compression == "none" else compression
+
+
+def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
+    image = module.ImageInput.open(path)
+    if image is None:
+        raise ValueError(module.geterror())
+    channels: dict[str, np.ndarray] = {}
+    for index, part in enumerate(header.parts):
+        pixels = image.read_image(index, 0, 0, len(part.channels), module.FLOAT)
+        if pixels is None:
+            raise ValueError(image.geterror())
+        names = image.spec(index).channelnames  # OpenImageIO sorts R, G, B to the front and may put the part's name before them
+        for name, kind in part.channels.items():
+            place = next((i for i, own in enumerate(names) if own == name or own.endswith("." + name)), None)
+            if place is None:
+                raise ValueError(f"no channel {name}")
+            channels[name] = pixels[..., place].astype(np.float16 if kind == "half" else np.float32)
+    image.close()
+    return channels
+
+
+def _write_oiio(module: ModuleType, path: str, channels: Mapping[str, np.ndarray], compression: str) -> None:
+    height, width = next(iter(channels.values())).shape
+    spec = module.ImageSpec(width, height, len(channels), module.FLOAT)
+    spec.channelnames = tuple(channels)
+    spec.channelformats = tuple(module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values())
+    spec.attribute("compression", compression)
+    output = module.ImageOutput.create(path)
+    if output is None or not output.open(path, spec):
+        raise ValueError(output.geterror() if output else module.geterror())
+    stacked = np.stack([v.astype(np.float32) for v in channels.values()], axis=-1)
+    if not output.write_image(stacked) or not output.close():
+        raise ValueError(output.geterror())
