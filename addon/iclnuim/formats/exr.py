@@ -1,8 +1,8 @@
 """EXR images in and out: through the OpenEXR package, or inside Blender through OpenImageIO; equal pixels either way.
 
-Sizes and times of one 640 x 480 frame, half R, G, B and float Z (one core, OpenEXR 3.5): none 3.1 MB, write 5 ms, read 2 ms;
-rle 2.5 MB, 10 ms, 5 ms; zip 1.8 MB, 30 ms, 7.5 ms; zips 2.2 MB, 28 ms, 10 ms; piz 2.0 MB, 48 ms, 13 ms. So zip to keep,
-rle where the writing is waited for.
+Size, time to write and to read one 640 x 480 frame of half R, G, B and float Z (one core, OpenEXR 3.5): none 3.1 MB, 5 ms,
+2 ms; rle 2.5 MB, 10 ms, 5 ms; zip 1.8 MB, 30 ms, 7.5 ms; zips 2.2 MB, 28 ms, 10 ms; piz 2.0 MB, 48 ms, 13 ms. So zip to
+keep, rle where the writing is waited for.
 """
 
 from __future__ import annotations
@@ -22,32 +22,44 @@ from ..errors import InputError, WorkError
 from .exr_header import ExrHeader, exr_header
 from .files import atomic_write
 
-__all__ = ["ExrHeader", "exr_backend", "exr_header", "read_exr", "write_exr"]
+__all__ = ["ExrHeader", "exr_backend", "exr_header", "read_attributes", "read_exr", "write_exr"]
 
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz")
 
 
 def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[str, np.ndarray]:
-    """Every channel of every part by its full name, (height, width), float16 or float32 as stored; the data window's pixels.
+    """Every channel of every part by its full name, (height, width), float16 or float32 as stored.
 
-    Raises InputError where the file is missing, truncated, no flat EXR, or of a size no frame has. `backend`: see exr_backend.
+    Raises InputError where the file is missing, truncated, no flat EXR, or of a size no frame has.
     """
     header = exr_header(path, whole=True)
     name, module = exr_backend(backend)
     try:
         channels = (_read_openexr if name == "OpenEXR" else _read_oiio)(module, os.fspath(path), header)
     except (RuntimeError, ValueError, UnicodeDecodeError) as error:
-        raise InputError("a whole EXR image", path=path, found=error, hint="rendering or copying this frame again") from None
+        hint = "rendering or copying this frame again"
+        raise InputError("a whole EXR image", path=path, found=error, hint=hint) from None
     lacking = [c for c in header.channels if c not in channels or channels[c].shape != (header.height, header.width)]
     if lacking:
         raise InputError("a whole EXR image", path=path, found=f"no pixels for {', '.join(lacking)}")
     return channels
 
 
+def read_attributes(path: str | os.PathLike[str]) -> dict[str, str]:
+    """The text attributes of the header, without reading pixels. Raises InputError where `path` is no EXR."""
+    return dict(exr_header(path).parts[0].attributes)
+
+
 def write_exr(
-    path: str | os.PathLike[str], channels: Mapping[str, np.ndarray], compression: str = "zip", backend: str | None = None
+    path: str | os.PathLike[str],
+    channels: Mapping[str, np.ndarray],
+    compression: str = "zip",
+    attributes: Mapping[str, str] | None = None,
+    backend: str | None = None,
 ) -> None:
-    """Write (height, width) float16 or float32 arrays under their names. The same pixels give the same bytes: no date, no host.
+    """Write (height, width) float16 or float32 arrays under their names, and text attributes into the header.
+
+    The same pixels and attributes give the same bytes: no date, no host.
 
     The file is whole or absent. Raises InputError for other arrays, WorkError where it cannot be written.
     """
@@ -58,7 +70,7 @@ def write_exr(
 
     def write_and_check(temporary: Path) -> None:
         try:
-            write(module, str(temporary), channels, compression)
+            write(module, str(temporary), channels, compression, dict(attributes or {}))
             exr_header(temporary, whole=True)  # a full disk is not always reported by the libraries
         except (RuntimeError, ValueError, InputError) as error:
             raise WorkError(f"{os.fspath(path)}: cannot write: {_reason(error, temporary)}") from None
@@ -67,7 +79,7 @@ def write_exr(
 
 
 def exr_backend(name: str | None = None) -> tuple[str, ModuleType]:
-    """("OpenEXR" or "OpenImageIO", its module): the one asked for, else the first there is. Raises WorkError where there is none."""
+    """("OpenEXR" or "OpenImageIO", its module): the one asked for, else the first there is. Raises WorkError without."""
     for candidate in (name,) if name else ("OpenEXR", "OpenImageIO"):
         module = _module(candidate)
         if module is not None:
@@ -113,7 +125,8 @@ def _check_arrays(path: str | os.PathLike[str], channels: Mapping[str, np.ndarra
 
 
 def _reason(error: Exception, temporary: Path) -> str:
-    return " ".join(str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split()) or "the disk may be full"
+    text = str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file")
+    return " ".join(text.split()) or "the disk may be full"
 
 
 def _read_openexr(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
@@ -121,14 +134,13 @@ def _read_openexr(module: ModuleType, path: str, header: ExrHeader) -> dict[str,
         return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
 
 
-def _write_openexr(module: ModuleType, path: str, channels: Mapping[str, np.ndarray], compression: str) -> None:
-    settings = {"compression": getattr(module, f"{_library_name(compression).upper()}_COMPRESSION"), "type": module.scanlineimage}
-    with module.File(settings, dict(channels)) as file:
+def _write_openexr(
+    module: ModuleType, path: str, channels: dict[str, np.ndarray], compression: str, attributes: dict[str, str]
+) -> None:
+    code = getattr(module, "NO_COMPRESSION" if compression == "none" else f"{compression.upper()}_COMPRESSION")
+    settings = {**attributes, "compression": code, "type": module.scanlineimage}
+    with module.File(settings, channels) as file:
         file.write(path)
-
-
-def _library_name(compression: str) -> str:
-    return "no" if compression == "none" else compression
 
 
 def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
@@ -140,7 +152,7 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
         pixels = image.read_image(index, 0, 0, len(part.channels), module.FLOAT)
         if pixels is None:
             raise ValueError(image.geterror())
-        names = image.spec(index).channelnames  # OpenImageIO sorts R, G, B to the front and may put the part's name before them
+        names = image.spec(index).channelnames  # R, G, B sorted to the front; the part's name may stand before them
         for name, kind in part.channels.items():
             place = next((i for i, own in enumerate(names) if own == name or own.endswith("." + name)), None)
             if place is None:
@@ -150,12 +162,16 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
     return channels
 
 
-def _write_oiio(module: ModuleType, path: str, channels: Mapping[str, np.ndarray], compression: str) -> None:
+def _write_oiio(
+    module: ModuleType, path: str, channels: dict[str, np.ndarray], compression: str, attributes: dict[str, str]
+) -> None:
     height, width = next(iter(channels.values())).shape
     spec = module.ImageSpec(width, height, len(channels), module.FLOAT)
     spec.channelnames = tuple(channels)
     spec.channelformats = tuple(module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values())
-    spec.attribute("compression", compression)
+    for name, text in {**attributes, "compression": compression}.items():
+        spec.attribute(name, text)
+    spec.attribute("DateTime", "")  # left out, it would become the time of writing
     output = module.ImageOutput.create(path)
     if output is None or not output.open(path, spec):
         raise ValueError(output.geterror() if output else module.geterror())

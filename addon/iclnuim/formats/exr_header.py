@@ -1,7 +1,7 @@
 """What an EXR file says of itself, read without any library: parts, size, channels, and whether every chunk is there.
 
-Layout: OpenEXR's "File Layout" page. The libraries print to standard error on a broken file, and trust the size a header claims;
-so every file is looked through here first.
+Layout: OpenEXR's "File Layout" page. The libraries print to standard error on a broken file, and trust the size that a
+header claims; so every file is looked through here first.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .files import read_bytes
 _MAGIC = b"\x76\x2f\x31\x01"
 _TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
 _COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")
-_ROWS_A_CHUNK = {"none": 1, "rle": 1, "zips": 1, "zip": 16, "piz": 32, "pxr24": 16, "b44": 32, "b44a": 32, "dwaa": 32, "dwab": 256}
+_ROWS_A_CHUNK = dict(zip(_COMPRESSIONS, (1, 1, 1, 16, 32, 16, 32, 32, 32, 256), strict=True))
 _PIXEL_TYPES = ("uint", "half", "float")
 #: A frame beyond these is taken for a broken or hostile header.
 _MAX_SIDE_PX, _MAX_PIXEL_BYTES = 65536, 1 << 30
@@ -24,7 +24,7 @@ _MAX_SIDE_PX, _MAX_PIXEL_BYTES = 65536, 1 << 30
 
 @dataclass(frozen=True)
 class ExrPart:
-    """One part: channel name -> "half" or "float", in file order; size in pixels; text attributes (Blender's stamps among them)."""
+    """One part: channel name -> "half" or "float", in file order; size in pixels; text attributes."""
 
     channels: dict[str, str]
     width: int
@@ -57,7 +57,7 @@ def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
 
     Raises InputError for what is not a flat EXR of half and float channels of one sane size.
     """
-    data = read_bytes(path, "an EXR image")
+    data = read_bytes(path, "an EXR image") if whole else _beginning(path)
     try:
         header, end, multipart = _parse(data)
         if whole:
@@ -65,6 +65,15 @@ def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
         return header
     except _Wrong as wrong:
         raise InputError(wrong.expected, path=path, found=wrong.found, hint=wrong.hint) from None
+
+
+def _beginning(path: str | os.PathLike[str], size: int = 1 << 18) -> bytes:
+    """More than any header takes, so that the pixels stay on the disk."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(size)
+    except (OSError, ValueError):
+        return read_bytes(path, "an EXR image")  # for its error
 
 
 class _Wrong(Exception):
@@ -93,7 +102,8 @@ class _Cursor:
     def text(self) -> str:
         end = self.data.find(b"\0", self.place, self.place + 256)
         if end < 0:
-            raise _Wrong(*_CUT) if len(self.data) - self.place < 256 else _Wrong("an EXR header", "a name over 255 bytes")
+            cut = len(self.data) - self.place < 256
+            raise _Wrong(*_CUT) if cut else _Wrong("an EXR header", "a name over 255 bytes")
         text = self.take(end - self.place).decode("utf-8", "replace")
         self.place += 1
         return text
@@ -133,7 +143,8 @@ def _part(cursor: _Cursor) -> ExrPart:
         raise _Wrong("a flat scan-line EXR", text["type"])
     missing = [n for n in ("channels", "compression", "dataWindow") if n not in raw]
     if missing or len(raw["dataWindow"]) != 16 or len(raw["compression"]) != 1:
-        raise _Wrong("an EXR header with channels, compression and dataWindow", f"no {', '.join(missing) or 'valid sizes'}")
+        lacking = ", ".join(missing) or "valid sizes"
+        raise _Wrong("an EXR header with channels, compression and dataWindow", f"no {lacking}")
     code = raw["compression"][0]
     if code >= len(_COMPRESSIONS):
         raise _Wrong(f"a compression among {', '.join(_COMPRESSIONS)}", f"number {code}")
@@ -158,9 +169,10 @@ def _channels(raw: bytes) -> dict[str, str]:
 def _size(window: bytes, channels: dict[str, str]) -> tuple[int, int]:
     left, top, right, bottom = struct.unpack("<4i", window)
     width, height = right - left + 1, bottom - top + 1
-    pixel_bytes = sum(2 if kind == "half" else 4 for kind in channels.values())
-    if not (1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and width * height * pixel_bytes <= _MAX_PIXEL_BYTES):
-        claim = f"a header that claims {width} x {height} ({width * height * pixel_bytes / 1e9:.3g} GB)"
+    total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
+    sane = 1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES
+    if not sane:
+        claim = f"a header that claims {width} x {height} ({total_bytes / 1e9:.3g} GB)"
         raise _Wrong(f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB", claim)
     return width, height
 
