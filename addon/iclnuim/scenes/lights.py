@@ -1,0 +1,63 @@
+"""Lights of a scene: sun, sky, ceiling spots, lamps; few, soft and easy to sample."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+Place = tuple[float, float, float]
+
+
+def _add(name: str, data: bpy.types.Light, location: Place, towards: Place | None = None) -> bpy.types.Object:
+    obj = bpy.data.objects.new(name, data)
+    obj.location = location
+    if towards is not None:
+        obj.rotation_euler = (Vector(towards) - Vector(location)).to_track_quat("-Z", "Y").to_euler()
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def sun(name: str, azimuth_deg: float, elevation_deg: float, strength: float, colour: Place, angle_deg: float = 0.9) -> bpy.types.Object:
+    """A sun standing in direction azimuth (counter-clockwise from +x) and elevation; strength is irradiance in W/m2."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    direction = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+    data = bpy.data.lights.new(name, "SUN")
+    data.energy, data.color, data.angle = strength, colour, np.radians(angle_deg)
+    return _add(name, data, tuple(10 * direction), (0.0, 0.0, 0.0))
+
+
+def spot(name: str, location: Place, towards: Place, power: float, colour: Place, cone_deg: float, soft: float, radius: float) -> bpy.types.Object:
+    data = bpy.data.lights.new(name, "SPOT")
+    data.energy, data.color, data.shadow_soft_size = power, colour, radius
+    data.spot_size, data.spot_blend = np.radians(cone_deg), soft
+    return _add(name, data, location, towards)
+
+
+def lamp(name: str, location: Place, power: float, colour: Place, radius: float) -> bpy.types.Object:
+    data = bpy.data.lights.new(name, "POINT")
+    data.energy, data.color, data.shadow_soft_size = power, colour, radius
+    return _add(name, data, location)
+
+
+def portal(name: str, location: Place, towards: Place, width: float, height: float) -> bpy.types.Object:
+    """An opening through which the sky is sampled; gives no light of its own."""
+    data = bpy.data.lights.new(name, "AREA")
+    data.shape, data.size, data.size_y = "RECTANGLE", width, height
+    data.cycles.is_portal = True
+    return _add(name, data, location, towards)
+
+
+def sky(image: bpy.types.Image, strength: float) -> None:
+    """The world: an equirectangular image around the scene."""
+    world = bpy.data.worlds.new("sky")
+    if world.node_tree is None:
+        world.use_nodes = True
+    tree = world.node_tree
+    tree.nodes.clear()
+    texture, background, out = (tree.nodes.new(k) for k in ("ShaderNodeTexEnvironment", "ShaderNodeBackground", "ShaderNodeOutputWorld"))
+    texture.image = image
+    background.inputs["Strength"].default_value = strength
+    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    tree.links.new(background.outputs[0], out.inputs["Surface"])
+    bpy.context.scene.world = world

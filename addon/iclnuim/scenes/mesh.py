@@ -1,0 +1,139 @@
+"""Meshes as plain numpy arrays: what furniture is made of before it becomes a Blender object. No bpy here, so the same bytes everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+WELD = 1e-6  # metres; points nearer than this become one vertex
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Vertices (N,3) in metres; faces (F,4), a triangle has -1 last; texture coordinates (F,4,2); material slot (F,)."""
+
+    verts: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+    material: np.ndarray
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+        return replace(self, verts=self.verts + np.array([x, y, z]))
+
+    def turned(self, axis: str, degrees: float) -> Mesh:
+        """Rotate about a coordinate axis through the origin, counter-clockwise seen from its tip."""
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+        R = np.eye(3)
+        R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+        return replace(self, verts=self.verts @ R.T)
+
+    def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> Mesh:
+        """Replace the vertices (N,3) by change(vertices): bending, sagging, crumpling."""
+        return replace(self, verts=change(self.verts.copy()))
+
+    def painted(self, slot: int) -> Mesh:
+        return replace(self, material=np.full(len(self.faces), slot))
+
+    def flipped(self) -> Mesh:
+        """Turn every face over (its first corner stays first)."""
+        order = np.where((self.faces[:, 3:] < 0), [[0, 2, 1, 3]], [[0, 3, 2, 1]])
+        return replace(
+            self,
+            faces=np.take_along_axis(self.faces, order, 1),
+            uv=np.take_along_axis(self.uv, order[..., None], 1),
+        )
+
+    def mirrored(self, axis: int) -> Mesh:
+        scale = np.ones(3)
+        scale[axis] = -1
+        return replace(self, verts=self.verts * scale).flipped()
+
+    def without(self, drop: Callable[[np.ndarray], np.ndarray]) -> Mesh:
+        """Leave out faces for which drop(face normals (F,3)) holds: hidden bottoms and backs."""
+        keep = ~drop(face_normals(self))
+        return _compact(replace(self, faces=self.faces[keep], uv=self.uv[keep], material=self.material[keep]))
+
+    def box_mapped(self, tile_m: float, offset: tuple[float, float] = (0.0, 0.0), turn: bool = False) -> Mesh:
+        """Texture coordinates by projection along each face's dominant axis; one texture tile covers tile_m metres."""
+        axis = np.abs(face_normals(self)).argmax(1)
+        planes = np.array([[1, 2], [0, 2], [0, 1]])[axis]
+        corners = self.verts[np.where(self.faces < 0, self.faces[:, :1], self.faces)]
+        uv = np.take_along_axis(corners, planes[:, None, :], 2)
+        uv = uv[..., ::-1] if turn else uv
+        return replace(self, uv=uv / tile_m + np.array(offset))
+
+    def triangles(self) -> int:
+        return int(len(self.faces) + (self.faces[:, 3] >= 0).sum())
+
+
+def face_normals(mesh: Mesh) -> np.ndarray:
+    """Unit normals (F,3) from the diagonals of each face."""
+    a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
+    d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 0], mesh.faces[:, 3])]
+    n = np.cross(c - a, d - b)
+    n[mesh.faces[:, 3] < 0] = np.cross(b - a, c - a)[mesh.faces[:, 3] < 0]
+    return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-30)
+
+
+def join(parts: Iterable[Mesh]) -> Mesh:
+    """One mesh from several, vertices kept apart."""
+    parts = list(parts)
+    starts = np.cumsum([0] + [len(p.verts) for p in parts])
+    faces = [np.where(p.faces < 0, -1, p.faces + s) for p, s in zip(parts, starts, strict=False)]
+    return Mesh(
+        np.concatenate([p.verts for p in parts]),
+        np.concatenate(faces),
+        np.concatenate([p.uv for p in parts]),
+        np.concatenate([p.material for p in parts]),
+    )
+
+
+def welded(mesh: Mesh) -> Mesh:
+    """Merge vertices at one place; quads that lose a corner become triangles, faces without area disappear."""
+    _, first, index = np.unique(np.round(mesh.verts / WELD).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    index = index.reshape(-1)
+    faces = np.where(mesh.faces < 0, -1, index[mesh.faces])
+    faces, uv, kept = _drop_repeated_corners(faces, mesh.uv)
+    return _compact(Mesh(mesh.verts[first], faces, uv, mesh.material[kept]))
+
+
+def _drop_repeated_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    faces, uv = faces.copy(), uv.copy()
+    for k in range(4):
+        quad = faces[:, 3] >= 0
+        same = quad & (faces[:, k] == faces[:, (k + 1) % 4])
+        order = [i for i in range(4) if i != k] + [k]
+        faces[same], uv[same] = faces[same][:, order], uv[same][:, order]
+        faces[same, 3] = -1
+    a, b, c, d = faces.T
+    good = (a != b) & (b != c) & (a != c) & ((d < 0) | ((d != a) & (d != b) & (d != c)))
+    return faces[good], uv[good], np.flatnonzero(good)
+
+
+def _compact(mesh: Mesh) -> Mesh:
+    used, index = np.unique(mesh.faces[mesh.faces >= 0], return_inverse=True)
+    faces = np.full_like(mesh.faces, -1)
+    faces[mesh.faces >= 0] = index.reshape(-1)
+    return replace(mesh, verts=mesh.verts[used], faces=faces)
+
+
+def outward(mesh: Mesh) -> Mesh:
+    """Turn a closed mesh so that its normals point out of it."""
+    a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
+    d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 2], mesh.faces[:, 3])]
+    volume = np.einsum("ij,ij->", a, np.cross(b, c)) + np.einsum("ij,ij->", a, np.cross(c, d))
+    return mesh if volume > 0 else mesh.flipped()
+
+
+def grid(points: np.ndarray, uv: np.ndarray | None = None) -> Mesh:
+    """A surface from points (m,n,3); normal = d/dcolumn x d/drow; uv (m,n,2), by default 0..1 across; seams and poles are welded."""
+    m, n = points.shape[:2]
+    if uv is None:
+        uv = np.stack(np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, m)), -1)
+    index = np.arange(m * n).reshape(m, n)
+    corners = [index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]]
+    faces = np.stack([c.reshape(-1) for c in corners], 1)
+    return welded(Mesh(points.reshape(-1, 3).astype(float), faces, uv.reshape(-1, 2)[faces], np.zeros(len(faces), int)))

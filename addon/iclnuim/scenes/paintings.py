@@ -1,0 +1,111 @@
+"""Pictures painted by code: a mountain landscape, a coast, the view from the balcony, the sky. sRGB bytes, row 0 at the bottom."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .patterns import blend, cloud, smoothstep, to_bytes
+
+
+def _ridge(rng: np.random.Generator, width: int, base: float, height: float, low: float, slope: float = 1.6) -> np.ndarray:
+    """A skyline (width,) in picture heights."""
+    line = cloud(rng, (1, width * 2), slope, low, 400)[0][:width]
+    return base + height * line
+
+
+def _sky(rng: np.random.Generator, shape: tuple[int, int], v: np.ndarray, top: tuple, bottom: tuple, cover: float) -> np.ndarray:
+    """Blue gradient and clouds lit from above; v (h,1) is 0 at the horizon and 1 at the top."""
+    sky = blend(bottom, top, np.broadcast_to(np.clip(v, 0, 1) ** 0.7, shape))
+    puff = cloud(rng, shape, 1.55, 2, 200, (1.7, 1.0))
+    mass = smoothstep(cover, cover + 1.1, puff)
+    under = smoothstep(-0.4, 1.0, puff - np.roll(puff, -max(2, shape[0] // 40), 0))
+    lit = blend((0.58, 0.60, 0.66), (0.97, 0.96, 0.95), np.clip(1 - 0.7 * under, 0, 1))
+    return sky * (1 - 0.95 * mass[..., None]) + lit * 0.95 * mass[..., None]
+
+
+def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+    """Rocky tableland under a blue cloudy sky, bushes and a river below: the large picture over the sofa."""
+    h, w = size
+    y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
+    out = _sky(rng, size, (y[:, :1] - 0.4) / 0.6, (0.16, 0.30, 0.55), (0.52, 0.63, 0.78), 0.45)
+    for base, tall, tone, low in ((0.53, 0.015, (0.42, 0.50, 0.60), 2), (0.47, 0.05, (0.24, 0.27, 0.25), 1)):
+        line = _ridge(rng, w, base, tall, low)
+        line = np.clip(line, 0, base + 0.10)
+        rock = cloud(rng, size, 1.05, 3, 300, (0.6, 1.0))
+        light = rock - np.roll(rock, 2, 1)
+        tone_here = np.array(tone) * np.clip(1 + 0.30 * rock + 0.9 * light, 0.25, 2.2)[..., None]
+        mask = smoothstep(-0.002, 0.002, line[None] - y)
+        out = blend(out, tone_here, mask)
+    bushes = cloud(rng, size, 0.8, 10, 300)
+    green = np.array([0.13, 0.17, 0.08]) * np.clip(1 + 0.65 * bushes, 0.15, 2.6)[..., None]
+    ground = smoothstep(0.0, 0.05, 0.26 + 0.05 * cloud(rng, (1, 2 * w), 1.5, 2)[0][:w][None] - y)
+    out = blend(out, green, ground)
+    river = np.abs(x - (0.80 - 0.35 * y + 0.03 * np.sin(16 * y))) - 0.035 * (0.30 - y)
+    water = smoothstep(0.004, -0.004, river) * (y < 0.24)
+    return to_bytes(blend(out, np.array([0.45, 0.53, 0.62]), 0.85 * water))
+
+
+def coast(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+    """Evening over the sea, dunes with grass in front."""
+    h, w = size
+    y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
+    out = _sky(rng, size, (y[:, :1] - 0.5) / 0.5, (0.30, 0.38, 0.52), (0.93, 0.74, 0.55), 0.25)
+    waves = cloud(rng, size, 0.9, 4, 300, (1.0, 6.0))
+    glow = np.exp(-(((x - 0.62) / 0.10) ** 2)) * 0.35
+    sea = blend((0.10, 0.20, 0.27), (0.45, 0.52, 0.55), np.clip((y / 0.5) ** 3 + 0.18 * waves + glow, 0, 1))
+    out = blend(out, sea, (y < 0.5) * 1.0)
+    dune = _ridge(rng, w, 0.19, 0.06, 1, 2.0)[None] - y
+    grass = cloud(rng, size, 0.7, 6, 300, (0.25, 1.0))
+    sand = blend((0.62, 0.54, 0.40), (0.27, 0.30, 0.16), smoothstep(-0.2, 0.7, grass)) * (1 + 0.12 * grass)[..., None]
+    return to_bytes(blend(out, sand, smoothstep(-0.004, 0.008, dune + 0.012 * grass)))
+
+
+def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarray:
+    """Small houses with gables and windows along a hillside, far and hazy first."""
+    h, w = out.shape[:2]
+    for k in range(150):
+        near = k / 150
+        bw, bh = int(w * (0.004 + 0.010 * near)), int(h * (0.020 + 0.045 * near))
+        x0, y0 = int(rng.integers(0, w - bw)), int(h * (horizon - 0.02 - 0.17 * near + 0.01 * rng.normal()))
+        haze = np.array([0.70, 0.76, 0.83])
+        wall = np.array([0.86, 0.82, 0.74]) * rng.uniform(0.75, 1.05) * (1 - 0.08 * rng.random(3))
+        roof = np.array([0.55, 0.29, 0.22]) * rng.uniform(0.7, 1.15)
+        mix = 0.45 * (1 - near)
+        ys = slice(max(y0, 0), max(y0 + bh, 1))
+        out[ys, x0 : x0 + bw] = wall * (1 - mix) + haze * mix
+        for wx in range(x0 + bw // 6, x0 + bw - 2, max(4, bw // 4)):
+            out[max(y0 + bh // 3, 0) : y0 + 2 * bh // 3, wx : wx + max(1, bw // 10)] = (1 - mix) * np.array([0.25, 0.28, 0.32]) + mix * haze
+        for r in range(max(1, bh // 2)):
+            inset = int(bw * 0.5 * r / max(1, bh // 2))
+            row = y0 + bh + r
+            if 0 <= row < h:
+                out[row, x0 + inset - 1 : x0 + bw - inset + 1] = roof * (1 - mix) + haze * mix
+    return out
+
+
+def view(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+    """What the balcony looks out on: hazy hills, a small town, gardens with trees. The sky is left to the world."""
+    h, w = size
+    y = np.arange(h)[:, None] / h + np.zeros((1, w))
+    out = np.tile(np.array([0.74, 0.80, 0.88]), (h, w, 1))
+    for base, tall, tone in ((0.80, 0.05, (0.62, 0.70, 0.78)), (0.68, 0.05, (0.46, 0.56, 0.58)), (0.56, 0.03, (0.33, 0.43, 0.32))):
+        line = np.minimum(_ridge(rng, w, base, tall, 2), 0.97)
+        woods = cloud(rng, size, 0.9, 20, 600)
+        out = blend(out, np.array(tone) * (1 + 0.10 * woods)[..., None], smoothstep(-0.003, 0.003, line[None] - y))
+    out = _town(rng, out, 0.52)
+    for base, tone, grow in ((0.36, (0.24, 0.34, 0.18), 0.02), (0.22, (0.17, 0.27, 0.12), 0.03)):
+        crowns = cloud(rng, (1, 2 * w), 1.0, 20, 220)[0][:w]
+        leaves = cloud(rng, size, 0.75, 40, 900)
+        shade = 1 + 0.35 * leaves + 0.5 * smoothstep(0, 0.2, y - base + 0.1)
+        out = blend(out, np.array(tone) * np.clip(shade, 0.3, 2)[..., None], smoothstep(-0.004, 0.004, base + grow * crowns[None] - y))
+    return to_bytes(out)
+
+
+def sky(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+    """The whole sky, equirectangular: blue above, pale at the horizon, grey-green ground below."""
+    h, w = size
+    v = (np.arange(h)[:, None] / h - 0.5) * 2
+    above = _sky(rng, size, v * 1.2, (0.30, 0.50, 0.80), (0.80, 0.87, 0.93), 0.55)
+    haze = np.exp(-np.clip(v, 0, 1) / 0.06)
+    above = blend(above, (0.84, 0.89, 0.94), np.broadcast_to(haze, size))
+    return to_bytes(blend(above, np.array([0.42, 0.44, 0.40]), np.broadcast_to((v < 0) * 1.0, size)))

@@ -1,0 +1,99 @@
+"""Puts numpy meshes into the Blender scene: one named object per thing, with instance id, class and sharp edges."""
+
+from __future__ import annotations
+
+import hashlib
+
+import bpy
+import numpy as np
+
+from .mesh import Mesh, face_normals
+
+SHARP_DEG = 38.0  # edges that turn more than this are drawn sharp
+
+
+class Stage:
+    """Adds things to the current scene; instance ids count up from 1 in the order of adding."""
+
+    def __init__(self, materials: dict[str, bpy.types.Material]) -> None:
+        self.materials = materials
+        self.count = 0
+
+    def add(self, name: str, class_name: str, mesh: Mesh, *materials: str) -> bpy.types.Object:
+        """One object from a mesh in world coordinates; slot k shows material materials[k]."""
+        self.count += 1
+        data = to_blender(name, mesh)
+        for key in materials:
+            data.materials.append(self.materials[key])
+        obj = bpy.data.objects.new(name, data)
+        obj["instance_id"] = self.count
+        obj["class_name"] = class_name
+        obj.pass_index = self.count
+        bpy.context.scene.collection.objects.link(obj)
+        return obj
+
+
+def to_blender(name: str, mesh: Mesh) -> bpy.types.Mesh:
+    """Vertices are rounded to a micrometre, so that every numpy and Blender version gives the same bytes."""
+    is_tri = mesh.faces[:, 3] < 0
+    sizes = np.where(is_tri, 3, 4)
+    corners = mesh.faces.reshape(-1)
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int32)
+    data = bpy.data.meshes.new(name)
+    data.vertices.add(len(mesh.verts))
+    data.vertices.foreach_set("co", np.round(mesh.verts, 6).astype(np.float32).reshape(-1))
+    data.loops.add(int(sizes.sum()))
+    data.loops.foreach_set("vertex_index", corners[corners >= 0].astype(np.int32))
+    data.polygons.add(len(mesh.faces))
+    data.polygons.foreach_set("loop_start", starts)
+    data.polygons.foreach_set("material_index", mesh.material.astype(np.int32))
+    data.update(calc_edges=True)
+    layer = data.uv_layers.new(name="UVMap")
+    layer.data.foreach_set("uv", mesh.uv.reshape(-1, 2)[corners >= 0].astype(np.float32).reshape(-1))
+    data.polygons.foreach_set("use_smooth", np.ones(len(mesh.faces), bool))
+    _mark_sharp(data, mesh, sizes)
+    return data
+
+
+def _mark_sharp(data: bpy.types.Mesh, mesh: Mesh, sizes: np.ndarray) -> None:
+    edge_of_corner = np.empty(int(sizes.sum()), np.int32)
+    data.loops.foreach_get("edge_index", edge_of_corner)
+    face_of_corner = np.repeat(np.arange(len(sizes)), sizes)
+    order = np.argsort(edge_of_corner, kind="stable")
+    edge, face = edge_of_corner[order], face_of_corner[order]
+    pair = np.flatnonzero(edge[1:] == edge[:-1])
+    normal = face_normals(mesh)
+    cosine = np.einsum("ij,ij->i", normal[face[pair]], normal[face[pair + 1]])
+    sharp = np.zeros(len(data.edges), bool)
+    sharp[edge[pair]] = cosine < np.cos(np.radians(SHARP_DEG))
+    attribute = data.attributes.new("sharp_edge", "BOOLEAN", "EDGE")
+    attribute.data.foreach_set("value", sharp)
+
+
+def _evaluated_meshes():
+    graph = bpy.context.evaluated_depsgraph_get()
+    for obj in sorted(bpy.context.scene.objects, key=lambda o: o.name):
+        if obj.type == "MESH":
+            yield obj, obj.evaluated_get(graph).data
+
+
+def geometry_hash() -> str:
+    """SHA-256 over names, ids, classes, placements and the evaluated vertex and face arrays of the current scene."""
+    digest = hashlib.sha256()
+    for obj, data in _evaluated_meshes():
+        digest.update(f"{obj.name}|{obj['instance_id']}|{obj['class_name']}|".encode())
+        digest.update(np.array(obj.matrix_world, np.float32).tobytes())
+        for items, key, kind, width in (
+            (data.vertices, "co", np.float32, 3),
+            (data.loops, "vertex_index", np.int32, 1),
+            (data.polygons, "loop_start", np.int32, 1),
+        ):
+            values = np.empty(len(items) * width, kind)
+            items.foreach_get(key, values)
+            digest.update(values.tobytes())
+    return digest.hexdigest()
+
+
+def triangle_count() -> int:
+    """Triangles of all meshes in the current scene."""
+    return sum(len(p.vertices) - 2 for _, data in _evaluated_meshes() for p in data.polygons)
