@@ -42,7 +42,7 @@ class WorkError(IclnuimError):
     """Work that was well described but could not be done: a render, a write, a worker (exit code 3)."""
 
 
-def _shortened(found: object, limit: int = 80) -> str:
+def _shortened(found: object, limit: int = 200) -> str:
     """One printable line of at most `limit` characters."""
     text = " ".join(str(found).split())
     text = "".join(c if c.isprintable() else "?" for c in text)

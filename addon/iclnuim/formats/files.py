@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import uuid
@@ -78,3 +79,8 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
     if text.lstrip()[:200].lower().startswith(("<!doctype", "<html", "<?xml")):
         raise InputError(what, path=path, line=1, found="a web page", hint="downloading the file itself again")
     return text
+
+
+def sha256(data: bytes) -> str:
+    """Hex digest."""
+    return hashlib.sha256(data).hexdigest()

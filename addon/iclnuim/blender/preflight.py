@@ -1,0 +1,76 @@
+"""What in the open scene would spoil depth or colour, named before a frame is rendered."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+#: Depth is float32: at this distance from the origin its steps reach about 0.1 mm.
+FAR_M = 1000.0
+
+
+def findings(baked: bool) -> list[str]:
+    """One plain sentence each, in the open scene; `baked` adds what baked light cannot follow. Changes nothing."""
+    scene = bpy.context.scene
+    return [*_camera(scene), *_look(scene), *_surfaces(), *_place(scene), *_motion(scene, baked)]
+
+
+def _camera(scene: bpy.types.Scene) -> list[str]:
+    found = []
+    if scene.render.use_motion_blur:
+        found.append("motion blur is on in the scene: switched off here (it moves Z by millimetres)")
+    if scene.camera and scene.camera.type == "CAMERA" and scene.camera.data.dof.use_dof:
+        found.append("depth of field is on in the scene's camera: the sequence is rendered without (it moves Z by millimetres)")
+    return found
+
+
+def _look(scene: bpy.types.Scene) -> list[str]:
+    view = scene.view_settings
+    if view.view_transform not in ("Standard", "Raw") or view.look not in ("None", "") or view.exposure != 0 or view.gamma != 1:
+        return [f"view transform {view.view_transform}, exposure {view.exposure:g}, gamma {view.gamma:g}: not applied, frames hold scene-linear RGB"]
+    return []
+
+
+def _surfaces() -> list[str]:
+    glass, mixed = [], []
+    for material in bpy.data.materials:
+        if not (material.users and material.use_nodes and material.node_tree):
+            continue
+        kinds = {node.type for node in material.node_tree.nodes}
+        principled = [n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED"]
+        if kinds & {"BSDF_GLASS", "BSDF_REFRACTION"} or any(_used(n, "Transmission Weight", 0.0) for n in principled):
+            glass.append(material.name)
+        elif any(_used(n, "Alpha", 1.0) for n in principled):
+            mixed.append(material.name)
+    found = []
+    if glass:
+        found.append(f"glass ({', '.join(sorted(glass))[:120]}): Z is the depth of the pane")
+    if mixed:
+        found.append(f"partly transparent surfaces ({', '.join(sorted(mixed))[:120]}): Z is that of the nearest one, seen or not")
+    return found
+
+
+def _used(node: bpy.types.Node, socket: str, neutral: float) -> bool:
+    entry = node.inputs.get(socket)
+    return entry is not None and (entry.is_linked or entry.default_value != neutral)
+
+
+def _place(scene: bpy.types.Scene) -> list[str]:
+    corners = [np.array(o.matrix_world) @ (*c, 1.0) for o in scene.objects if o.type == "MESH" for c in o.bound_box]
+    far = max((float(np.abs(c[:3]).max()) for c in corners), default=0.0)
+    return [f"surfaces {far:.0f} m from the origin: float32 depth loses precision there"] if far > FAR_M else []
+
+
+def _motion(scene: bpy.types.Scene, baked: bool) -> list[str]:
+    moving = sorted(o.name for o in scene.objects if o.type != "CAMERA" and _moves(o))
+    if not moving:
+        return []
+    consequence = "baked light would be wrong there: render with --light path" if baked else "each frame shows them at its own time"
+    return [f"objects or lights that move ({', '.join(moving)[:120]}): {consequence}"]
+
+
+def _moves(thing: bpy.types.Object) -> bool:
+    """Animated by itself, its data, its shape keys or its simulation."""
+    data = [thing, thing.data, getattr(thing.data, "shape_keys", None), getattr(thing.data, "node_tree", None)]
+    animated = any(d is not None and getattr(d, "animation_data", None) and (d.animation_data.action or d.animation_data.drivers) for d in data)
+    return animated or thing.rigid_body is not None or any(m.type in {"CLOTH", "SOFT_BODY", "FLUID", "ARMATURE"} for m in thing.modifiers)

@@ -1,0 +1,155 @@
+"""The frame loop: any trajectory through any scene, one EXR a frame, resumable anywhere.
+
+`render_run` is the same for the command line, the farm and the panel. It says what happens through `emit`, one dictionary an event:
+
+    {"event": "note", "text": ...}
+    {"event": "start", "frames": asked for, "missing": still to be rendered}
+    {"event": "ready"}: the scene stands, frames follow
+    {"event": "frame", "frame": number, "cycles": seconds in Blender, "close": seconds to turn its file into ours}
+    {"event": "done", "rendered": ..., "seconds": ...} or {"event": "stopped", "rendered": ...}
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from .. import __version__, shipped
+from ..dataset.run_folder import RunFolder, open_run
+from ..formats.files import read_bytes, sha256
+from ..formats.trajectories import read_trajectory
+from ..geometry.trajectory import Trajectory, frame_slice
+from ..job import RenderJob
+from . import camera, compat, frames, preflight, scene, session, settings
+
+Emit = Callable[[dict], None]
+
+
+def render_run(job: RenderJob, out: Path, frames_asked: str, emit: Emit, should_stop: Callable[[], bool], blend: Path | None = None) -> bool:
+    """Render the frames of `job` that are missing in `out`; True when all asked for are done, False when stopped.
+
+    `blend` keeps a copy of the prepared scene, camera keyed, to be played in Blender. Raises InputError, WorkError.
+    """
+    compat.require_supported_version()
+    trajectory = load_trajectory(job)
+    numbers = frame_slice(frames_asked, len(trajectory))
+    run = open_run(out, recipe(job), trajectory)
+    work = _work_folder(run)
+    try:
+        missing = run.missing(numbers)
+        emit({"event": "start", "frames": len(numbers), "missing": len(missing)})
+        if not missing:
+            return True
+        run.check_space(len(missing))
+        with session.blender_output_in(work / "blender.log"):
+            _prepare(job, trajectory, emit)
+            if blend is not None:
+                bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()), copy=True, compress=True)
+            emit({"event": "ready"})
+            return _loop(run, missing, work, emit, should_stop)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def load_trajectory(job: RenderJob) -> Trajectory:
+    """The poses a job follows, in our world."""
+    return read_trajectory(_trajectory_file(job)).trajectory
+
+
+def recipe(job: RenderJob) -> dict:
+    """The content of sequence.json."""
+    return {
+        "schema_version": 1,
+        "job": job.to_dict(),
+        "trajectory_sha256": sha256(read_bytes(_trajectory_file(job))),
+        "scene_sha256": scene.scene_sha256(job.scene),
+        "blender": compat.version_line(),
+        "versions": {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__},
+        "source_commit": shipped.source_commit(),
+        "machine": {"system": platform.platform(), "processor": _processor()},
+    }
+
+
+def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
+    """Open the scene, light it, key the camera, fix every setting."""
+    for text in [*scene.open_scene(job.scene), *preflight.findings(job.light == "baked")]:
+        emit({"event": "note", "text": text})
+    settings.apply(job)
+    camera.keyframe(trajectory.T_world_camera, job.camera)
+
+
+def _loop(run: RunFolder, missing: list[int], work: Path, emit: Emit, should_stop: Callable[[], bool]) -> bool:
+    """Render, and close each frame while Cycles is at the next: at most one frame is open besides the one in work."""
+    started, rendered, closing = time.perf_counter(), 0, None
+    with ThreadPoolExecutor(1) as closer:
+        for number in missing:
+            if should_stop():
+                break
+            begun = time.perf_counter()
+            raw = work / f"{number % 2}.exr"
+            frames.render(number, raw)
+            seconds = time.perf_counter() - begun
+            _finish(closing, emit)
+            closing = closer.submit(_close, run, number, raw, seconds)
+            rendered += 1
+        _finish(closing, emit)
+    seconds = time.perf_counter() - started
+    emit({"event": "done" if rendered == len(missing) else "stopped", "rendered": rendered, "seconds": seconds})
+    return rendered == len(missing)
+
+
+def _close(run: RunFolder, number: int, raw: Path, cycles_seconds: float) -> dict:
+    """Blender's raw frame -> the finished file; returns its event."""
+    begun = time.perf_counter()
+    run.write_frame(number, *frames.read(raw))
+    return {"event": "frame", "frame": number, "cycles": cycles_seconds, "close": time.perf_counter() - begun}
+
+
+def _finish(closing: Future | None, emit: Emit) -> None:
+    if closing is not None:
+        emit(closing.result())
+
+
+def _trajectory_file(job: RenderJob) -> Path:
+    return shipped.trajectory_file(job.trajectory) if job.trajectory in shipped.sequence_names() else Path(job.trajectory)
+
+
+def _work_folder(run: RunFolder) -> Path:
+    """A folder for Blender's raw frames, named after this process; those of processes that died here are removed."""
+    host = platform.node()
+    for old in run.path.glob(f".work-{host}-*"):
+        if not _alive(int(old.name.rsplit("-", 1)[1])):
+            shutil.rmtree(old, ignore_errors=True)
+    for leftover in (run.path / "exr").glob(".*.tmp.exr"):
+        if not _alive(int(leftover.name.split(".")[2].split("-")[0])):
+            leftover.unlink(missing_ok=True)
+    work = run.path / f".work-{host}-{os.getpid()}"
+    work.mkdir(exist_ok=True)
+    return work
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _processor() -> str:
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor()

@@ -1,0 +1,144 @@
+"""The folder of a render run: what belongs in it, which frames are done, and that no other recipe is mixed in.
+
+    OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0)
+    OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
+    OUT/camera.json          the pinhole camera
+    OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, WorkError
+from ..formats import exr
+from ..formats.files import read_json, sha256, write_json
+from ..formats.trajectories import write_trajectory
+from ..geometry.camera import PinholeCamera
+from ..geometry.trajectory import Trajectory
+
+#: Bytes a pixel may take in a finished frame (half RGB, float Z, not compressed), for the check of space.
+BYTES_PER_PIXEL = 10
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """One run on disk. `recipe` is the content of sequence.json."""
+
+    path: Path
+    recipe: dict
+
+    @property
+    def key(self) -> str:
+        """16 hex digits that stand for everything that decides the pixels; each frame's header carries them."""
+        return sha256(json.dumps(_identity(self.recipe), sort_keys=True).encode())[:16]
+
+    @property
+    def camera(self) -> PinholeCamera:
+        return PinholeCamera.from_dict(self.recipe["job"]["camera"])
+
+    def frame_file(self, number: int) -> Path:
+        """The file of a frame: six digits, the number of its pose in the trajectory."""
+        return self.path / "exr" / f"{number:06}.exr"
+
+    def frame_numbers(self) -> list[int]:
+        """Numbers of the frame files that are there, in order."""
+        return sorted(int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdigit())
+
+    def is_finished(self, number: int) -> bool:
+        """Readable to the end, of the right size and channels, and made by this recipe."""
+        file = self.frame_file(number)
+        if not file.is_file():
+            return False
+        try:
+            if exr.read_attributes(file).get("recipe") != self.key:
+                return False
+            channels = exr.read_exr(file)
+        except InputError:
+            return False
+        size = (self.camera.height, self.camera.width)
+        return all(name in channels and channels[name].shape == size for name in "RGBZ")
+
+    def missing(self, numbers: range) -> list[int]:
+        """Those of `numbers` still to be rendered, in order."""
+        with ThreadPoolExecutor(4) as pool:
+            finished = list(pool.map(self.is_finished, numbers))
+        return [number for number, done in zip(numbers, finished, strict=True) if not done]
+
+    def check_space(self, frames: int) -> None:
+        """Raises WorkError where the disk cannot hold that many more frames."""
+        need = frames * self.camera.width * self.camera.height * BYTES_PER_PIXEL
+        free = shutil.disk_usage(self.path).free
+        if need > free:
+            raise WorkError(f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; try --frames or another --out")
+
+    def write_frame(self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray) -> None:
+        """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing. Whole or not at all."""
+        half = np.clip(rgb, 0, 65504).astype(np.float16)
+        channels = {"R": half[..., 0], "G": half[..., 1], "B": half[..., 2], "Z": depth_z_m.astype(np.float32)}
+        exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key})
+
+
+def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
+    """Make the folder with ground truth, camera and recipe, or take up the run that is there.
+
+    Raises InputError where it holds another recipe (naming the settings that differ) or other people's files, WorkError where it
+    cannot be written.
+    """
+    path = Path(path)
+    existing = path / "sequence.json"
+    if existing.is_file():
+        _refuse_other_recipe(existing, read_json(existing), recipe)
+    elif path.is_dir() and any(path.iterdir()):
+        if not _is_unstarted(path):
+            raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another --out")
+    elif path.exists() and not path.is_dir():
+        raise InputError("a folder", path=path, found="a file", hint="another --out")
+    try:
+        (path / "exr").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot make the folder: {error.strerror or error}; try another --out") from None
+    run = RunFolder(path, recipe)
+    if not existing.is_file():
+        write_trajectory(path / "groundtruth.txt", trajectory, "tum")
+        write_json(path / "camera.json", recipe["job"]["camera"])
+        write_json(existing, recipe)
+    return run
+
+
+def read_run(path: Path) -> RunFolder:
+    """The run that lies in a folder. Raises InputError where none does."""
+    recipe = read_json(Path(path) / "sequence.json")
+    if not isinstance(recipe.get("job"), dict):
+        raise InputError("the recipe of a run, with its job", path=Path(path) / "sequence.json")
+    return RunFolder(Path(path), recipe)
+
+
+def _is_unstarted(path: Path) -> bool:
+    """A folder in which a run was killed before its recipe stood: only an empty exr/, camera.json and temporary files."""
+    frames = any((path / "exr").iterdir()) if (path / "exr").is_dir() else False
+    return not frames and all(p.name in ("exr", "camera.json", "groundtruth.txt") or p.name.startswith(".") for p in path.iterdir())
+
+
+def _identity(recipe: dict) -> dict:
+    """What decides the pixels. Names and places of scene and trajectory do not: their hashes stand for them."""
+    job = {key: value for key, value in recipe["job"].items() if key not in ("sequence", "scene", "trajectory")}
+    return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
+
+
+def _refuse_other_recipe(file: Path, old: dict, new: dict) -> None:
+    a, b = _identity(old) if isinstance(old.get("job"), dict) else {}, _identity(new)
+    different = [f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked" for key in sorted({*a, *b}) if a.get(key) != b.get(key)]
+    if different:
+        raise InputError("the run that was begun there", path=file, found="; ".join(different), hint="another --out")
+
+
+def _brief(value: object) -> str:
+    text = str(value)
+    return text if len(text) < 40 else text[:8]

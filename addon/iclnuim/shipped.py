@@ -1,0 +1,50 @@
+"""Where the shipped scenes and trajectories lie: inside the installed package, or in the checkout's top level."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from .errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parent
+SCENE_NAMES = ("living_room", "office")
+TRAJECTORY_NAMES = ("kt0", "kt1", "kt2", "kt3")
+
+
+def folder(name: str) -> Path:
+    """`blend` or `trajectories`. Raises InputError where neither place has it."""
+    for place in (_PACKAGE / name, _PACKAGE.parents[1] / name):
+        if place.is_dir():
+            return place
+    raise InputError(f"a folder {name}/ in the package or the checkout", path=_PACKAGE, hint="installing iclnuim again")
+
+
+def sequence_names() -> list[str]:
+    """`living_room/kt0` and so on: what is there to be rendered."""
+    return [f"{scene}/{kt}" for scene in SCENE_NAMES for kt in TRAJECTORY_NAMES if (folder("trajectories") / scene / f"{kt}.txt").is_file()]
+
+
+def full_name(sequence: str) -> str:
+    """`kt2` -> `living_room/kt2`. Raises InputError with the list of those that exist."""
+    name = sequence if "/" in sequence else f"living_room/{sequence}"
+    known = sequence_names()
+    if name not in known:
+        raise InputError("a sequence: " + ", ".join(known), found=sequence, hint="a recipe file, or --scene and --trajectory")
+    return name
+
+
+def trajectory_file(name: str) -> Path:
+    """The TUM file of `living_room/kt2`."""
+    return folder("trajectories") / f"{full_name(name)}.txt"
+
+
+def source_commit() -> str | None:
+    """The commit of the checkout this runs from, with `+` where files differ from it; None where it is installed."""
+    if not (_PACKAGE.parents[1] / ".git").exists():
+        return None
+    try:
+        git = ["git", "-C", str(_PACKAGE), "describe", "--always", "--dirty=+", "--abbrev=40", "--exclude=*"]
+        return subprocess.run(git, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None

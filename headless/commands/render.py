@@ -1,0 +1,129 @@
+"""`iclnuim render`: EXR frames with RGB and exact depth, in this process by bpy, or in a Blender found on the PATH."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from iclnuim import job as jobs
+from iclnuim import shipped
+from iclnuim.errors import InputError, WorkError
+from iclnuim.geometry.camera import PinholeCamera
+
+from ..console import Console
+from ..options import common
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)")
+    parser.add_argument("--scene", metavar="NAME|FILE", help="another scene: living_room, office, or a .blend, .obj, .glb file")
+    parser.add_argument("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
+    parser.add_argument("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
+    parser.add_argument("--quick", action="store_true", help="every 30th frame")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run; default: out/SEQUENCE/raw")
+    parser.add_argument("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
+    parser.add_argument("--light", choices=("baked", "path"), help="baked light map (default) or full path tracing")
+    parser.add_argument("--samples", type=int, metavar="N", help="rays a pixel; default: 2 baked, 64 path-traced")
+    parser.add_argument("--denoise", action=argparse.BooleanOptionalAction, help="OpenImageDenoise; default: for path tracing")
+    parser.add_argument("--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes")
+    parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
+    parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
+    parser.add_argument("--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender")
+    common(parser, "iclnuim render kt2 --quick", json=False)
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    job, out, frames = job_from(args), args.out, frames_from(args)
+    out = out or Path("out") / job.sequence / "raw"
+    if importlib.util.find_spec("bpy") is None:
+        return _run_in_blender_binary(job, out, frames, args, console)
+    return _run_here(job, out, frames, args, console)
+
+
+def job_from(args: argparse.Namespace) -> jobs.RenderJob:
+    """The job of the options. Raises InputError for a sequence, scene or camera that is not there."""
+    if args.sequence is None and not (args.scene and args.trajectory):
+        raise InputError("a SEQUENCE, or --scene and --trajectory", hint=", ".join(shipped.sequence_names()))
+    if args.sequence is None:
+        name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
+        job = jobs.RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
+    else:
+        job = jobs.read_recipe(args.sequence) if args.sequence.endswith(".json") else jobs.shipped_job(args.sequence)
+    camera = PinholeCamera.parse(args.camera) if args.camera else None
+    files = {name: _absolute(getattr(args, name)) for name in ("scene", "trajectory")}
+    plain = {name: getattr(args, name) for name in ("light", "samples", "denoise", "antialias", "lambertian", "seed")}
+    return job.changed(camera=camera, **files, **plain)
+
+
+def frames_from(args: argparse.Namespace) -> str:
+    """--frames, or every 30th with --quick."""
+    if args.quick and args.frames:
+        raise InputError("--quick or --frames, not both")
+    return args.frames or ("::30" if args.quick else "::")
+
+
+def _absolute(name: str | None) -> str | None:
+    """A file's full path, so that the recipe says which; shipped names stay."""
+    if name is None or name in (*shipped.SCENE_NAMES, *shipped.sequence_names()):
+        return name
+    return str(Path(name).expanduser().resolve())
+
+
+def _run_here(job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namespace, console: Console) -> int:
+    from iclnuim.blender import compat, worker
+
+    if job.denoise and args.denoise is None and not compat.has_denoiser():
+        console.note("this Blender has no OpenImageDenoise: rendering without")
+        job = job.changed(denoise=False)
+    progress, missing = None, 0
+
+    def emit(event: dict) -> None:
+        nonlocal progress, missing
+        if event["event"] == "note":
+            console.note(f"note: {event['text']}")
+        elif event["event"] == "start":
+            missing = event["missing"]
+            console.note(f"{job.sequence}: {missing} of {event['frames']} frames to render, in {out}")
+        elif event["event"] == "ready":
+            progress = console.progress(missing, job.sequence)
+        elif event["event"] == "frame":
+            progress.advance()
+
+    with stop_on_signals() as stopped:
+        finished = worker.render_run(job, out, frames, emit, stopped, args.blend)
+    if not finished:
+        console.note("stopped: the frames so far are valid; the same command goes on from here")
+    return 0 if finished else 130
+
+
+@contextmanager
+def stop_on_signals() -> Iterator:
+    """Ctrl-C and SIGTERM ask for a stop after the current frame; a second one ends the process at once, frames stay valid."""
+    received = []
+
+    def note(number: int, _frame: object) -> None:
+        received.append(number)
+        if len(received) > 1:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(received)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _run_in_blender_binary(job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namespace, console: Console) -> int:
+    blender = shutil.which("blender")
+    if blender is None:
+        raise WorkError("neither the bpy package nor a blender binary is there; try: pip install bpy, or `iclnuim doctor`")
+    script = Path(__file__).resolve().parents[1] / "render.py"
+    return subprocess.run([blender, "-b", "--python-exit-code", "3", "-P", str(script), "--", *sys.argv[2:]], check=False).returncode

@@ -1,0 +1,39 @@
+"""The script behind `blender -b -P headless/render.py -- kt2` and `python headless/render.py kt2`.
+
+It runs the command `iclnuim render` from this checkout, and ends the process with that command's exit code itself: Blender would
+end with 0 whatever happened.
+"""
+
+import importlib.util
+import os
+import sys
+import traceback
+from pathlib import Path
+
+HEADLESS = Path(__file__).resolve().parent
+
+
+def main() -> int:
+    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    if sys.path and Path(sys.path[0] or ".").resolve() == HEADLESS:
+        del sys.path[0]  # the modules beside this script are a package, not top-level names
+    sys.path.insert(0, str(HEADLESS.parent / "addon"))
+    spec = importlib.util.spec_from_file_location("iclnuim_bench", HEADLESS / "__init__.py", submodule_search_locations=[str(HEADLESS)])
+    sys.modules["iclnuim_bench"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["iclnuim_bench"])
+    from iclnuim_bench import cli
+
+    return cli.main(["render", *arguments])
+
+
+if __name__ == "__main__":
+    try:
+        code = main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 2
+    except BaseException:
+        traceback.print_exc()
+        code = 3
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
