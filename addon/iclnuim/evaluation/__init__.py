@@ -1,0 +1,1 @@
+"""Trajectory error: association, alignment, absolute and relative error. Arrays in, frozen results out, numpy only."""

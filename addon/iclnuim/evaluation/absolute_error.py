@@ -1,0 +1,81 @@
+"""Absolute trajectory error (ATE): how far each aligned estimated pose is from the ground truth's at the same time.
+
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII; the paper's Table II
+holds such errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..geometry import so3
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory
+from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
+from .associate import Association, AssociationSettings
+from .pairs import Pairs, pair_up
+from .statistics import Completeness, ErrorStatistics
+
+
+@dataclass(frozen=True)
+class AbsoluteErrorSettings:
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
+
+
+@dataclass(frozen=True, eq=False)
+class AbsoluteError:
+    """Errors of n pairs: translation_error_m (n,), rotation_error_rad (n,) in 0..pi, and how they came about.
+
+    reference and aligned are the paired poses (n,), both in the reference's world; stamps_s (n,) are the reference's.
+    """
+
+    reference: SE3
+    aligned: SE3
+    stamps_s: np.ndarray
+    association: Association
+    alignment: Alignment
+    mirror: MirrorCheck
+    translation_error_m: np.ndarray
+    rotation_error_rad: np.ndarray
+
+    @property
+    def translation_m(self) -> ErrorStatistics:
+        return ErrorStatistics.of(self.translation_error_m)
+
+    @property
+    def rotation_deg(self) -> ErrorStatistics:
+        return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
+
+    @property
+    def completeness(self) -> Completeness:
+        """Over all ground-truth frames; where one has several estimates, the closest in time counts."""
+        return Completeness.of(
+            self.translation_error_m[self.association.closest_per_first()], self.association.first_count
+        )
+
+
+def absolute_error(
+    reference: Trajectory, estimate: Trajectory, settings: AbsoluteErrorSettings | None = None
+) -> AbsoluteError:
+    """ATE of an estimate. Raises InputError where no stamps agree, or the paths do not fix the alignment asked for."""
+    settings = settings or AbsoluteErrorSettings()
+    return absolute_error_of_pairs(pair_up(reference, estimate, settings.association), settings.alignment)
+
+
+def absolute_error_of_pairs(pairs: Pairs, settings: AlignmentSettings | None = None) -> AbsoluteError:
+    """ATE of poses that are paired already: |t_ref - t_est| and the angle of R_ref^T R_est after alignment."""
+    alignment = align(pairs.reference, pairs.estimate, settings)
+    aligned = alignment.apply(pairs.estimate)
+    return AbsoluteError(
+        reference=pairs.reference,
+        aligned=aligned,
+        stamps_s=pairs.stamps_s,
+        association=pairs.association,
+        alignment=alignment,
+        mirror=check_mirror(pairs.reference.translation, pairs.estimate.translation),
+        translation_error_m=np.linalg.norm(aligned.translation - pairs.reference.translation, axis=1),
+        rotation_error_rad=so3.angle(np.swapaxes(pairs.reference.rotation, -1, -2) @ aligned.rotation),
+    )

@@ -1,0 +1,181 @@
+"""Moving an estimated path onto the reference: origin, yaw only, SE(3), Sim(3), and what the paths leave undetermined.
+
+Least squares after Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI
+1991 (equation numbers below); for SE(3) the same minimum as Horn, "Closed-form solution of absolute orientation using
+unit quaternions", JOSA A 1987. x are the estimate's positions, y the reference's, both (n, 3) in metres and already
+paired.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.se3 import SE3
+
+METHODS = ("none", "origin", "yaw", "se3", "sim3")
+AXES = {"x": 0, "y": 1, "z": 2}
+#: A path whose extent in a direction is below this, or below this share of its longest extent, does not fix a turn:
+#: files are written to 0.1 mm or little better, and a hand's tremor is of millimetres.
+LEAST_EXTENT_M = 1e-4
+LEAST_EXTENT_SHARE = 1e-3
+_LEAST_MIRROR_POSES = 10
+
+
+@dataclass(frozen=True)
+class AlignmentSettings:
+    """method: one of METHODS; first: how many pairs from the start it is computed from; up: the axis of yaw."""
+
+    method: str = "se3"
+    first: int | None = None
+    up: str = "z"
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"an alignment of {', '.join(METHODS)}", found=self.method)
+        if self.up not in AXES:
+            raise InputError("an up axis of x, y or z", found=self.up)
+        if self.first is not None and self.first < 1:
+            raise InputError("an alignment on at least the first 1 pose", found=self.first)
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """p_reference = scale * R p_estimate + t, with (R, t) = T_reference_estimate.
+
+    extents_m (3,): standard deviations of the reference's positions along their principal directions, longest first,
+    over the `poses_used` first pairs. residual_rms_m: of those pairs after the alignment.
+    """
+
+    method: str
+    T_reference_estimate: SE3
+    scale: float
+    poses_used: int
+    extents_m: np.ndarray
+    residual_rms_m: float
+
+    def apply(self, poses: SE3) -> SE3:
+        """Estimated poses (n,) in the reference's world."""
+        return self.T_reference_estimate @ SE3(poses.rotation, self.scale * poses.translation)
+
+    @property
+    def turn_is_noise(self) -> bool:
+        """The second extent is below the error left: the turn about the path's line is fixed by the error alone."""
+        return self.method in ("se3", "sim3") and self.residual_rms_m > self.extents_m[1]
+
+
+@dataclass(frozen=True)
+class MirrorCheck:
+    """The RMS errors that the best rotation and the best reflection leave, and the extent of the reference."""
+
+    rotation_rms_m: float = 0.0
+    reflection_rms_m: float = 0.0
+    extent_m: float = 0.0
+
+    @property
+    def mirrored(self) -> bool:
+        """A reflection fits, and far better: below a quarter of the squared error, which is more than rounding."""
+        fits = self.reflection_rms_m < 0.25 * self.extent_m
+        return fits and self.rotation_rms_m > LEAST_EXTENT_M and self.reflection_rms_m < 0.5 * self.rotation_rms_m
+
+
+def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = None) -> Alignment:
+    """The motion that lays paired estimated poses (n,) on the reference's (n,).
+
+    Raises InputError where the paths are too short, straight or still to fix it, naming a weaker alignment.
+    """
+    settings = settings or AlignmentSettings()
+    if reference.shape != estimate.shape or len(reference) == 0:
+        found = f"{estimate.shape} and {reference.shape}"
+        raise InputError("as many estimated poses as reference poses, at least one", found=found)
+    used = slice(None, settings.first)
+    x, y = estimate.translation[used], reference.translation[used]
+    extents_m = principal_extents(y)
+    T, scale = SE3.identity(), 1.0
+    if settings.method == "origin":
+        T = reference[0] @ estimate[0].inverse()
+    elif settings.method == "yaw":
+        T = _yaw(x, y, AXES[settings.up])
+    elif settings.method in ("se3", "sim3"):
+        _refuse_undetermined(extents_m, principal_extents(x), len(x), settings.method)
+        T, scale = umeyama(x, y, with_scale=settings.method == "sim3")
+    residual_m = y - T.apply(scale * x)
+    return Alignment(settings.method, T, scale, len(x), extents_m, _rms(residual_m))
+
+
+def umeyama(x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: bool = False) -> tuple[SE3, float]:
+    """The rotation R, translation t and scale c (1 without `with_scale`) that minimise |y - (c R x + t)|^2.
+
+    With `reflect` the best improper R (determinant -1) instead, held in an SE3 that is then no rigid motion.
+    """
+    mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)  # equations 34, 35
+    centred_x, centred_y = x - mean_x, y - mean_y
+    covariance = centred_y.T @ centred_x / len(x)  # equation 38
+    u, d, vt = np.linalg.svd(covariance)
+    sign = np.sign(np.linalg.det(u) * np.linalg.det(vt)) * (-1.0 if reflect else 1.0)
+    s = np.array([1.0, 1.0, sign])  # equation 43; equation 39 with the sign taken from U and V holds at rank 2 too
+    rotation = (u * s) @ vt  # equation 40
+    scale = float(d @ s / (np.vdot(centred_x, centred_x) / len(x))) if with_scale else 1.0  # equations 42, 36
+    return SE3(rotation, mean_y - scale * rotation @ mean_x), scale  # equation 41
+
+
+def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck:
+    """Fit paired positions (n, 3) by a rotation and by a reflection, both with scale: only the handedness differs.
+
+    A path in a plane fits equally well either way and is never called mirrored, nor is one of a few poses, which may
+    fit by chance.
+    """
+    if len(reference_m) < _LEAST_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
+        return MirrorCheck()
+    rotation_m, reflection_m = (_residual_rms_m(reference_m, estimate_m, reflect) for reflect in (False, True))
+    return MirrorCheck(rotation_m, reflection_m, float(np.linalg.norm(principal_extents(reference_m))))
+
+
+def principal_extents(positions_m: np.ndarray) -> np.ndarray:
+    """(n, 3) -> (3,) standard deviations along the principal directions, longest first."""
+    centred = positions_m - positions_m.mean(axis=0)
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred / len(centred))[::-1], 0.0))
+
+
+def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
+    """Rotation about one axis, and translation: equation 40 in the plane, in closed form."""
+    a, b = (up + 1) % 3, (up + 2) % 3
+    flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
+    for name, extents_m in (("reference", principal_extents(flat_y)), ("estimate", principal_extents(flat_x))):
+        if extents_m[0] < LEAST_EXTENT_M:
+            expected = f"a {name} path that fixes a yaw alignment, moving across the {'xyz'[up]} axis"
+            raise InputError(expected, found=f"an extent of {1000 * extents_m[0]:.3g} mm", hint="--align origin")
+    mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
+    covariance = (y - mean_y).T @ (x - mean_x)
+    angle = np.arctan2(covariance[b, a] - covariance[a, b], covariance[a, a] + covariance[b, b])
+    rotation = np.eye(3)
+    rotation[a, a] = rotation[b, b] = np.cos(angle)
+    rotation[b, a], rotation[a, b] = np.sin(angle), -np.sin(angle)
+    return SE3(rotation, mean_y - rotation @ mean_x)
+
+
+def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str) -> None:
+    """Both paths need extents in two directions; the third may be missing (a path in a plane)."""
+    name = {"se3": "SE(3)", "sim3": "Sim(3)"}[method]
+    for what, extents_m in (("reference", reference_m), ("estimate", estimate_m)):
+        if used < 3:
+            how, hint = f"{used} pose{'s' * (used > 1)} where 3 are needed", "--align origin, or more poses"
+        elif extents_m[0] < LEAST_EXTENT_M:
+            how, hint = "one still: every turn is open", "--align origin"
+        elif extents_m[1] < max(LEAST_EXTENT_M, LEAST_EXTENT_SHARE * extents_m[0]):
+            how, hint = "one straight: the turn about it is open", "--align yaw if it is not upright, or --align origin"
+        else:
+            continue
+        sizes = ", ".join(f"{1000 * e:.3g}" for e in extents_m)
+        raise InputError(f"a {what} path that fixes {name}", found=f"{how} (extents {sizes} mm)", hint=hint)
+
+
+def _residual_rms_m(reference_m: np.ndarray, estimate_m: np.ndarray, reflect: bool) -> float:
+    T, scale = umeyama(estimate_m, reference_m, with_scale=True, reflect=reflect)
+    return _rms(reference_m - T.apply(scale * estimate_m))
+
+
+def _rms(residual_m: np.ndarray) -> float:
+    return float(np.sqrt(np.vdot(residual_m, residual_m) / len(residual_m)))

@@ -1,0 +1,170 @@
+"""Which pose of one stamped list belongs to which of another: greedy one-to-one as in the TUM tools, or nearest.
+
+Both are n log n for any window. Stamps in seconds, strictly increasing; a pair needs |first - (second + offset)| <
+max_difference.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+METHODS = ("greedy", "nearest")
+#: A round of mutual choice that pairs fewer than 1 in this many leaves the rest to the heap: long chains go one pair
+#: a round.
+_SLOW_ROUND = 16
+
+
+@dataclass(frozen=True)
+class AssociationSettings:
+    """method: `greedy` or `nearest`; max_difference_s: pairs differ by less; offset_s: added to the second stamps."""
+
+    method: str = "greedy"
+    max_difference_s: float = 0.02
+    offset_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"an association of {' or '.join(METHODS)}", found=self.method)
+        if not 0 < self.max_difference_s < np.inf:
+            raise InputError("a largest time difference > 0 s", found=self.max_difference_s)
+        if not np.isfinite(self.offset_s):
+            raise InputError("a finite time offset in seconds", found=self.offset_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Association:
+    """Pairs (first[k], second[k]) of indices, (m,) each, ordered by first, then second.
+
+    difference_s (m,): second + offset - first. The counts are those of the lists given.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    difference_s: np.ndarray
+    first_count: int
+    second_count: int
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def __post_init__(self) -> None:
+        for name in ("first", "second", "difference_s"):
+            array = np.array(getattr(self, name))
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the first list (the ground truth's frames) that has a partner."""
+        return len(np.unique(self.first)) / self.first_count if self.first_count else 0.0
+
+    def closest_per_first(self) -> np.ndarray:
+        """Positions k in the pairs: for each first index that occurs, its pair of smallest time difference."""
+        order = np.lexsort((np.abs(self.difference_s), self.first))
+        return order[np.flatnonzero(np.diff(self.first[order], prepend=-1))]
+
+
+def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSettings | None = None) -> Association:
+    """Pair two lists of stamps, (n,) and (m,) in seconds, strictly increasing. The result may be empty.
+
+    `greedy`: of all pairs within the window the one of smallest difference is taken (ties: smaller first, then
+    smaller second stamp), both are struck off, and so on, as `associate.py` of the TUM RGB-D tools does. `nearest`:
+    each second stamp takes the nearest first one (ties: the smaller); a first one may serve several.
+    """
+    settings = settings or AssociationSettings()
+    first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
+    pick = _greedy if settings.method == "greedy" else _nearest_first
+    i, j = pick(first_s, second_s, settings.max_difference_s) if len(first_s) and len(second_s) else _no_pairs()
+    return Association(i, j, second_s[j] - first_s[i], len(first_s), len(second_s))
+
+
+def _checked(stamps_s: np.ndarray) -> np.ndarray:
+    stamps_s = np.asarray(stamps_s, float)
+    if stamps_s.ndim != 1 or not np.isfinite(stamps_s).all() or (np.diff(stamps_s) <= 0).any():
+        raise InputError("stamps (n,), finite and strictly increasing")
+    return stamps_s
+
+
+def _no_pairs() -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros(0, int), np.zeros(0, int)
+
+
+def _nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each x the index of the nearest y (ties: the smaller y) and their distance. Both sorted, y not empty."""
+    right = np.searchsorted(y, x)
+    left = np.maximum(right - 1, 0)
+    right = np.minimum(right, len(y) - 1)
+    to_left, to_right = np.abs(x - y[left]), np.abs(x - y[right])
+    return np.where(to_left <= to_right, left, right), np.minimum(to_left, to_right)
+
+
+def _nearest_first(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
+    i, distance = _nearest(second_s, first_s)
+    j = np.flatnonzero(distance < limit_s)
+    return i[j], j
+
+
+def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rounds of mutual choice: two free stamps that are each other's best are a pair of the greedy order.
+
+    For no pair that shares a stamp with them comes before them in that order. A stamp without a free partner in the
+    window never gets one.
+    """
+    i, j = np.arange(len(first_s)), np.arange(len(second_s))
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    while len(i) and len(j):
+        best_j, distance_i = _nearest(first_s[i], second_s[j])
+        best_i, distance_j = _nearest(second_s[j], first_s[i])
+        chosen = np.flatnonzero((best_i[best_j] == np.arange(len(i))) & (distance_i < limit_s))
+        found.append((i[chosen], j[best_j[chosen]]))
+        free_i, free_j = distance_i < limit_s, distance_j < limit_s
+        free_i[chosen] = free_j[best_j[chosen]] = False
+        i, j = i[free_i], j[free_j]
+        if len(chosen) * _SLOW_ROUND < len(i):
+            rest_i, rest_j = _greedy_by_heap(first_s[i], second_s[j], limit_s)
+            found.append((i[rest_i], j[rest_j]))
+            break
+    all_i, all_j = (np.concatenate(part) for part in zip(*found, strict=True))
+    order = np.argsort(all_i)
+    return all_i[order], all_j[order]
+
+
+def _greedy_by_heap(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same pairs one by one: the closest free pair stands side by side in the merged list of free stamps."""
+    stamps_s = np.concatenate([first_s, second_s])
+    order = np.argsort(stamps_s, kind="stable")
+    count, owner, stamp = len(first_s), order.tolist(), stamps_s[order].tolist()
+    after, before = list(range(1, len(owner) + 1)), list(range(-1, len(owner) - 1))
+    heap: list[tuple[float, int, int, int, int]] = []
+
+    def propose(left: int, right: int) -> None:
+        one, other = owner[left], owner[right]
+        if one > other:
+            one, other = other, one
+        difference = stamp[right] - stamp[left]
+        if one < count <= other and difference < limit_s:
+            heapq.heappush(heap, (difference, one, other, left, right))
+
+    for left in range(len(owner) - 1):
+        propose(left, left + 1)
+    free, pairs = [True] * len(owner), []
+    while heap:
+        _, one, other, left, right = heapq.heappop(heap)
+        if not (free[left] and free[right]):
+            continue
+        pairs.append((one, other - count))
+        free[left] = free[right] = False
+        left, right = before[left], after[right]
+        if left >= 0:
+            after[left] = right
+        if right < len(owner):
+            before[right] = left
+        if left >= 0 and right < len(owner):
+            propose(left, right)
+    i, j = np.array(pairs, int).reshape(-1, 2).T
+    return i, j

@@ -1,0 +1,60 @@
+"""What is said of a list of errors: the six statistics, and the scores that count missing frames too."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+#: Recall is the share of ground-truth frames within these distances; the last also bounds the area under the error
+#: curve.
+RECALL_M = (0.01, 0.05, 0.10)
+
+
+@dataclass(frozen=True)
+class ErrorStatistics:
+    """Of errors in one unit. std is the population's (divided by n), so that rmse^2 = mean^2 + std^2."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+
+    @classmethod
+    def of(cls, errors: np.ndarray, factor: float = 1.0) -> ErrorStatistics:
+        """Of errors (n,), n >= 1, times a change of unit."""
+        e = np.asarray(errors, float) * factor
+        values = (np.sqrt(np.mean(e * e)), e.mean(), np.median(e), e.std(), e.min(), e.max())
+        return cls(*map(float, values))
+
+    def to_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Completeness:
+    """Scores over all ground-truth frames, in which a frame without an estimate counts as missed, 0..1 each.
+
+    coverage: frames with an estimate. recall: frames within 1, 5 and 10 cm (RECALL_M). area_under_curve: mean recall
+    over all thresholds from 0 to 10 cm, so 1 is perfect; an estimator that gives up early keeps its ATE but loses
+    here.
+    """
+
+    coverage: float
+    recall: dict[float, float]
+    area_under_curve: float
+
+    @classmethod
+    def of(cls, errors_m: np.ndarray, frames: int) -> Completeness:
+        """errors_m (m,): one for each frame that has an estimate; frames >= m: all of them."""
+        limit = RECALL_M[-1]
+        recall = {bound: float(np.count_nonzero(errors_m <= bound)) / frames for bound in RECALL_M}
+        # the integral of the recall's staircase, frame by frame: a frame counts from its error to the limit
+        area = float(np.maximum(0.0, 1.0 - errors_m / limit).sum()) / frames
+        return cls(len(errors_m) / frames, recall, area)
+
+    def to_dict(self) -> dict:
+        recall = {f"{100 * bound:g}cm": share for bound, share in self.recall.items()}
+        return {"coverage": self.coverage, "recall": recall, "area_under_curve": self.area_under_curve}
