@@ -48,6 +48,17 @@ def portal(name: str, location: Place, towards: Place, width: float, height: flo
     return _add(name, data, location, towards)
 
 
+def daylight(name: str, location: Place, towards: Place, width: float, height: float, power: float, colour: Place) -> bpy.types.Object:
+    """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not give; unseen by the camera."""
+    data = bpy.data.lights.new(name, "AREA")
+    data.shape, data.size, data.size_y = "RECTANGLE", width, height
+    data.energy, data.color = power, colour
+    obj = _add(name, data, location, towards)
+    obj.visible_camera = False
+    obj.visible_glossy = False
+    return obj
+
+
 def sky(image: bpy.types.Image, strength: float) -> None:
     """The world: an equirectangular image around the scene."""
     world = bpy.data.worlds.new("sky")

@@ -206,16 +206,18 @@ def _view() -> Mesh:
 
 def _light(seed: int, detail: float) -> None:
     warm, day = (1.0, 0.72, 0.42), (1.0, 0.93, 0.82)
-    lights.sun("sun", azimuth_deg=238, elevation_deg=37, strength=10.0, colour=day)
+    lights.sun("sun", azimuth_deg=238, elevation_deg=37, strength=20.0, colour=day)
     for k, (x, y) in enumerate(SPOTS, 1):
-        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 26.0, (1.0, 0.84, 0.62), 92.0, 0.65, 0.03)
+        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 60.0, (1.0, 0.84, 0.62), 92.0, 0.65, 0.03)
     for name, (x, y) in LAMPS.items():
-        lights.lamp(f"lamp_light_{name}", (x, y, 1.615), 13.0, warm, 0.035)
+        lights.lamp(f"lamp_light_{name}", (x, y, 1.615), 22.0, warm, 0.035)
     a, b, c, e = WINDOW
     lights.portal("window_portal", ((a + b) / 2, Y0 - 0.10, (c + e) / 2), ((a + b) / 2, 0, (c + e) / 2), b - a, e - c)
+    outside, inside = ((a + b) / 2, Y0 - 0.35, (c + e) / 2 + 0.2), ((a + b) / 2 + 0.4, 0, 1.2)
+    lights.daylight("daylight", outside, inside, b - a, e - c, 300.0, (0.80, 0.90, 1.0))
     size = max(32, int(512 * min(detail, 1.0)))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 99]))
-    lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 1.9)
+    lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 3.0)
 
 
 def _defaults() -> None:

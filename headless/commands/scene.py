@@ -1,0 +1,122 @@
+"""`iclnuim scene`: build a scene's .blend by code; set our living room beside the official frames."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.files import atomic_write
+from iclnuim.scenes import SCENES, build_scene
+
+from ..console import Console
+from ..options import action, subcommands
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SAMPLES = Path(os.environ.get("ICLNUIM_SAMPLES", REPOSITORY.parent / "shared/data/iclnuim"))
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    actions = subcommands(parser)
+    build = action(actions, "build", "build a scene by code and save it as a .blend", "iclnuim scene build living_room", _build)
+    build.add_argument("name", metavar="NAME", choices=list(SCENES), help=", ".join(SCENES))
+    build.add_argument("--seed", type=int, default=0, help="seed of cloth, wood, plaster; default: 0")
+    build.add_argument("--out", type=Path, metavar="FILE", help="default: blend/NAME.blend")
+    compare = action(actions, "compare", "render the official living-room views beside the official frames", "iclnuim scene compare --out beside/", _compare)
+    compare.add_argument("--samples-dir", type=Path, default=SAMPLES, metavar="DIR", help="the official samples; default: ICLNUIM_SAMPLES")
+    compare.add_argument("--out", type=Path, default=Path("scene_compare"), metavar="DIR", help="folder for the pictures; default: scene_compare")
+    compare.add_argument("--samples", type=int, default=128, metavar="N", help="path-traced samples a pixel; default: 128")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Kept for the command's frame; each action carries its own."""
+    return args.run(args, console)
+
+
+def _build(args: argparse.Namespace, console: Console) -> int:
+    session = _blender_room("session")
+    out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
+    if not out.parent.is_dir():
+        raise InputError("a folder to write into", path=out.parent, found="nothing of that name", hint="--out FILE")
+    with session.blender_output_in(Path(os.devnull)):
+        session.reset()
+        build_scene(args.name, seed=args.seed)
+        from iclnuim.scenes import stage
+
+        figures = {"file": str(out), "triangles": stage.triangle_count(), "geometry_sha256": stage.geometry_hash()}
+        atomic_write(out, _save)
+    figures["bytes"] = out.stat().st_size
+    console.result(figures, "\n".join(f"{k:16} {v}" for k, v in figures.items()))
+    return 0
+
+
+def _save(path: Path) -> None:
+    import bpy
+
+    bpy.ops.file.pack_all()
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
+
+
+def _compare(args: argparse.Namespace, console: Console) -> int:
+    likeness = _likeness()
+    if not (args.samples_dir / likeness.TRAJECTORY).is_file():
+        raise InputError("the official ICL-NUIM samples", path=args.samples_dir, found=f"no {likeness.TRAJECTORY}", hint="--samples-dir DIR")
+    import cv2
+
+    args.out.mkdir(parents=True, exist_ok=True)
+    figures, progress = {}, console.progress(len(likeness.FRAMES), "compare")
+    for number, rgb, depth_z_m in _rendered(args.samples_dir / likeness.TRAJECTORY, likeness.FRAMES, args.samples):
+        bgr, (their_bgr, their_depth) = likeness.srgb_bytes(rgb), likeness.official(args.samples_dir, number)
+        figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(likeness.measure(their_bgr, their_depth))
+        picture = cv2.imencode(".png", likeness.side_by_side(bgr, their_bgr))[1].tobytes()
+        atomic_write(args.out / f"lr_kt0_{number}.png", lambda path, picture=picture: path.write_bytes(picture))
+        progress.advance()
+    console.result(figures, _ratio_table(figures))
+    return 0
+
+
+def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
+    """Yield (number, scene-linear RGB, planar Z) of the living room, path traced and denoised, one ray through each pixel centre."""
+    session, scene, camera, settings, frames, compat = (_blender_room(n) for n in ("session", "scene", "camera", "settings", "frames", "compat"))
+    from iclnuim.formats.trajectories import read_trajectory
+    from iclnuim.geometry.camera import PinholeCamera
+    from iclnuim.job import RenderJob
+
+    poses = read_trajectory(trajectory_file, "pov-matrix").trajectory.T_world_camera
+    with tempfile.TemporaryDirectory() as folder:
+        with session.blender_output_in(Path(os.devnull)):
+            scene.open_scene("living_room")
+            camera.keyframe(poses, PinholeCamera())
+            settings.apply(RenderJob("compare", "living_room", str(trajectory_file), light="path", samples=samples, denoise=compat.has_denoiser()))
+        for number in numbers:
+            raw = Path(folder) / f"{number}.exr"
+            with session.blender_output_in(Path(os.devnull)):
+                frames.render(number, raw)
+            yield (number, *frames.read(raw))
+
+
+def _ratio_table(figures: dict) -> str:
+    lines = ["ours / official   corners>20  corners>10  gradient  grey   depth quantiles 10 25 50 75 90 %"]
+    for number, r in figures.items():
+        depths = " ".join(f"{q:.3f}" for q in r["depth_quantiles_m"])
+        lines.append(f"lr_kt0 {number:>4}       {r['corners_20']:>9.3f}   {r['corners_10']:>9.3f}   {r['gradient']:>7.3f}  {r['grey']:.3f}  {depths}")
+    return "\n".join(lines)
+
+
+def _blender_room(name: str):
+    import importlib
+
+    try:
+        return importlib.import_module(f"iclnuim.blender.{name}")
+    except ImportError:
+        raise WorkError("scene needs Blender's module; try: pip install bpy") from None
+
+
+def _likeness():
+    try:
+        from ..benchmark import scene_likeness
+    except ImportError:
+        raise WorkError("scene compare needs OpenCV; try: pip install opencv-contrib-python-headless") from None
+    return scene_likeness
