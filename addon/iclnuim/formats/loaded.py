@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from .files import read_text
 
+OWN_WORLD = "the file's own world"
+OUR_WORLD = "our world (metres, z up)"
+#: Rooms are a few metres wide; a POV-world path this far from the origin was most likely written in centimetres.
+FAR_M = 50.0
+
 
 @dataclass(frozen=True)
 class Taken:
-    """How a file was taken: its format, the handedness of the poses in it, the world of the trajectory made of it, one sentence."""
+    """How a file was taken: format, handedness of its poses, world of the trajectory made of them, one sentence."""
 
     format: str
     handedness: str
@@ -32,7 +40,7 @@ class LoadedTrajectory:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a file does not say itself: frames per second where it has none or only frame numbers, and its unit of length in metres."""
+    """What a file does not say: frames per second where it numbers its frames, and its unit of length in metres."""
 
     rate_hz: float = FRAME_RATE_HZ
     unit_m: float = 1.0
@@ -43,6 +51,12 @@ class ReadOptions:
                 raise InputError(f"{name} of 1e-6 to 1e6", found=getattr(self, name))
 
 
+def unit_warning(trajectory: Trajectory) -> str:
+    """What to add to the sentence of a POV-world file whose positions look like centimetres; '' elsewhere."""
+    far_m = np.abs(trajectory.positions_m).max()
+    return f"; positions reach {far_m:.0f} m: if they are centimetres, --unit cm" if far_m > FAR_M else ""
+
+
 class Source:
     """A file or folder to be read; its text is read once, when first asked for."""
 
@@ -51,7 +65,12 @@ class Source:
 
     @property
     def name(self) -> str:
+        """The file's name in lower case."""
         return self.path.name.lower()
+
+    @property
+    def is_folder(self) -> bool:
+        return os.path.isdir(self.path)
 
     @cached_property
     def text(self) -> str:
@@ -60,18 +79,26 @@ class Source:
 
     @cached_property
     def header(self) -> str:
-        """The comment lines (#) before the first pose, in lower case."""
-        lines: list[str] = []
-        for line in self.text[:20_000].splitlines():
-            if line.strip() and not line.lstrip().startswith("#"):
-                break
-            lines.append(line.lower())
-        return "\n".join(lines)
+        """The comment lines (#) before the first line of data, in lower case."""
+        return self.text[: self._first_data].lower()
 
     @cached_property
-    def first_line(self) -> str:
-        """The first line that is neither blank nor a comment, or ''."""
-        for line in self.text.splitlines():
-            if line.strip() and not line.lstrip().startswith("#"):
-                return line.strip()
-        return ""
+    def first_lines(self) -> list[str]:
+        """The first two lines that are neither blank nor comments; fewer where there are none."""
+        lines = self.text[self._first_data : self._first_data + 10_000].splitlines()
+        return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")][:2]
+
+    @property
+    def columns(self) -> int:
+        """Of the first line of data, parted by blanks."""
+        return len(self.first_lines[0].split()) if self.first_lines else 0
+
+    @property
+    def first_line_number(self) -> int:
+        """From 1; where there is no line of data, the line after the last."""
+        return self.text.count("\n", 0, self._first_data) + 1
+
+    @cached_property
+    def _first_data(self) -> int:
+        found = re.search(r"^[^\S\n]*[^#\s]", self.text, re.MULTILINE)
+        return found.start() if found else len(self.text)

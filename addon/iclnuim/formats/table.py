@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -12,51 +13,57 @@ import numpy as np
 
 from ..errors import InputError
 
-#: Beyond a million metres or some thousand years of seconds a number is no pose or stamp but a damaged or misread file.
+#: Beyond a thousand kilometres, three thousand years or a thousand million frames a number stands for damage.
 LARGEST_POSITION_M = 1e6
 LARGEST_STAMP_S = 1e11
+LARGEST_FRAME = 10**9
 
-T = TypeVar("T")
+Built = TypeVar("Built")
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Values (n, columns) of the lines of `text` that are neither blank nor comments."""
+    """Values (n, columns), and the file and line (from 1) where a row stands."""
 
-    path: str | os.PathLike[str]
-    text: str
     values: np.ndarray
-
-    def line(self, row: int) -> int:
-        """The number, from 1, of the line that holds a row."""
-        return _data_lines(self.text)[row][0]
+    place: Callable[[int], tuple[str | os.PathLike[str], int | None]]
 
     def error(self, row: int, expected: str, found: object, hint: str | None = None) -> InputError:
-        return InputError(expected, path=self.path, line=self.line(int(row)), found=found, hint=hint)
+        path, line = self.place(int(row))
+        return InputError(expected, path=path, line=line, found=found, hint=hint)
 
 
-def read_table(path: str | os.PathLike[str], text: str, columns: tuple[int, ...], what: str, delimiter: str | None = None) -> Table:
-    """A table with one of the given numbers of columns, all finite. Raises InputError naming the first line that is not so.
+def read_table(
+    path: str | os.PathLike[str], text: str, columns: tuple[int, ...], what: str, delimiter: str | None = None
+) -> Table:
+    """All lines that are neither blank nor comments (#), with one of the given numbers of columns, all finite.
 
-    `what` names a line, as in `8 columns: timestamp tx ty tz qx qy qz qw`.
+    Raises InputError naming the first line that is not so; `what` says what a line should be.
     """
+    if not re.search(r"^[^\S\n]*[^#\s]", text, re.MULTILINE):
+        raise InputError(what, path=path, found="comments alone")
     try:
-        values = np.loadtxt(io.StringIO(text), dtype=float, comments="#", delimiter=delimiter, ndmin=2)
-    except (ValueError, UserWarning):
+        values = np.loadtxt(io.StringIO(text, newline=None), dtype=float, comments="#", delimiter=delimiter, ndmin=2)
+    except (ValueError, OverflowError):
         raise _first_bad_line(path, text, columns, what, delimiter) from None
-    if values.size == 0:
-        raise InputError(what, path=path, found="no line of numbers")
-    table = Table(path, text, values)
+    table = Table(values, lambda row: (path, data_lines(text)[row][0]))
     if values.shape[1] not in columns:
         raise table.error(0, what, f"{values.shape[1]} columns")
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
-        raise table.error(row, "finite numbers", f"{values[row, column]} in column {column + 1}")
+        raise table.error(row, "finite numbers", f"{values[row, column]} in column {column + 1}", "removing the line")
     return table
 
 
-def blamed(table: Table, build: Callable[[np.ndarray], T]) -> T:
-    """build(table.values); its InputError is given the line of the first row that brings it about (bisection over prefixes)."""
+def data_lines(text: str) -> list[tuple[int, str]]:
+    """(number from 1, content without comment) of each line that holds data."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    stripped = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(lines, 1))
+    return [(number, line) for number, line in stripped if line]
+
+
+def blamed(table: Table, build: Callable[[np.ndarray], Built]) -> Built:
+    """build(table.values); its InputError is given the line of the first row that causes it (found by bisection)."""
     try:
         return build(table.values)
     except InputError as error:
@@ -71,44 +78,13 @@ def blamed(table: Table, build: Callable[[np.ndarray], T]) -> T:
     raise table.error(good, found.expected, found.found, found.hint)
 
 
-def check_stamps(table: Table, stamps_s: np.ndarray, hint: str | None = None) -> None:
-    """Raises InputError for the first stamp that is absurd, repeats or runs backwards."""
-    absurd = np.flatnonzero(~(np.abs(stamps_s) <= LARGEST_STAMP_S))
-    if absurd.size:
-        hint = hint or "--from euroc for nanoseconds, or dividing the stamps"
-        raise table.error(absurd[0], f"a stamp in seconds, at most {LARGEST_STAMP_S:g}", f"{stamps_s[absurd[0]]:.10g}", hint)
-    late = np.flatnonzero(np.diff(stamps_s) <= 0)
-    if late.size:
-        row = int(late[0]) + 1
-        before, here = stamps_s[row - 1], stamps_s[row]
-        hint = "removing one of the two lines" if here == before else "sorting the lines by their stamps"
-        kind = "the same again" if here == before else f"{here:.10g}"
-        raise table.error(row, f"a stamp later than the {before:.10g} of line {table.line(row - 1)}", kind, hint)
-
-
-def check_positions(table: Table, positions_m: np.ndarray) -> None:
-    """Raises InputError for the first position that cannot be one."""
-    absurd = np.flatnonzero(~(np.abs(positions_m).max(axis=1, initial=0.0) <= LARGEST_POSITION_M))
-    if absurd.size:
-        worst = positions_m[absurd[0]]
-        found = f"{worst[np.argmax(np.abs(worst))]:.6g}"
-        raise table.error(absurd[0], f"a position in metres, at most {LARGEST_POSITION_M:g}", found, "the right --unit, or another --from")
-
-
-def _data_lines(text: str) -> list[tuple[int, str]]:
-    """(number from 1, content without comment) of each line that holds data, split at the line ends that loadtxt knows."""
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    stripped = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(lines, 1))
-    return [(number, line) for number, line in stripped if line]
-
-
 def _first_bad_line(path, text: str, columns: tuple[int, ...], what: str, delimiter: str | None) -> InputError:
     usual = None
-    for number, line in _data_lines(text):
+    for number, line in data_lines(text):
         fields = line.split(delimiter)
-        for field in fields:
-            if not _is_number(field):
-                return InputError(what, path=path, line=number, found=repr(field.strip()[:40]))
+        bad = next((field for field in fields if not _is_number(field)), None)
+        if bad is not None:
+            return InputError(what, path=path, line=number, found=repr(bad.strip()[:40]))
         usual = usual or len(fields)
         if len(fields) not in columns or len(fields) != usual:
             return InputError(what, path=path, line=number, found=f"{len(fields)} columns")
