@@ -62,7 +62,9 @@ def read_trajectory(
     """A right-handed trajectory of cv camera poses (camera to world, metres) and how the file was taken.
 
     `format` is a name of FORMATS; without it name and content decide. `rate_hz` counts where a file numbers its frames,
-    `unit_m` is the file's unit of length (0.01 for the office's POV-Ray files). Raises InputError for the rest.
+    `unit_m` is the file's unit of length (0.01 for the office's POV-Ray files).
+
+    Raises InputError, naming file and line, for what cannot be read.
     """
     options = ReadOptions(rate_hz, unit_m)
     source = Source(path)

@@ -25,6 +25,8 @@ CV_FROM_POV_CAMERA = np.diag([1.0, -1.0, 1.0])
 CV_FROM_BLENDER_CAMERA = np.diag([1.0, -1.0, -1.0])
 #: y up <-> z up, both right-handed, as Blender's importers do it: (x, y, z) -> (x, -z, y).
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+#: a world with the axes of a level cv camera (y down, z forward), both right-handed: (x, y, z) -> (x, z, -y).
+Z_UP_FROM_Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def world_cv_from_pov(T_pov_camera: SE3) -> SE3:

@@ -1,0 +1,238 @@
+"""`iclnuim trajectory`: info, convert, plot, make, adopt, resample. Each says the frame it comes from and the one it goes to."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from dataclasses import asdict
+
+import numpy as np
+from iclnuim.errors import InputError
+from iclnuim.formats import trajectories as files
+from iclnuim.geometry import trajectory as paths
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+
+from ..console import Console
+from ..options import action, subcommands
+
+UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    actions = subcommands(parser)
+    _configure_info(actions)
+    _configure_convert(actions)
+    _configure_plot(actions)
+    _configure_adopt(actions)
+    _configure_resample(actions)
+    from . import trajectory_make
+
+    trajectory_make.configure(actions)
+
+
+# -- info ----------------------------------------------------------------------------------------------------------------
+
+
+def _configure_info(actions: argparse._SubParsersAction) -> None:
+    text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was taken"
+    parser = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE", help="a trajectory file or a folder of POV-Ray camera files"
+    )
+    _reading(parser)
+
+
+def run_info(args: argparse.Namespace, console: Console) -> None:
+    found = []
+    for file in args.files:
+        loaded = _loaded(args, file)
+        statistics = paths.statistics(loaded.trajectory)
+        found.append({"file": os.fspath(file), "taken": asdict(loaded.taken), **asdict(statistics)})
+    console.result({"trajectories": found}, "\n\n".join(_info_text(one) for one in found))
+
+
+def _info_text(one: dict) -> str:
+    gaps = f"{one['gaps']}, the longest step is {one['longest_gap_s']:.3f} s" if one["gaps"] else "none"
+    return "\n".join(
+        [
+            one["file"],
+            f"  taken as  {one['taken']['sentence']}",
+            f"  frames    {one['frames']} at {one['rate_hz']:.6g} Hz",
+            f"  length    {one['length_m']:.3f} m",
+            f"  duration  {one['duration_s']:.3f} s",
+            f"  speed     {one['mean_speed']:.3f} m/s on average, {one['max_speed']:.3f} at most",
+            f"  rotation  {one['mean_rotation_rate']:.2f} degrees/s on average, {one['max_rotation_rate']:.2f} at most",
+            f"  gaps      {gaps}",
+        ]
+    )
+
+
+# -- convert -------------------------------------------------------------------------------------------------------------
+
+
+def _configure_convert(actions: argparse._SubParsersAction) -> None:
+    text = "turn a trajectory file into another format"
+    parser = action(
+        actions, "convert", text, "iclnuim trajectory convert traj0.gt.freiburg kt0.txt", run_convert, json=False
+    )
+    parser.add_argument("source", metavar="IN", help="a trajectory file or a folder of POV-Ray camera files")
+    parser.add_argument(
+        "out", metavar="OUT", help="its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
+    )
+    parser.add_argument("--restamp", action="store_true", help="stamps i / FPS from 0 on instead of the file's own")
+    _reading(parser)
+    _writing(parser)
+
+
+def run_convert(args: argparse.Namespace, console: Console) -> None:
+    _refuse_to_overwrite(args)
+    trajectory = _read(args, args.source, console)
+    if args.restamp:
+        trajectory = Trajectory.at_rate(trajectory.T_world_camera, args.fps)
+    _write(args, trajectory, console)
+
+
+# -- plot ----------------------------------------------------------------------------------------------------------------
+
+
+def _configure_plot(actions: argparse._SubParsersAction) -> None:
+    text = "top view and time plots of position, speed and rotation rate"
+    parser = action(actions, "plot", text, "iclnuim trajectory plot kt0.txt kt2.txt -o paths.png", run_plot, json=False)
+    parser.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
+    parser.add_argument(
+        "-o", "--out", required=True, metavar="PNG", help="the picture (.png, .pdf or .svg), overwritten"
+    )
+    _reading(parser)
+
+
+def run_plot(args: argparse.Namespace, console: Console) -> None:
+    loaded = [(file, _loaded(args, file)) for file in args.files]
+    for file, one in loaded:
+        console.note(f"{file}: {one.taken.sentence}")
+    from .. import plots  # Matplotlib takes half a second to import
+
+    plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
+    console.note(f"{args.out}: {len(loaded)} drawn; gt.freiburg and gt.sim turned z up")
+
+
+# -- adopt, resample -----------------------------------------------------------------------------------------------------
+
+
+def _configure_adopt(actions: argparse._SubParsersAction) -> None:
+    text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
+    example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.7,0.7,0 --scale 0.8 -o kt9.txt"
+    parser = action(actions, "adopt", text, example, run_adopt, json=False)
+    # a start pose may begin with a minus; argparse would take it for an option
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")  # type: ignore[attr-defined]
+    parser.add_argument("source", metavar="SOURCE", help="a trajectory file")
+    pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is taken"
+    parser.add_argument("--start", required=True, metavar="POSE", help=pose)
+    parser.add_argument("--scale", type=float, default=1.0, metavar="S", help="of the source's path (default 1)")
+    _reading(parser)
+    _writing(parser, out=True)
+
+
+def run_adopt(args: argparse.Namespace, console: Console) -> None:
+    _refuse_to_overwrite(args)
+    source = _read(args, args.source, console)
+    T_world_start, frame = _start_pose(args)
+    adopted = paths.adopt(source, T_world_start, args.scale)
+    console.note(f"adopted: first pose put on the start pose in {frame}, path scaled by {args.scale:g}")
+    _write(args, adopted, console)
+
+
+def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
+    """The pose that --start gives, and the name of its world."""
+    if os.path.exists(args.start):
+        loaded = files.read_trajectory(args.start)
+        return loaded.trajectory.T_world_camera[0], loaded.taken.frame
+    try:
+        numbers = np.array([float(part) for part in args.start.split(",")])
+    except ValueError:
+        numbers = np.array([])
+    if numbers.shape != (7,) or not np.isfinite(numbers).all():
+        raise InputError("--start x,y,z,qx,qy,qz,qw or a trajectory file", found=args.start)
+    return SE3.from_quat_xyzw(numbers[3:], numbers[:3]), "the world it was given in"
+
+
+def _configure_resample(actions: argparse._SubParsersAction) -> None:
+    text = "the same motion at another frame rate, by interpolation on SE(3)"
+    example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
+    parser = action(actions, "resample", text, example, run_resample, json=False)
+    parser.add_argument("source", metavar="SOURCE", help="a trajectory file")
+    parser.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
+    _reading(parser)
+    _writing(parser, out=True)
+
+
+def run_resample(args: argparse.Namespace, console: Console) -> None:
+    _refuse_to_overwrite(args)
+    source = _read(args, args.source, console)
+    resampled = paths.resample(source, args.rate)
+    console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
+    args.fps = args.rate
+    _write(args, resampled, console)
+
+
+# -- what they share -----------------------------------------------------------------------------------------------------
+
+
+def _reading(parser: argparse.ArgumentParser) -> None:
+    names = ", ".join(files.FORMATS)
+    parser.add_argument(
+        "--from", dest="source_format", metavar="FORMAT", help=f"instead of telling by name and content: {names}"
+    )
+    parser.add_argument(
+        "--unit",
+        type=_unit,
+        default=1.0,
+        metavar="UNIT",
+        help="of the input: m (default), cm, mm or metres as a number",
+    )
+    parser.add_argument(
+        "--fps", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)"
+    )
+
+
+def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
+    if out:
+        parser.add_argument("-o", "--out", metavar="OUT", help="default: TUM on standard output")
+    names = ", ".join(name for name, known in files.FORMATS.items() if known.write)
+    parser.add_argument("--to", dest="out_format", metavar="FORMAT", help=f"instead of telling by OUT's name: {names}")
+    parser.add_argument("--out-unit", type=_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
+    parser.add_argument(
+        "--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite OUT")
+
+
+def _unit(text: str) -> float:
+    return UNITS_M[text] if text in UNITS_M else float(text)
+
+
+def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:
+    return files.read_trajectory(file, args.source_format, rate_hz=args.fps, unit_m=args.unit)
+
+
+def _read(args: argparse.Namespace, file: str, console: Console) -> Trajectory:
+    loaded = _loaded(args, file)
+    console.note(f"{file}: {loaded.taken.sentence}")
+    return loaded.trajectory
+
+
+def _refuse_to_overwrite(args: argparse.Namespace) -> None:
+    """Also finds out the output's format, so that nothing is read for nothing."""
+    args.out_format = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
+    if args.out and os.path.lexists(args.out) and not args.force:
+        raise InputError("a name that is free", path=args.out, found="an existing file", hint="--force to overwrite it")
+
+
+def _write(args: argparse.Namespace, trajectory: Trajectory, console: Console) -> None:
+    options = files.WriteOptions(args.fps, args.out_unit, args.start_z)
+    if args.out is None:
+        console.result({}, files.trajectory_text(trajectory, args.out_format, options).rstrip("\n"))
+        return
+    files.write_trajectory(args.out, trajectory, args.out_format, options)
+    console.note(f"{args.out}: {files.FORMATS[args.out_format].goes_to}")
