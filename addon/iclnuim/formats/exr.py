@@ -1,17 +1,13 @@
 """EXR images in and out: through the OpenEXR package, or inside Blender through OpenImageIO; equal pixels either way.
 
-Size, time to write and to read one 640 x 480 frame of half R, G, B and float Z (one core, OpenEXR 3.5): none 3.1 MB, 5 ms,
-2 ms; rle 2.5 MB, 10 ms, 5 ms; zip 1.8 MB, 30 ms, 7.5 ms; zips 2.2 MB, 28 ms, 10 ms; piz 2.0 MB, 48 ms, 13 ms. So zip to
-keep, rle where the writing is waited for.
+Size, time to write and to read one 640 x 480 frame of half R, G, B and float Z (one core, OpenEXR 3.5): none 3.1 MB,
+5 ms, 2 ms; rle 2.5 MB, 10 ms, 5 ms; zip 1.8 MB, 30 ms, 7.5 ms; zips 2.2 MB, 28 ms, 10 ms; piz 2.0 MB, 48 ms, 13 ms. So
+zip to keep, rle where the writing is waited for.
 """
 
 from __future__ import annotations
 
-import functools
-import glob
-import importlib
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
@@ -21,9 +17,11 @@ import numpy as np
 from ..errors import InputError, WorkError
 from .exr_header import ExrHeader, exr_header
 from .files import atomic_write
+from .libraries import first_library
 
-__all__ = ["ExrHeader", "exr_backend", "exr_header", "read_attributes", "read_exr", "write_exr"]
+__all__ = ["ExrHeader", "exr_header", "read_attributes", "read_exr", "write_exr"]
 
+BACKENDS = ("OpenEXR", "OpenImageIO")
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz")
 
 
@@ -33,7 +31,7 @@ def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[s
     Raises InputError where the file is missing, truncated, no flat EXR, or of a size no frame has.
     """
     header = exr_header(path, whole=True)
-    name, module = exr_backend(backend)
+    name, module = first_library("EXR", *([backend] if backend else BACKENDS))
     try:
         channels = (_read_openexr if name == "OpenEXR" else _read_oiio)(module, os.fspath(path), header)
     except (RuntimeError, ValueError, UnicodeDecodeError) as error:
@@ -65,7 +63,7 @@ def write_exr(
     """
     channels = {name: np.ascontiguousarray(values) for name, values in sorted(channels.items())}
     _check_arrays(path, channels, compression)
-    name, module = exr_backend(backend)
+    name, module = first_library("EXR", *([backend] if backend else BACKENDS))
     write = _write_openexr if name == "OpenEXR" else _write_oiio
 
     def write_and_check(temporary: Path) -> None:
@@ -76,41 +74,6 @@ def write_exr(
             raise WorkError(f"{os.fspath(path)}: cannot write: {_reason(error, temporary)}") from None
 
     atomic_write(path, write_and_check)
-
-
-def exr_backend(name: str | None = None) -> tuple[str, ModuleType]:
-    """("OpenEXR" or "OpenImageIO", its module): the one asked for, else the first there is. Raises WorkError without."""
-    for candidate in (name,) if name else ("OpenEXR", "OpenImageIO"):
-        module = _module(candidate)
-        if module is not None:
-            return candidate, module
-    raise WorkError(
-        f"EXR needs {name or 'the OpenEXR package or OpenImageIO'}, which this Python ({sys.executable}) has not; try "
-        "`pip install OpenEXR`, or for a distribution's Blender its package python3-openimageio"
-    )
-
-
-@functools.cache
-def _module(name: str) -> ModuleType | None:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        return _bundled_openimageio() if name == "OpenImageIO" else None
-
-
-def _bundled_openimageio() -> ModuleType | None:
-    """The bpy wheel carries OpenImageIO off the path, under bpy/X.Y/python/lib/python3.XX/site-packages."""
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    for entry in sys.path:
-        for folder in sorted(glob.glob(os.path.join(entry, "bpy", "*", "python", "lib", version, "site-packages"))):
-            sys.path.append(folder)
-            try:
-                return importlib.import_module("OpenImageIO")
-            except ImportError:
-                pass
-            finally:
-                sys.path.remove(folder)
-    return None
 
 
 def _check_arrays(path: str | os.PathLike[str], channels: Mapping[str, np.ndarray], compression: str) -> None:

@@ -1,0 +1,49 @@
+"""The image libraries that may be there: OpenEXR and OpenCV where pip is, OpenImageIO inside Blender."""
+
+from __future__ import annotations
+
+import functools
+import glob
+import importlib
+import os
+import sys
+from types import ModuleType
+
+from ..errors import WorkError
+
+
+def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
+    """Name and module of the first of `packages` (module names) that imports. Raises WorkError where none does."""
+    for package in packages:
+        module = _module(package)
+        if module is not None:
+            return package, module
+    raise WorkError(
+        f"{what} needs {' or '.join(packages)}, which this Python ({sys.executable}) has not; try installing one, "
+        "for a distribution's Blender its package python3-openimageio"
+    )
+
+
+@functools.cache
+def _module(package: str) -> ModuleType | None:
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        return _bundled(package)
+
+
+def _bundled(package: str) -> ModuleType | None:
+    """The bpy wheel carries OpenImageIO off the path, under bpy/X.Y/python/lib/python3.XX/site-packages."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    for entry in list(sys.path):
+        for folder in sorted(glob.glob(os.path.join(entry, "bpy", "*", "python", "lib", version, "site-packages"))):
+            if not glob.glob(os.path.join(folder, f"{package}*")):
+                continue
+            sys.path.append(folder)
+            try:
+                return importlib.import_module(package)
+            except ImportError:
+                pass
+            finally:
+                sys.path.remove(folder)
+    return None

@@ -1,0 +1,105 @@
+"""PNG: lossless through either library, readable by an independent one, and broken files refused in one line."""
+
+import random
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.libraries import first_library
+from iclnuim.formats.png import png_header, read_depth16, read_rgb8, write_png
+
+
+def _present(name):
+    try:
+        first_library("PNG", name)
+    except WorkError:
+        return False
+    return True
+
+
+BACKENDS = [n for n in ("cv2", "OpenImageIO") if _present(n)]
+
+
+@pytest.fixture
+def rgb():
+    return np.random.default_rng(1).integers(0, 256, (31, 45, 3), np.uint8)
+
+
+@pytest.fixture
+def depth():
+    values = np.random.default_rng(2).integers(0, 65536, (31, 45), np.uint16)
+    values[0, :3] = [0, 65535, 256]
+    return values
+
+
+@pytest.mark.parametrize("writer", BACKENDS)
+def test_either_library_reads_what_either_wrote(tmp_path, rgb, depth, writer):
+    write_png(tmp_path / "rgb.png", rgb, writer)
+    write_png(tmp_path / "depth.png", depth, writer)
+    for reader in BACKENDS:
+        assert np.array_equal(read_rgb8(tmp_path / "rgb.png", reader), rgb)
+        assert np.array_equal(read_depth16(tmp_path / "depth.png", reader), depth)
+    assert str(png_header(tmp_path / "depth.png")) == "45 x 31, 16-bit grey"
+    assert str(png_header(tmp_path / "rgb.png")) == "45 x 31, 8-bit RGB"
+
+
+def test_pillow_as_an_independent_reader_sees_the_same_pixels(tmp_path, rgb, depth):
+    Image = pytest.importorskip("PIL.Image")
+    write_png(tmp_path / "rgb.png", rgb)
+    write_png(tmp_path / "depth.png", depth)
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "rgb.png")), rgb)
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "depth.png")).astype(np.uint16), depth)
+
+
+@pytest.mark.parametrize("reader", BACKENDS)
+def test_alpha_is_dropped_and_grey_is_repeated(tmp_path, rgb, reader):
+    Image = pytest.importorskip("PIL.Image")
+    alpha = np.dstack([rgb, np.full(rgb.shape[:2], 7, np.uint8)])
+    Image.fromarray(alpha).save(tmp_path / "alpha.png")
+    Image.fromarray(rgb[..., 0]).save(tmp_path / "grey.png")
+    assert np.array_equal(read_rgb8(tmp_path / "alpha.png", reader), rgb)
+    assert np.array_equal(read_rgb8(tmp_path / "grey.png", reader), np.repeat(rgb[..., :1], 3, -1))
+
+
+def test_the_wrong_kind_is_named(tmp_path, rgb, depth):
+    write_png(tmp_path / "rgb.png", rgb)
+    write_png(tmp_path / "depth.png", depth)
+    with pytest.raises(InputError, match="rgb.png: expected a 16-bit grey depth PNG, found 45 x 31, 8-bit RGB"):
+        read_depth16(tmp_path / "rgb.png")
+    with pytest.raises(InputError, match="depth.png: expected an 8-bit colour PNG, found 45 x 31, 16-bit grey"):
+        read_rgb8(tmp_path / "depth.png")
+    (tmp_path / "photo.png").write_bytes(b"\xff\xd8\xff\xe0" + bytes(99))
+    with pytest.raises(InputError, match="found a JPEG"):
+        png_header(tmp_path / "photo.png")
+    with pytest.raises(InputError, match="nothing of that name"):
+        png_header(tmp_path / "absent.png")
+
+
+def test_truncated_and_flipped_files_are_refused_silently_but_for_one_line(tmp_path, depth, capfd):
+    write_png(tmp_path / "f.png", depth)
+    data = (tmp_path / "f.png").read_bytes()
+    rng = random.Random(1)
+    broken = [data[:n] for n in (0, 4, 20, 40, len(data) // 2, len(data) - 1)]
+    for _ in range(100):
+        flipped = bytearray(data)
+        flipped[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        broken.append(bytes(flipped))
+    for content in broken:
+        (tmp_path / "f.png").write_bytes(content)
+        with pytest.raises(InputError) as error:
+            read_depth16(tmp_path / "f.png")
+        assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("writer", BACKENDS)
+def test_a_full_disk_leaves_no_file_and_one_line(tmp_path, rgb, writer, file_size_limit):
+    with file_size_limit(500), pytest.raises(WorkError, match="cannot write"):
+        write_png(tmp_path / "f.png", rgb, writer)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_arrays_of_another_kind_are_refused(tmp_path):
+    for bad in (np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4, 3), np.uint16)):
+        with pytest.raises(InputError, match="expected .h, w, 3. uint8 or"):
+            write_png(tmp_path / "f.png", bad)
