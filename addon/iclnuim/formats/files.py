@@ -12,7 +12,7 @@ from pathlib import Path
 from ..errors import InputError, WorkError
 
 
-def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], None]) -> None:
+def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary name beside `path` (same ending), then rename it onto `path`.
 
     Whatever fails, `path` is either as before or whole. An OSError becomes WorkError with the path in it.
@@ -65,7 +65,7 @@ def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
-    """UTF-8 text. Raises InputError for a missing, unreadable, empty or binary file, and for a web page saved under its name."""
+    """UTF-8 text. Raises InputError for what is missing, unreadable, empty or binary, and for a web page saved as a file."""
     data = read_bytes(path, what)
     if not data.strip():
         raise InputError(what, path=path, found="an empty file")

@@ -27,7 +27,9 @@ class SE3:
         rotation = np.array(self.rotation, float)
         translation = np.array(self.translation, float)
         if rotation.shape[-2:] != (3, 3) or translation.shape != (*rotation.shape[:-2], 3):
-            raise InputError("rotation (..., 3, 3) and translation (..., 3)", found=f"{rotation.shape} and {translation.shape}")
+            raise InputError(
+                "rotation (..., 3, 3) and translation (..., 3)", found=f"{rotation.shape} and {translation.shape}"
+            )
         for name, array in (("rotation", rotation), ("translation", translation)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -52,7 +54,7 @@ class SE3:
 
     @classmethod
     def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> SE3:
-        """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised, else InputError."""
+        """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised, others refused."""
         return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
 
     @classmethod

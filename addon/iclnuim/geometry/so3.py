@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 
-#: A quaternion may be off length one by this share and is normalised; beyond it, it is refused. Three printed decimals pass.
+#: A quaternion may be off length one by this share and is normalised; beyond it, refused. Three printed decimals pass.
 QUAT_NORM_TOLERANCE = 1e-2
-#: A matrix may be off R^T R = I by this much (largest entry) and is moved to the nearest rotation; beyond it, it is refused.
+#: A matrix may be off R^T R = I by this much (largest entry) and becomes the nearest rotation; beyond it, it is refused.
 MATRIX_TOLERANCE = 1e-3
 _SMALL_ANGLE = 1e-4
 
@@ -132,7 +132,9 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     if not off <= MATRIX_TOLERANCE:
         raise InputError("rotation matrices", found=f"R^T R off the identity by {off:.3g}")
     if m.size and np.linalg.det(m).min() < 0:
-        raise InputError("rotation matrices with determinant +1", found="a reflection", hint="converting its axes first")
+        raise InputError(
+            "rotation matrices with determinant +1", found="a reflection", hint="converting its axes first"
+        )
     if off < 1e-14:
         return m
     u, _, vt = np.linalg.svd(m)

@@ -11,6 +11,8 @@ from . import so3
 from .se3 import SE3
 
 FRAME_RATE_HZ = 30.0
+#: More than eleven hours at 240 Hz: what asks for more has a broken stamp.
+MOST_FRAMES = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class TrajectoryStatistics:
-    """What Table I prints, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step of over 1.5 usual ones."""
+    """What Table I prints, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step over 1.5 usual ones."""
 
     frames: int
     length_m: float
@@ -105,6 +107,8 @@ def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Traject
     """
     if not np.isfinite(scale) or scale <= 0:
         raise InputError("a scale > 0", found=scale)
+    if len(source) == 0:
+        raise InputError("a source of at least one pose", found="none")
     scaled = SE3(source.T_world_camera.rotation, source.positions_m * scale)
     return Trajectory(source.stamps_s, T_world_start @ scaled[0].inverse() @ scaled)
 
@@ -117,7 +121,9 @@ def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
         raise InputError("at least two poses to interpolate between", found=len(own))
     slack = 1e-9 * max(1.0, abs(own[-1]))
     if stamps_s.size and (stamps_s.min() < own[0] - slack or stamps_s.max() > own[-1] + slack):
-        raise InputError(f"stamps within {own[0]:.6f}..{own[-1]:.6f} s", found=f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s")
+        raise InputError(
+            f"stamps within {own[0]:.6f}..{own[-1]:.6f} s", found=f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s"
+        )
     before = np.clip(np.searchsorted(own, stamps_s, side="right") - 1, 0, len(own) - 2)
     share = np.clip((stamps_s - own[before]) / (own[before + 1] - own[before]), 0.0, 1.0)
     poses = trajectory.T_world_camera
@@ -128,10 +134,15 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
     """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays inside the span."""
     if not 15.0 <= rate_hz <= 240.0:
         raise InputError("a rate of 15 to 240 Hz", found=rate_hz)
+    if len(trajectory) < 2:
+        raise InputError("at least two poses to interpolate between", found=len(trajectory))
     start, end = trajectory.stamps_s[[0, -1]]
-    count = int(np.floor((end - start) * rate_hz + 1e-6)) + 1
-    stamps_s = start + np.arange(count) / rate_hz
-    return Trajectory(stamps_s, sample(trajectory, stamps_s))
+    frames = (end - start) * rate_hz
+    if frames > MOST_FRAMES:
+        raise InputError(f"at most {MOST_FRAMES} frames, mended stamps", found=f"{end - start:.6g} s at {rate_hz:g} Hz")
+    stamps_s = start + np.arange(int(np.floor(frames + 1e-6)) + 1) / rate_hz
+    # printed stamps are off by their last digit, so the last frame may lie a trifle behind the last pose
+    return Trajectory(stamps_s, sample(trajectory, np.minimum(stamps_s, end)))
 
 
 def frame_slice(text: str, count: int) -> range:
@@ -141,7 +152,12 @@ def frame_slice(text: str, count: int) -> range:
         numbers = [int(p) if p.strip() else None for p in parts]
     except ValueError:
         numbers = None
-    if not numbers or len(numbers) > 3 or (len(numbers) == 1 and numbers[0] is None) or (len(numbers) == 3 and numbers[2] == 0):
+    if (
+        not numbers
+        or len(numbers) > 3
+        or (len(numbers) == 1 and numbers[0] is None)
+        or (len(numbers) == 3 and numbers[2] == 0)
+    ):
         raise InputError("frames as A:B:S (a Python slice) or one number", found=text)
     if len(numbers) == 1:
         numbers = [numbers[0], numbers[0] + 1 or None]
