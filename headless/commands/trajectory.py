@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     trajectory_make.configure(actions)
 
 
-# -- info --------------------------------------------------------------------------------------------------------------
+# -- info
 
 
 def _configure_info(actions: argparse._SubParsersAction) -> None:
@@ -69,7 +69,7 @@ def _info_text(one: dict) -> str:
     )
 
 
-# -- convert -----------------------------------------------------------------------------------------------------------
+# -- convert
 
 
 def _configure_convert(actions: argparse._SubParsersAction) -> None:
@@ -94,7 +94,7 @@ def run_convert(args: argparse.Namespace, console: Console) -> None:
     _write(args, trajectory, console)
 
 
-# -- plot --------------------------------------------------------------------------------------------------------------
+# -- plot
 
 
 def _configure_plot(actions: argparse._SubParsersAction) -> None:
@@ -117,7 +117,7 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
     console.note(f"{args.out}: {len(loaded)} drawn; gt.freiburg and gt.sim turned z up")
 
 
-# -- adopt, resample ---------------------------------------------------------------------------------------------------
+# -- adopt, resample
 
 
 def _configure_adopt(actions: argparse._SubParsersAction) -> None:
@@ -176,7 +176,7 @@ def run_resample(args: argparse.Namespace, console: Console) -> None:
     _write(args, resampled, console)
 
 
-# -- what they share ---------------------------------------------------------------------------------------------------
+# -- what they share
 
 
 def _reading(parser: argparse.ArgumentParser) -> None:

@@ -65,7 +65,7 @@ def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
-    """UTF-8 text. Raises InputError for what is missing, unreadable, empty or binary, and for a web page saved as a file."""
+    """UTF-8 text. Raises InputError for what is missing, unreadable, empty or binary, and for a saved web page."""
     data = read_bytes(path, what)
     if not data.strip():
         raise InputError(what, path=path, found="an empty file")

@@ -40,7 +40,7 @@ def pov_from_world_cv(T_world_cv: SE3) -> SE3:
 
 
 def mirrored_y(T: SE3) -> SE3:
-    """S T S, S = diag(1, -1, 1): left-handed y-up poses of `*.gt.freiburg` <-> right-handed y-down ones. Its own inverse.
+    """S T S, S = diag(1, -1, 1): left-handed y-up poses of `*.gt.freiburg` <-> right-handed y-down. Its own inverse.
 
     On numbers: ty -> -ty and (qx, qy, qz, qw) -> (-qx, qy, -qz, qw).
     """

@@ -15,7 +15,7 @@ from ..errors import InputError
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; pixel (u, v) is seen through its centre, u = 0..width-1, v = 0..height-1.
+    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; pixel (u, v) is seen through its centre, u < width, v < height.
 
     The defaults are the benchmark's (paper, equation 1), whose printed fy = -480 stands for a y axis pointing up; in cv
     axes it is +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
@@ -99,7 +99,7 @@ class PinholeCamera:
         return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], -1)
 
     def planar_from_ray_distance(self, distance_m: np.ndarray) -> np.ndarray:
-        """(height, width) distance along the ray, as in raw `.depth` files -> planar depth, Z = d / sqrt(x^2 + y^2 + 1)."""
+        """(height, width) distance along the ray, as in `.depth` files -> planar depth, Z = d / sqrt(x^2 + y^2 + 1)."""
         return np.asarray(distance_m) / np.linalg.norm(self.rays(), axis=-1)
 
     def halved(self) -> PinholeCamera:
@@ -132,8 +132,8 @@ class BlenderCamera:
 def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -> BlenderCamera:
     """The exact settings for a K, also with fx != fy and an off-centre principal point.
 
-    Blender measures shifts in units of the image width (horizontal fit) and knows one focal length; the ratio of the two is
-    put into the pixel aspect. Blender keeps both aspects at 1 or above.
+    Blender measures shifts in units of the image width (horizontal fit) and knows one focal length; the ratio is put
+    into the pixel aspect. Blender keeps both aspects at 1 or above.
     """
     pixel_aspect_x = max(1.0, camera.fy / camera.fx)
     pixel_aspect_y = max(1.0, camera.fx / camera.fy)

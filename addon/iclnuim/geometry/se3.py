@@ -54,7 +54,7 @@ class SE3:
 
     @classmethod
     def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> SE3:
-        """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised, others refused."""
+        """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised."""
         return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
 
     @classmethod

@@ -12,7 +12,7 @@ from ..errors import InputError
 
 #: A quaternion may be off length one by this share and is normalised; beyond it, refused. Three printed decimals pass.
 QUAT_NORM_TOLERANCE = 1e-2
-#: A matrix may be off R^T R = I by this much (largest entry) and becomes the nearest rotation; beyond it, it is refused.
+#: A matrix may be off R^T R = I by this much (largest entry) and becomes the nearest rotation; beyond it, refused.
 MATRIX_TOLERANCE = 1e-3
 _SMALL_ANGLE = 1e-4
 

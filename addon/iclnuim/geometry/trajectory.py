@@ -63,7 +63,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class TrajectoryStatistics:
-    """What Table I prints, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step over 1.5 usual ones."""
+    """What Table I prints, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step of 1.5 usual ones."""
 
     frames: int
     length_m: float
@@ -148,6 +148,7 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
 def frame_slice(text: str, count: int) -> range:
     """`A:B:S` as a Python slice over `count` frames (B excluded, any part may be left out), or one frame's number."""
     parts = text.strip().split(":")
+    numbers: list[int | None] | None
     try:
         numbers = [int(p) if p.strip() else None for p in parts]
     except ValueError:

@@ -1,0 +1,156 @@
+"""Lists of images: `associations.txt` both ways round, told apart by content, and `rgb.txt` / `depth.txt`.
+
+TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...`, depth first, frame numbers.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.trajectory import FRAME_RATE_HZ
+from .files import atomic_write_text, read_text
+from .table import LARGEST_FRAME, LARGEST_STAMP_S, data_lines
+
+PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/... (ICL-NUIM)"
+IMAGES = "2 columns: stamp path"
+
+
+@dataclass(frozen=True)
+class ImageList:
+    """Stamps in seconds, and paths as the file gives them, relative to its folder."""
+
+    stamps_s: tuple[float, ...]
+    paths: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.stamps_s) != len(self.paths):
+            raise InputError("as many paths as stamps", found=f"{len(self.paths)} and {len(self.stamps_s)}")
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+
+@dataclass(frozen=True)
+class Associations:
+    """Pairs of a colour and a depth image; `order` says how the file had them: "tum" or "icl-nuim"."""
+
+    rgb: ImageList
+    depth: ImageList
+    order: str = "tum"
+
+    def __post_init__(self) -> None:
+        if len(self.rgb) != len(self.depth):
+            raise InputError("as many depth as colour images", found=f"{len(self.depth)} and {len(self.rgb)}")
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+
+def read_associations(path: str | os.PathLike[str], rate_hz: float = FRAME_RATE_HZ) -> Associations:
+    """Either order; which column holds the depth is read off the paths. Whole numbers in ICL-NUIM's order are id / rate.
+
+    Raises InputError naming file and line.
+    """
+    rows = _rows(path, 4, PAIRS)
+    depth_first = _depth_first(path, rows)
+    first, second = (_image_list(path, rows, column) for column in (0, 2))
+    _check_increasing(path, rows, first)
+    if not depth_first:
+        return Associations(first, second, "tum")
+    if all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s)):
+        first, second = (ImageList(tuple(s / rate_hz for s in one.stamps_s), one.paths) for one in (first, second))
+    return Associations(second, first, "icl-nuim")
+
+
+def write_associations(
+    path: str | os.PathLike[str], pairs: Associations, order: str = "tum", rate_hz: float = FRAME_RATE_HZ
+) -> None:
+    """In TUM's order with seconds, or in ICL-NUIM's with frame numbers; whole or not at all."""
+    if order == "tum":
+        first, second, stamp = pairs.rgb, pairs.depth, _seconds
+    elif order == "icl-nuim":
+        first, second, stamp = pairs.depth, pairs.rgb, lambda stamp_s: _frame_number(stamp_s, rate_hz)
+    else:
+        raise InputError("the order tum or icl-nuim", found=order)
+    rows = zip(first.stamps_s, first.paths, second.stamps_s, second.paths, strict=True)
+    lines = [f"{stamp(a)} {_plain(one)} {stamp(b)} {_plain(other)}\n" for a, one, b, other in rows]
+    atomic_write_text(path, "".join(lines))
+
+
+def read_image_list(path: str | os.PathLike[str]) -> ImageList:
+    """`rgb.txt`, `depth.txt`: stamps in seconds, increasing. Raises InputError naming file and line."""
+    rows = _rows(path, 2, IMAGES)
+    images = _image_list(path, rows, 0)
+    _check_increasing(path, rows, images)
+    return images
+
+
+def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
+    """`# timestamp filename`, then a line each; whole or not at all."""
+    rows = zip(images.stamps_s, images.paths, strict=True)
+    lines = [f"{_seconds(stamp_s)} {_plain(image)}\n" for stamp_s, image in rows]
+    atomic_write_text(path, "# timestamp filename\n" + "".join(lines))
+
+
+def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[int, list[str]]]:
+    rows = [(number, line.split()) for number, line in data_lines(read_text(path, "a list of images"))]
+    if not rows:
+        raise InputError(what, path=path, found="comments alone")
+    for number, fields in rows:
+        if len(fields) != columns:
+            raise InputError(what, path=path, line=number, found=f"{len(fields)} columns")
+    return rows
+
+
+def _image_list(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], column: int) -> ImageList:
+    stamps_s = []
+    for number, fields in rows:
+        try:
+            stamp_s = float(fields[column])
+        except ValueError:
+            stamp_s = math.nan
+        if not abs(stamp_s) <= LARGEST_STAMP_S:
+            expected = f"a stamp in seconds in column {column + 1}"
+            raise InputError(expected, path=path, line=number, found=repr(fields[column]))
+        stamps_s.append(stamp_s)
+    return ImageList(tuple(stamps_s), tuple(fields[column + 1] for _, fields in rows))
+
+
+def _depth_first(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]]) -> bool:
+    """Whether the first path of all lines is the depth image's."""
+    firsts = ["depth" in fields[1].lower() for _, fields in rows]
+    for (number, fields), first in zip(rows, firsts, strict=True):
+        if first == ("depth" in fields[3].lower()) or first != firsts[0]:
+            expected = "one path of each line, always the same, that says depth"
+            raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
+    return firsts[0]
+
+
+def _check_increasing(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], images: ImageList) -> None:
+    late = np.flatnonzero(np.diff(images.stamps_s) <= 0)
+    if late.size:
+        row = int(late[0]) + 1
+        expected = f"a stamp above the {images.stamps_s[row - 1]:.15g} of line {rows[row - 1][0]}"
+        raise InputError(expected, path=path, line=rows[row][0], found=f"{images.stamps_s[row]:.15g}")
+
+
+def _seconds(stamp_s: float) -> str:
+    return f"{stamp_s:.9f}"
+
+
+def _frame_number(stamp_s: float, rate_hz: float) -> str:
+    number = round(stamp_s * rate_hz)
+    if abs(stamp_s * rate_hz - number) > 0.01 or not 0 <= number <= LARGEST_FRAME:
+        raise InputError(f"stamps at frame numbers / {rate_hz:g} s to write ICL-NUIM's order", found=f"{stamp_s:.9g} s")
+    return str(number)
+
+
+def _plain(image: str) -> str:
+    if not image or image.split() != [image] or "#" in image:
+        raise InputError("an image's path without blanks or #", found=repr(image))
+    return image
