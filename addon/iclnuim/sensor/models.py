@@ -1,0 +1,89 @@
+"""Every noise model by name, and a user's own as `module:function`."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.camera import PinholeCamera
+from .depth_others import Kinect2012DepthNoise, NoDepthNoise, RedwoodDepthNoise
+from .depth_paper import PaperDepthNoise
+from .depth_released import ReleasedDepthNoise
+from .parameters import NoiseSettings
+from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
+
+DEPTH_MODELS: dict[str, type[NoiseSettings]] = {
+    m.name: m for m in (NoDepthNoise, PaperDepthNoise, ReleasedDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
+}
+RGB_MODELS: dict[str, type[NoiseSettings]] = {m.name: m for m in (NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise)}
+
+
+class DepthNoise(Protocol):
+    """A depth noise model: (h, w) planar metres, 0 = missing -> the same with noise."""
+
+    name: str
+
+    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray: ...
+
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+class RgbNoise(Protocol):
+    """An RGB noise model: (h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
+
+    name: str
+
+    def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray: ...
+
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class OwnNoise:
+    """A user's function of the same signature as `apply`, and settings handed to it by keyword."""
+
+    name: str
+    apply: Callable[..., np.ndarray] = field(repr=False)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        return dict(self.settings)
+
+
+def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> DepthNoise:
+    """By name or as `module:function`, called as function(depth_z_m, camera, rng). Raises InputError."""
+    return _model("depth", name, settings or {}, DEPTH_MODELS)
+
+
+def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> RgbNoise:
+    """By name or as `module:function`, called as function(light, rng) -> uint8. Raises InputError."""
+    return _model("RGB", name, settings or {}, RGB_MODELS)
+
+
+def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseSettings]]) -> Any:
+    if ":" in name:
+        return _own(kind, name, settings)
+    if name not in known:
+        raise InputError(f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name)
+    return known[name].from_dict(dict(settings))
+
+
+def _own(kind: str, name: str, settings: Mapping[str, Any]) -> OwnNoise:
+    module_name, _, function_name = name.partition(":")
+    try:
+        function = getattr(importlib.import_module(module_name), function_name)
+    except (ImportError, ValueError) as error:
+        hint = f"a folder with {module_name.split('.')[0]}.py on PYTHONPATH"
+        raise InputError(f"{kind} noise as MODULE:FUNCTION", found=f"{name} ({error})", hint=hint) from None
+    except AttributeError:
+        raise InputError(f"a function {function_name} in the module {module_name}", found="none") from None
+    if not callable(function):
+        raise InputError(f"a function {function_name} in the module {module_name}", found=type(function).__name__)
+    if not settings:
+        return OwnNoise(name, function)
+    return OwnNoise(name, lambda *arrays: function(*arrays, **settings), dict(settings))

@@ -1,0 +1,78 @@
+"""Reading a depth image between its pixels. Depth 0 is no measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+
+
+def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
+    """(h, w) planar depth in metres as float32; what is no distance (infinite, NaN, negative) becomes 0."""
+    depth_z_m = np.asarray(depth_z_m, np.float32)
+    if depth_z_m.ndim != 2 or min(depth_z_m.shape) < 2:
+        raise InputError("a depth image of at least 2 x 2 pixels", found=depth_z_m.shape)
+    return np.where((depth_z_m > 0) & (depth_z_m < np.inf), depth_z_m, np.float32(0))
+
+
+def pixel_grid(depth_z_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """u (1, w) and v (h, 1) of the pixel centres."""
+    height, width = depth_z_m.shape
+    return np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
+
+
+def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float) -> np.ndarray:
+    """Bilinear depth at (u, v), positions outside clamped to the outermost pixel centres.
+
+    Only pixels of the surface that the nearest one shows take part: those missing, or nearer or farther than it by more
+    than `edge_share`, get no weight, so that neither holes nor what lies behind an edge mix in. Missing where the
+    nearest is.
+    """
+    height, width = depth_z_m.shape
+    corners, weights_u, weights_v = _corners(depth_z_m, np.clip(u, 0, width - 1), np.clip(v, 0, height - 1))
+    result = _blend(corners, weights_u, weights_v)
+    lowest = np.minimum(np.minimum(*corners[:2]), np.minimum(*corners[2:]))
+    highest = np.maximum(np.maximum(*corners[:2]), np.maximum(*corners[2:]))
+    mixed = np.flatnonzero(highest > lowest * np.float32(1 + edge_share))
+    if mixed.size:
+        fu, fv = weights_u.ravel()[mixed], weights_v.ravel()[mixed]
+        weights = np.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv])
+        result.ravel()[mixed] = _mean_of_nearest_surface(
+            np.stack([c.ravel()[mixed] for c in corners]), weights, edge_share
+        )
+    return result
+
+
+def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Plain bilinear depth at (u, v), where missing pixels and all beyond the image count as 0 and mix in."""
+    height, width = depth_z_m.shape
+    framed = np.zeros((height + 3, width + 3), np.float32)
+    framed[1:-2, 1:-2] = depth_z_m
+    return _blend(*_corners(framed, np.clip(u + 1, 0, width + 1), np.clip(v + 1, 0, height + 1)))
+
+
+def _corners(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """The four pixels round each position (left and right above, left and right below), its shares right and down."""
+    height, width = image.shape
+    column = np.minimum(u.astype(np.intp), width - 2)
+    row = np.minimum(v.astype(np.intp), height - 2)
+    place = row * width + column
+    flat = image.ravel()
+    corners = [flat[offset:].take(place) for offset in (0, 1, width, width + 1)]
+    return corners, u - column.astype(np.float32), v - row.astype(np.float32)
+
+
+def _blend(corners: list[np.ndarray], weights_u: np.ndarray, weights_v: np.ndarray) -> np.ndarray:
+    above = corners[0] + (corners[1] - corners[0]) * weights_u
+    below = corners[2] + (corners[3] - corners[2]) * weights_u
+    return above + (below - above) * weights_v
+
+
+def _mean_of_nearest_surface(depth_z_m: np.ndarray, weights: np.ndarray, edge_share: float) -> np.ndarray:
+    """(4, n) depths and weights -> (n,)."""
+    nearest = np.take_along_axis(depth_z_m, np.argmax(weights, 0)[None], 0)
+    limit = np.float32(1 + edge_share)
+    weights = weights * ((depth_z_m > 0) & (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit))
+    return np.divide(
+        (weights * depth_z_m).sum(0), weights.sum(0), out=np.zeros(nearest.size, np.float32), where=nearest[0] > 0
+    )

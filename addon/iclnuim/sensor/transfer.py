@@ -1,0 +1,54 @@
+"""From light to 8 bits and back: the fixed sRGB transfer function (IEC 61966-2-1) of scene-linear RGB."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from ..errors import InputError
+
+
+def srgb8(light: np.ndarray) -> np.ndarray:
+    """Scene-linear light, 1 = white, any shape -> uint8 of the same shape, rounded to the nearest.
+
+    Clipped to 0..1; NaN becomes 0. The light is first rounded to half precision (11 bits, at most 1/20 of an 8-bit
+    step), so that a table of all halves gives the exact value without a power per pixel.
+    """
+    with np.errstate(over="ignore"):
+        half = np.ascontiguousarray(light, np.float16)
+    return _srgb8_of_half().take(half.view(np.uint16))
+
+
+def light_from_srgb8(image: np.ndarray) -> np.ndarray:
+    """uint8, any shape -> float32 scene-linear light of the same shape; srgb8 takes it back exactly."""
+    if image.dtype != np.uint8:
+        raise InputError("an 8-bit image", found=image.dtype)
+    return _light_of_srgb8().take(image)
+
+
+def srgb_from_light(light: np.ndarray) -> np.ndarray:
+    """The transfer function itself, 0..1 -> 0..1, float64."""
+    light = np.clip(light, 0.0, 1.0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.power(np.maximum(light, 1e-9), 1 / 2.4) - 0.055)
+
+
+def light_from_srgb(value: np.ndarray) -> np.ndarray:
+    """Its inverse, 0..1 -> 0..1, float64."""
+    return np.where(value <= 0.04045, value / 12.92, np.power((value + 0.055) / 1.055, 2.4))
+
+
+@functools.cache
+def _srgb8_of_half() -> np.ndarray:
+    halves = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float64)
+    values = np.nan_to_num(halves, nan=0.0, posinf=1.0, neginf=0.0)
+    table = np.floor(srgb_from_light(values) * 255 + 0.5).astype(np.uint8)
+    table.setflags(write=False)
+    return table
+
+
+@functools.cache
+def _light_of_srgb8() -> np.ndarray:
+    table = light_from_srgb(np.arange(256) / 255).astype(np.float32)
+    table.setflags(write=False)
+    return table
