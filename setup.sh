@@ -3,7 +3,7 @@
 # Python 3.11 gets bpy 4.5 LTS, Python 3.13 gets bpy 5.2 LTS; PYTHON=... chooses.
 set -eu
 cd "$(dirname "$0")"
-libraries="libgl1 libegl1 libsm6 libxi6 libxfixes3 libxrender1 libxxf86vm1 libxkbcommon0 libgomp1 libx11-6"
+libraries="libgl1 libegl1 libsm6 libxi6 libxfixes3 libxrender1 libxxf86vm1 libxkbcommon0 libgomp1 libx11-6 libusb-1.0-0"
 
 missing=""
 if command -v dpkg >/dev/null; then

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if not numbers or args.most < 1:
         raise InputError("a run with at least one frame, and --most of at least 1", path=args.folder)
     picked = sorted({numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.most, len(numbers))).round().astype(int)})
-    poses = read_trajectory(args.folder / "groundtruth.txt").trajectory.T_world_camera
+    poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
     caster = depth_check.RayCaster(*_geometry(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console))
     progress, errors = console.progress(len(picked), "check-depth"), []
     for number in picked:

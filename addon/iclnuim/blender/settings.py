@@ -42,9 +42,12 @@ def _sampling(scene: bpy.types.Scene, job: RenderJob) -> None:
 
 
 def _film(scene: bpy.types.Scene, job: RenderJob) -> None:
-    """One ray through the pixel centre (a box of a hundredth of a pixel), or Blender's own filter with antialias."""
-    scene.cycles.pixel_filter_type = "BLACKMAN_HARRIS" if job.antialias else "BOX"
-    scene.cycles.filter_width = 1.5 if job.antialias else 0.01
+    """Rays through the pixel centre (a box of a hundredth of a pixel), or with antialias over the pixel's area.
+
+    Both are boxes: another shape of filter would move the first ray, and Z with it.
+    """
+    scene.cycles.pixel_filter_type = "BOX"
+    scene.cycles.filter_width = 1.0 if job.antialias else 0.01
     scene.cycles.film_exposure = 1.0
     scene.render.film_transparent = False
     scene.render.use_motion_blur = False

@@ -1,0 +1,148 @@
+"""The open scene shown with a light map: every surface replaced by a copy with the map's UVs and baked materials, in memory only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from ..errors import WorkError
+from ..lightmap.surfaces import BACK, FRONT
+from . import baked_materials, light_surfaces
+from .light_surfaces import Part
+
+_OBJECT_SETTINGS = ("pass_index", "color", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter",
+                    "visible_shadow", "is_holdout", "is_shadow_catcher")
+
+
+@dataclass(frozen=True, eq=False)
+class MapLayout:
+    """Where the corners (C,) of all parts lie in the map: uv (2, C, 2) for front and back, 0..1; has (2, C) which sides do.
+
+    part_corners: how many corners each part has.
+    """
+
+    uv: np.ndarray
+    has: np.ndarray
+    part_corners: tuple[int, ...]
+
+
+@dataclass(eq=False)
+class LitScene:
+    """What was added and hidden, so that `revert` can undo it."""
+
+    made: list[bpy.types.ID] = field(default_factory=list)
+    hidden: list[tuple[bpy.types.Object, str, bool]] = field(default_factory=list)
+
+    def revert(self) -> None:
+        """The scene as it was before."""
+        for block in self.made:
+            _remove(block)
+        for thing, name, hide in self.hidden:
+            thing.name, thing.hide_render = name, hide
+        self.made, self.hidden = [], []
+
+
+def show(found: list[Part], layout: MapLayout, image: bpy.types.Image) -> LitScene:
+    """Show the parts lit by `image`. Takes over the parts' meshes. Raises WorkError where the layout is for another scene."""
+    corners = tuple(len(part.mesh.loops) for part in found)
+    if corners != layout.part_corners:
+        raise WorkError(f"light map: expected a scene of {len(layout.part_corners)} parts as it was baked, found {len(found)} of another shape")
+    lit, materials = LitScene(), {}
+    starts = np.cumsum((0, *corners))
+    _keep_instanced_lamps(lit, {p.origin for p in found if not p.single})
+    for part, start in zip(found, starts[:-1], strict=True):
+        _hide(lit, part)
+        _show_part(lit, part, layout, slice(start, start + len(part.mesh.loops)), image, materials)
+    lit.made.extend(materials.values())
+    return lit
+
+
+def image_from_pixels(light: np.ndarray) -> bpy.types.Image:
+    """A new float image from (rows, columns, 3), row 0 at the bottom. Always new: changed pixels of one in use are not seen."""
+    pixels = np.ones((*light.shape[:2], 4), np.float32)
+    pixels[..., :3] = light
+    image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    return image
+
+
+def _hide(lit: LitScene, part: Part) -> None:
+    if any(part.origin == thing for thing, _, _ in lit.hidden):
+        return
+    lit.hidden.append((part.origin, part.origin.name, part.origin.hide_render))
+    part.origin.hide_render = True
+    if part.single:
+        part.origin.name = part.name + ".unlit"
+
+
+def _show_part(lit: LitScene, part: Part, layout: MapLayout, corners: slice, image: bpy.types.Image, materials: dict) -> None:
+    mesh = part.mesh
+    two_sided = bool(layout.has[BACK, corners].any())
+    for side, name in ((FRONT, baked_materials.FRONT_UV), (BACK, baked_materials.BACK_UV))[: 1 + two_sided]:
+        _add_uv(mesh, name, _uv(layout, side, corners))
+    lit_faces = layout.has[:, corners].any(0)
+    slots = light_surfaces.material_of_face(part)
+    used = set(np.unique(np.repeat(slots, _face_sizes(mesh))[lit_faces]))
+    for slot in used:
+        original = mesh.materials[slot] if slot >= 0 else None
+        key = (original, two_sided)
+        if key not in materials:
+            materials[key] = baked_materials.baked_copy(original, image, two_sided)
+        if slot >= 0:
+            mesh.materials[slot] = materials[key]
+        else:
+            mesh.materials.append(materials[key])
+    thing = bpy.data.objects.new(part.name, mesh)
+    _copy_settings(part.source, thing)
+    thing.matrix_world = part.matrix
+    bpy.context.scene.collection.objects.link(thing)
+    lit.made.extend([thing, mesh])
+
+
+def _uv(layout: MapLayout, side: int, corners: slice) -> np.ndarray:
+    """A side without a chart is never seen: it takes the other side's place."""
+    has = layout.has[side, corners]
+    return np.where(has[:, None], layout.uv[side, corners], layout.uv[1 - side, corners])
+
+
+def _face_sizes(mesh: bpy.types.Mesh) -> np.ndarray:
+    sizes = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    return sizes
+
+
+def _add_uv(mesh: bpy.types.Mesh, name: str, uv: np.ndarray) -> None:
+    layer = mesh.uv_layers.new(name=name, do_init=False)
+    if layer is None:
+        raise WorkError(f"light map: the mesh {mesh.name} has no room for one more UV map; remove one")
+    layer.data.foreach_set("uv", uv.astype(np.float32).ravel())
+
+
+def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
+    for name in _OBJECT_SETTINGS:
+        if hasattr(source, name):
+            setattr(target, name, getattr(source, name))
+    for name in ("shadow_terminator_offset", "shadow_terminator_geometry_offset"):
+        for old, new in ((source, target), (getattr(source, "cycles", None), getattr(target, "cycles", None))):
+            if hasattr(old, name) and hasattr(new, name):
+                setattr(new, name, getattr(old, name))
+
+
+def _keep_instanced_lamps(lit: LitScene, instancers: set[bpy.types.Object]) -> None:
+    """Hiding an instancer would put out the lamps it carries: give them objects of their own."""
+    if not instancers:
+        return
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        if instance.is_instance and instance.object.type == "LIGHT" and instance.parent.original in instancers:
+            lamp = bpy.data.objects.new(instance.object.name, instance.object.original.data)
+            lamp.matrix_world = instance.matrix_world.copy()
+            bpy.context.scene.collection.objects.link(lamp)
+            lit.made.append(lamp)
+
+
+def _remove(block: bpy.types.ID) -> None:
+    collection = {"Object": bpy.data.objects, "Mesh": bpy.data.meshes, "Material": bpy.data.materials}[block.bl_rna.identifier]
+    collection.remove(block)

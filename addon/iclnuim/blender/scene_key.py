@@ -1,0 +1,159 @@
+"""A key for all that decides a scene's light: surfaces, materials, images, lamps, world, bounces. Equal scenes have equal keys."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from .light_surfaces import Part
+
+#: Cycles settings that change light itself, not its noise.
+_CYCLES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces", "transparent_max_bounces",
+           "caustics_reflective", "caustics_refractive", "blur_glossy", "sample_clamp_direct", "sample_clamp_indirect", "light_sampling_threshold",
+           "use_fast_gi")
+_NOT_LIGHT = {"rna_type", "name", "location", "width", "height", "select", "show_options", "show_preview", "hide", "label", "color", "use_custom_color",
+              "parent", "inputs", "outputs", "internal_links", "dimensions", "bl_idname", "location_absolute", "warning_propagation", "name_full",
+              "users", "use_fake_user", "tag", "session_uid", "is_missing", "preview", "asset_data", "library", "image_user", "show_texture"}
+
+
+def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
+    """One hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
+    materials = {m for part in found for m in part.mesh.materials if m is not None}
+    trees = [m.node_tree for m in materials if m.node_tree] + ([scene.world.node_tree] if scene.world and scene.world.node_tree else [])
+    return {
+        "surfaces": _hash(*[_part(p) for p in found]),
+        "materials": _hash(*sorted(_text(_material(m)) for m in materials)),
+        "images": _hash(*sorted({_image(i) for t in trees for i in _images(t)})),
+        "lamps": _hash(*sorted(_text(_lamp(thing)) for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render)),
+        "world": _hash(_text(_world(scene.world))),
+        "bounces": _hash(_text({name: getattr(scene.cycles, name) for name in _CYCLES if hasattr(scene.cycles, name)})),
+    }
+
+
+def _hash(*items: bytes | str) -> str:
+    digest = hashlib.sha256()
+    for item in items:
+        item = item.encode() if isinstance(item, str) else item
+        digest.update(len(item).to_bytes(8, "little") + item)
+    return digest.hexdigest()
+
+
+def _text(value: object) -> str:
+    """Plain values as text that does not depend on addresses or dictionary order."""
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{k}:{_text(v)}" for k, v in sorted(value.items())) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(_text(v) for v in value) + "]"
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+def _part(part: Part) -> bytes:
+    mesh = part.mesh
+    arrays = [
+        np.array(part.matrix, np.float32),
+        _array(mesh.vertices, "co", 3, np.float32),
+        _array(mesh.loops, "vertex_index", 1, np.int32),
+        _array(mesh.polygons, "loop_start", 1, np.int32),
+        _array(mesh.polygons, "material_index", 1, np.int32),
+        np.round(_array(mesh.corner_normals, "vector", 3, np.float32) * 1e4).astype(np.int32),
+        *[_array(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers],
+    ]
+    names = [m.name if m else "" for m in mesh.materials]
+    rays = [getattr(part.source, f"visible_{ray}", True) for ray in ("diffuse", "glossy", "transmission", "shadow")]
+    return _hash(*[a.tobytes() for a in arrays], _text([part.name, names, rays])).encode()
+
+
+def _array(collection: bpy.types.bpy_prop_collection, name: str, width: int, kind: type) -> np.ndarray:
+    values = np.empty(len(collection) * width, kind)
+    collection.foreach_get(name, values)
+    return values
+
+
+def _material(material: bpy.types.Material) -> dict:
+    cycles = {name: getattr(material.cycles, name, None) for name in ("emission_sampling", "use_transparent_shadow")}
+    return {"name": material.name, "nodes": _tree(material.node_tree), "colour": tuple(material.diffuse_color), "cycles": cycles}
+
+
+def _lamp(thing: bpy.types.Object) -> dict:
+    data, matrix = thing.data, np.round(np.array(thing.matrix_world), 6).ravel().tolist()
+    cycles = {name: getattr(data.cycles, name, None) for name in ("is_portal", "cast_shadow", "max_bounces", "use_multiple_importance_sampling")}
+    rays = [getattr(thing, f"visible_{ray}", True) for ray in ("diffuse", "glossy", "transmission", "camera")]
+    return {"matrix": matrix, "data": _plain_properties(data), "cycles": cycles, "rays": rays, "nodes": _tree(data.node_tree)}
+
+
+def _world(world: bpy.types.World | None) -> dict:
+    return {} if world is None else {"colour": tuple(world.color), "nodes": _tree(world.node_tree)}
+
+
+def _tree(tree: bpy.types.NodeTree | None) -> list:
+    """Nodes with their settings and unlinked inputs, and the links between them; layout and selection left out."""
+    if tree is None:
+        return []
+    nodes = [_node(node) for node in sorted(tree.nodes, key=lambda n: n.name)]
+    ends = [(k.from_node.name, k.from_socket.identifier, k.to_node.name, k.to_socket.identifier) for k in tree.links]
+    return [nodes, sorted(ends)]
+
+
+def _node(node: bpy.types.Node) -> dict:
+    inputs = [(s.identifier, _value(s.default_value)) for s in [*node.inputs, *node.outputs] if hasattr(s, "default_value")]
+    inner = _tree(node.node_tree) if node.type == "GROUP" else []
+    return {"name": node.name, "kind": node.bl_idname, "inputs": inputs, "settings": _plain_properties(node), "inner": inner}
+
+
+def _plain_properties(thing: bpy.types.bpy_struct) -> dict:
+    """Numbers, texts, colour ramps and curves of an RNA struct."""
+    found = {}
+    for entry in thing.bl_rna.properties:
+        name = entry.identifier
+        if name in _NOT_LIGHT or name.startswith("bl_"):
+            continue
+        value = getattr(thing, name, None)
+        if entry.type == "POINTER":
+            value = _pointed(value)
+        elif entry.type == "COLLECTION" or (entry.is_readonly and entry.type != "POINTER"):
+            continue
+        if value is not None:
+            found[name] = _value(value)
+    return found
+
+
+def _pointed(value: object) -> object:
+    if isinstance(value, bpy.types.ColorRamp):
+        stops = [(e.position, tuple(e.color)) for e in value.elements]
+        return [value.interpolation, value.color_mode, value.hue_interpolation, stops]
+    if isinstance(value, bpy.types.CurveMapping):
+        return [[(tuple(p.location), p.handle_type) for p in curve.points] for curve in value.curves]
+    if isinstance(value, bpy.types.Image):
+        return value.name
+    return None
+
+
+def _value(value: object) -> object:
+    if isinstance(value, bool | int | float | str | list | tuple):
+        return value
+    return tuple(value) if hasattr(value, "__len__") else str(getattr(value, "name", ""))
+
+
+def _images(tree: bpy.types.NodeTree) -> set[bpy.types.Image]:
+    found = {node.image for node in tree.nodes if getattr(node, "image", None) is not None}
+    for node in tree.nodes:
+        if node.type == "GROUP" and node.node_tree:
+            found |= _images(node.node_tree)
+    return found
+
+
+def _image(image: bpy.types.Image) -> str:
+    """Name, colour space and content: the packed or referenced file, or the pixels of an image that only memory holds."""
+    file = Path(bpy.path.abspath(image.filepath, library=image.library)) if image.filepath else None
+    if image.packed_file is not None:
+        content = image.packed_file.data
+    elif image.source == "FILE" and file is not None and file.is_file() and not image.is_dirty:
+        content = file.read_bytes()
+    else:
+        pixels = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(pixels)
+        content = pixels.tobytes()
+    return _hash(image.name, image.colorspace_settings.name, image.alpha_mode, content)

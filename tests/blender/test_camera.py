@@ -1,0 +1,64 @@
+"""The keyed camera is the trajectory, and sees through K."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+
+from iclnuim.blender import camera, session  # noqa: E402
+from iclnuim.geometry import axes, so3  # noqa: E402
+from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
+from iclnuim.geometry.se3 import SE3  # noqa: E402
+
+CAMERAS = [
+    PinholeCamera(),
+    PinholeCamera(640, 480, 481.2, 480.0, 300.25, 260.5),
+    PinholeCamera(320, 480, 300.0, 410.0, 150.0, 250.0),
+    PinholeCamera(640, 200, 500.0, 350.0, 319.5, 99.5),
+]
+
+
+def random_poses(count, seed):
+    rng = np.random.default_rng(seed)
+    return SE3.exp(rng.normal(size=(count, 6)) * [2, 2, 2, 1.5, 1.5, 1.5])
+
+
+def test_the_keyed_camera_stands_where_the_poses_say():
+    session.reset()
+    T = random_poses(40, 1)
+    thing = camera.keyframe(T, PinholeCamera())
+    wanted = axes.world_blender_from_world_cv(T).matrix
+    for frame in range(40):
+        bpy.context.scene.frame_set(frame)
+        assert np.abs(np.array(thing.matrix_world) - wanted[frame]).max() < 2e-6
+
+
+def test_quaternion_keys_never_turn_the_long_way_round():
+    session.reset()
+    turning = SE3(so3.exp(np.linspace(0, 4 * np.pi, 90)[:, None] * [0.0, 0.0, 1.0]), np.zeros((90, 3)))
+    thing = camera.keyframe(turning, PinholeCamera())
+    before = None
+    for frame in np.arange(0, 89, 0.5):
+        bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
+        now = np.array(thing.matrix_world)[:3, :3]
+        if before is not None:
+            assert np.degrees(so3.angle(before.T @ now)) < 4.5
+        before = now
+
+
+@pytest.mark.parametrize("pinhole", CAMERAS)
+def test_blender_projects_points_to_the_pixels_of_k(pinhole):
+    from bpy_extras.object_utils import world_to_camera_view
+
+    session.reset()
+    T = random_poses(1, 2)
+    thing = camera.keyframe(T, pinhole)
+    bpy.context.scene.frame_set(0)
+    bpy.context.view_layer.update()
+    rng = np.random.default_rng(3)
+    pixels = rng.uniform((0, 0), (pinhole.width - 1, pinhole.height - 1), (50, 2))
+    rays = np.concatenate([(pixels - (pinhole.cx, pinhole.cy)) / (pinhole.fx, pinhole.fy), np.ones((50, 1))], -1)
+    points = T[0].apply(rays * rng.uniform(0.5, 5, (50, 1)))
+    for pixel, point in zip(pixels, points, strict=True):
+        x, y, _ = world_to_camera_view(bpy.context.scene, thing, __import__("mathutils").Vector(point))
+        assert np.hypot(x * pinhole.width - 0.5 - pixel[0], (1 - y) * pinhole.height - 0.5 - pixel[1]) < 2e-3

@@ -1,0 +1,254 @@
+"""The render command: exact depth, equal bytes however a frame is made, resume, stop, kill, and refusals in words."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from iclnuim.dataset.run_folder import read_run
+from iclnuim.formats.exr import read_exr
+from iclnuim.formats.trajectories import read_trajectory
+
+
+def frames(out):
+    return {p.name: p.read_bytes() for p in sorted((out / "exr").glob("[0-9]*.exr"))}
+
+
+@pytest.fixture(scope="module")
+def whole_run(render, tmp_path_factory):
+    out = tmp_path_factory.mktemp("whole") / "run"
+    done = render(out)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def analytic_depth(camera, T):
+    """Planar Z of the cornered room without its ramp: the nearer of floor and wall; NaN near the ramp."""
+    rays = camera.rays() @ T.rotation.T
+    x, y, z = T.translation
+    with np.errstate(divide="ignore"):
+        floor = np.where(rays[..., 2] < 0, -z / rays[..., 2], np.inf)
+        wall = np.where(rays[..., 1] > 0, (2 - y) / rays[..., 1], np.inf)
+    return np.minimum(floor, wall)
+
+
+def test_depth_is_planar_and_exact_to_a_tenth_of_a_millimetre(whole_run):
+    run = read_run(whole_run)
+    poses = read_trajectory(whole_run / "groundtruth.txt", "tum").trajectory.T_world_camera
+    for number in (0, 5, 11):
+        z, truth = read_exr(run.frame_file(number))["Z"], analytic_depth(run.camera, poses[number])
+        off = np.abs(z - truth)
+        nearer = z < truth - 1e-3  # the ramp stands before floor and wall
+        assert 0.002 < nearer.mean() < 0.3
+        assert np.quantile(off[~nearer], 0.995) < 1e-4
+        assert np.median(off[~nearer]) < 1e-5
+
+
+def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(render, whole_run, tmp_path):
+    for name, options in (("many", ("--samples", "16")), ("soft", ("--antialias",))):
+        out = tmp_path / name
+        assert render(out, "--frames", "3", *options).returncode == 0
+        a, b = read_exr(out / "exr/000003.exr"), read_exr(whole_run / "exr/000003.exr")
+        assert a["Z"].dtype == np.float32
+        assert np.array_equal(a["Z"], b["Z"])
+        assert not np.array_equal(a["R"], b["R"])
+
+
+def test_a_frame_is_the_same_bytes_alone_in_sequence_backwards_and_resumed(render, whole_run, tmp_path):
+    reference = frames(whole_run)
+    assert len(reference) == 12
+    out = tmp_path / "parts"
+    for part in ("7", "::-3", "0:5", "::"):
+        assert render(out, "--frames", part).returncode == 0
+    assert frames(out) == reference
+
+
+def test_a_second_start_renders_nothing_again(render, whole_run):
+    before = {p.name: p.stat().st_mtime_ns for p in (whole_run / "exr").iterdir()}
+    done = render(whole_run)
+    assert done.returncode == 0
+    assert "0 of 12 frames" in done.stderr
+    assert {p.name: p.stat().st_mtime_ns for p in (whole_run / "exr").iterdir()} == before
+
+
+def test_broken_and_foreign_frames_are_rendered_again(render, whole_run, tmp_path):
+    reference = frames(whole_run)
+    out = tmp_path / "damaged"
+    assert render(out).returncode == 0
+    (out / "exr/000002.exr").write_bytes(reference["000002.exr"][:-100])
+    (out / "exr/000004.exr").write_bytes(b"")
+    os.remove(out / "exr/000006.exr")
+    done = render(out)
+    assert "3 of 12 frames" in done.stderr
+    assert frames(out) == reference
+
+
+def test_the_run_folder_tells_camera_poses_and_recipe(whole_run, forward_path):
+    recipe = json.loads((whole_run / "sequence.json").read_text())
+    assert recipe["job"]["samples"] == 2 and recipe["job"]["seed"] == 0 and recipe["schema_version"] == 1
+    assert json.loads((whole_run / "camera.json").read_text()) == recipe["job"]["camera"]
+    ours = read_trajectory(whole_run / "groundtruth.txt", "tum").trajectory
+    theirs = read_trajectory(forward_path, "tum").trajectory
+    assert np.abs(ours.positions_m - theirs.positions_m).max() < 1e-8
+    assert sorted(p.name for p in whole_run.iterdir()) == ["camera.json", "exr", "groundtruth.txt", "sequence.json"]
+
+
+def test_background_is_zero(render, tmp_path, forward_path):
+    """Looking up from the cornered room, where there is nothing."""
+    text = [line for line in forward_path.read_text().splitlines() if not line.startswith("#")][:1]
+    stamp, x, y, z, *_ = text[0].split()
+    up = tmp_path / "up.txt"
+    up.write_text(f"{stamp} {x} {y} {z} 0 0 0 1\n{float(stamp) + 1} {x} {y} {z} 0 0 0 1\n")
+    assert render(tmp_path / "run", "--frames", "0", trajectory=up).returncode == 0
+    assert (read_exr(tmp_path / "run/exr/000000.exr")["Z"] == 0).all()
+
+
+def start(render, out):
+    return subprocess.Popen(render.command(out, "--samples", "64", "--camera", "160x120"), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+
+
+def wait_for_frames(out, count, process, seconds=120):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until and process.poll() is None:
+        if len(list((out / "exr").glob("[0-9]*.exr"))) >= count:
+            return
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_after_the_frame_in_work_and_leaves_all_valid(render, tmp_path, number):
+    out = tmp_path / "run"
+    process = start(render, out)
+    wait_for_frames(out, 2, process)
+    process.send_signal(number)
+    assert process.wait(60) == 130
+    run = read_run(out)
+    numbers = run.frame_numbers()
+    assert 2 <= len(numbers) < 12
+    assert run.missing(range(numbers[-1] + 1)) == []
+    assert not list(out.glob(".work*"))
+
+
+def killed_and_resumed(render, out, kills, seed):
+    """Kill -9 at random moments until done; every frame's modification time is taken as soon as it is seen."""
+    rng = np.random.default_rng(seed)
+    first_seen = {}
+    for _ in range(kills):
+        process = start(render, out)
+        at_least = len(list((out / "exr").glob("[0-9]*.exr"))) if out.exists() else 0
+        wait_for_frames(out, min(at_least + int(rng.integers(0, 2)), 11), process)
+        time.sleep(rng.uniform(0, 0.3))
+        process.kill()
+        process.wait()
+        for path in (out / "exr").glob("[0-9]*.exr"):
+            first_seen.setdefault(path.name, path.stat().st_mtime_ns)
+    last = subprocess.run(render.command(out, "--samples", "64", "--camera", "160x120"), capture_output=True, text=True)
+    assert last.returncode == 0, last.stderr
+    return first_seen
+
+
+def check_kills(render, tmp_path, kills):
+    out, undisturbed = tmp_path / "killed", tmp_path / "undisturbed"
+    first_seen = killed_and_resumed(render, out, kills, seed=5)
+    assert render(undisturbed, "--samples", "64", "--camera", "160x120").returncode == 0
+    assert frames(out) == frames(undisturbed)
+    again = [name for name, when in first_seen.items() if (out / "exr" / name).stat().st_mtime_ns != when]
+    assert again == []
+    assert sorted(p.name for p in out.iterdir()) == ["camera.json", "exr", "groundtruth.txt", "sequence.json"]
+    assert not list((out / "exr").glob(".*"))
+
+
+def test_killed_three_times_and_started_again_no_frame_is_lost_or_made_twice(render, tmp_path):
+    check_kills(render, tmp_path, 3)
+
+
+@pytest.mark.slow
+def test_killed_twenty_times_and_started_again_no_frame_is_lost_or_made_twice(render, tmp_path):
+    check_kills(render, tmp_path, 20)
+
+
+REFUSALS = {
+    "another recipe": (("--samples", "3"), "samples 2 there, 3 asked"),
+    "no such sequence": (("kt9",), "living_room/kt0"),
+    "no such frame": (("--frames", "50:60"), "0..11"),
+    "a broken slice": (("--frames", "1:2:0"), "A:B:S"),
+    "a camera of nothing": (("--camera", "0x0"), "camera"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_refusals_are_one_line_and_exit_code_2(render, whole_run, case):
+    options, words = REFUSALS[case]
+    done = render(whole_run, *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_scene_files_that_cannot_be_opened_are_refused(render, tmp_path):
+    broken = tmp_path / "broken.blend"
+    broken.write_bytes(b"BLENDER-v405 and no more")
+    for scene, words in ((broken, "broken.blend"), (tmp_path / "absent.glb", "nothing of that name"), (tmp_path / "room.xyz", ".blend")):
+        done = render(tmp_path / "out", scene=scene)
+        assert done.returncode == 2, done.stderr
+        assert words in done.stderr and "Traceback" not in done.stderr
+
+
+def test_an_output_that_is_a_file_or_holds_other_files_is_refused(render, tmp_path):
+    taken = tmp_path / "taken"
+    taken.write_text("mine")
+    assert render(taken).returncode == 2
+    assert taken.read_text() == "mine"
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (folder / "holiday.jpg").write_bytes(b"mine")
+    done = render(folder)
+    assert done.returncode == 2 and "other files" in done.stderr
+    assert [p.name for p in folder.iterdir()] == ["holiday.jpg"]
+
+
+def test_a_disk_too_small_is_said_before_rendering(whole_run, monkeypatch):
+    import shutil
+    from collections import namedtuple
+
+    from iclnuim.errors import WorkError
+
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 1000))
+    with pytest.raises(WorkError, match=r"12 frames need up to .* GB"):
+        read_run(whole_run).check_space(12)
+
+
+def test_an_error_inside_never_ends_with_zero(tmp_path, repository):
+    """The script in a Python where the worker breaks in an unforeseen way."""
+    program = (
+        "import runpy, sys; sys.argv = ['render.py', 'kt2', '--light', 'nonsense-\\0']\n"
+        f"runpy.run_path({str(repository / 'headless/render.py')!r}, run_name='__main__')"
+    )
+    done = subprocess.run(["python3", "-c", program], capture_output=True, text=True)
+    assert done.returncode == 2
+
+
+def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_ones(whole_run, tmp_path):
+    pytest.importorskip("open3d")
+    import shutil
+    import sys
+
+    from iclnuim.formats.exr import write_exr
+
+    run = [sys.executable, "-m", "iclnuim_bench", "check-depth", "--json"]
+    good = subprocess.run([*run, str(whole_run)], capture_output=True, text=True)
+    assert good.returncode == 0, good.stderr
+    figures = json.loads(good.stdout)
+    assert figures["within_01mm_share"] > 0.999 and figures["median_m"] < 1e-5 and figures["edge_share"] < 0.05
+    shifted = tmp_path / "shifted"
+    shutil.copytree(whole_run, shifted)
+    for file in (shifted / "exr").iterdir():
+        channels = read_exr(file)
+        channels["Z"] = np.roll(channels["Z"], 1, axis=1)
+        write_exr(file, channels)
+    assert subprocess.run([*run, str(shifted)], capture_output=True, text=True).returncode == 3
