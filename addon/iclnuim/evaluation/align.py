@@ -144,7 +144,7 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
     a, b = (up + 1) % 3, (up + 2) % 3
     flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
     for name, extents_m in (("reference", principal_extents(flat_y)), ("estimate", principal_extents(flat_x))):
-        if extents_m[0] < LEAST_EXTENT_M:
+        if extents_m[0] <= LEAST_EXTENT_M:
             expected = f"a {name} path that fixes a yaw alignment, moving across the {'xyz'[up]} axis"
             raise InputError(expected, found=f"an extent of {1000 * extents_m[0]:.3g} mm", hint="--align origin")
     mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
@@ -158,18 +158,21 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
 
 def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str) -> None:
     """Both paths need extents in two directions; the third may be missing (a path in a plane)."""
-    name = {"se3": "SE(3)", "sim3": "Sim(3)"}[method]
-    for what, extents_m in (("reference", reference_m), ("estimate", estimate_m)):
+    # under Sim(3) the estimate's unit of length is open, so only its shape counts
+    least_estimate_m = LEAST_EXTENT_M if method == "se3" else 0.0
+    paths = (("reference", reference_m, LEAST_EXTENT_M), ("estimate", estimate_m, least_estimate_m))
+    for what, extents_m, least_m in paths:
         if used < 3:
             how, hint = f"{used} pose{'s' * (used > 1)} where 3 are needed", "--align origin, or more poses"
-        elif extents_m[0] < LEAST_EXTENT_M:
+        elif extents_m[0] <= least_m:
             how, hint = "one still: every turn is open", "--align origin"
-        elif extents_m[1] < max(LEAST_EXTENT_M, LEAST_EXTENT_SHARE * extents_m[0]):
+        elif extents_m[1] <= max(least_m, LEAST_EXTENT_SHARE * extents_m[0]):
             how, hint = "one straight: the turn about it is open", "--align yaw if it is not upright, or --align origin"
         else:
             continue
         sizes = ", ".join(f"{1000 * e:.3g}" for e in extents_m)
-        raise InputError(f"a {what} path that fixes {name}", found=f"{how} (extents {sizes} mm)", hint=hint)
+        expected = f"a {what} path that fixes {'SE(3)' if method == 'se3' else 'Sim(3)'}"
+        raise InputError(expected, found=f"{how} (extents {sizes} mm)", hint=hint)
 
 
 def _residual_rms_m(reference_m: np.ndarray, estimate_m: np.ndarray, reflect: bool) -> float:

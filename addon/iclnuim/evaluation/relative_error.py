@@ -34,9 +34,10 @@ class RelativeErrorSettings:
 class RelativeError:
     """Errors of m stretches, from pair start (m,) to pair end (m,): translation_error_m (m,), rotation_error_rad (m,).
 
-    stamps_s (n,) are the reference's of all n pairs.
+    reference (n,) are the paired poses and stamps_s (n,) the stamps of the ground truth.
     """
 
+    reference: SE3
     start: np.ndarray
     end: np.ndarray
     stamps_s: np.ndarray
@@ -76,7 +77,9 @@ def relative_error_of_pairs(
     start, end = stretches(pairs.stamps_s, path.translation, settings)
     translation_m, rotation_rad = _errors(pairs.reference, estimate, start, end)
     mirror = check_mirror(reference_m, estimate_m)
-    return RelativeError(start, end, pairs.stamps_s, pairs.association, scale, mirror, translation_m, rotation_rad)
+    return RelativeError(
+        pairs.reference, start, end, pairs.stamps_s, pairs.association, scale, mirror, translation_m, rotation_rad
+    )
 
 
 def _errors(reference: SE3, estimate: SE3, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

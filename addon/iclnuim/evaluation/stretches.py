@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,14 @@ class StretchSettings:
         if self.measured_on not in MEASURED_ON:
             raise InputError(f"stretches measured on {' or '.join(MEASURED_ON)}", found=self.measured_on)
 
+    @classmethod
+    def parse_delta(cls, text: str) -> tuple[float, str]:
+        """`10` (frames), `0.5s` or `1m` -> number and unit."""
+        match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(m|s|)\s*", text)
+        if match is None:
+            raise InputError("a delta as 10 (frames), 0.5s (seconds) or 1m (metres)", found=text)
+        return float(match[1]), {"": "frames", "s": "seconds", "m": "metres"}[match[2]]
+
 
 def stretches(
     stamps_s: np.ndarray, positions_m: np.ndarray, settings: StretchSettings
@@ -68,7 +77,7 @@ def _by_index(count: int, delta: int, all_pairs: bool) -> tuple[np.ndarray, np.n
 
 
 def _by_measure(measure: np.ndarray, settings: StretchSettings) -> tuple[np.ndarray, np.ndarray]:
-    """From every pose the later one whose measure is closest to its own + delta (ties: the earlier), if within tolerance.
+    """From every pose the later one whose measure is closest to its own + delta (ties: the earlier), within tolerance.
 
     measure (n,) never falls.
     """
