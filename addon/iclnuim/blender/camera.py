@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import mathutils
 import numpy as np
@@ -14,9 +12,6 @@ from ..geometry.se3 import SE3
 from . import compat
 
 NAME = "ICL-NUIM camera"
-#: Cycles' first ray of a pixel, which Z comes from, passes this far right of and above the centre (measured at four sizes, all
-#: filters of box shape, 4.3 to 5.2: half a step of its filter table). The principal point moves along, so that Z is the centre's.
-CYCLES_OFFSET_PX = 1 / 2048
 
 
 def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
@@ -30,8 +25,7 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     scene.camera = thing
     for marker in scene.timeline_markers:
         marker.camera = None
-    seen = replace(camera, cx=camera.cx + CYCLES_OFFSET_PX, cy=camera.cy - CYCLES_OFFSET_PX)
-    set_intrinsics(scene, thing.data, blender_from_pinhole(seen))
+    set_intrinsics(scene, thing.data, blender_from_pinhole(camera))
     thing.rotation_mode = "QUATERNION"
     _set_keys(thing, *_locations_and_quaternions(T_world_cv))
     scene.frame_start, scene.frame_end = 0, len(T_world_cv) - 1

@@ -27,11 +27,12 @@ def render(number: int, raw_file: Path) -> None:
         raise WorkError(f"frame {number}: Blender ended with {result} and wrote no frame")
 
 
-def read(raw_file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w, 3) scene-linear RGB and (h, w) planar Z in metres, 0 for background, from Blender's own EXR."""
+def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(h, w, 3) scene-linear RGB from the one and (h, w) planar Z in metres, 0 for background, from the other (often the same)."""
     channels = exr.read_exr(raw_file)
+    with_depth = channels if raw_depth_file == raw_file else exr.read_exr(raw_depth_file)
     rgb = np.stack([_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
-    depth_z_m = _ending(channels, "Depth.Z")
+    depth_z_m = _ending(with_depth, "Depth.Z")
     return rgb, np.where(depth_z_m < _BACKGROUND, depth_z_m, 0.0).astype(np.float32)
 
 

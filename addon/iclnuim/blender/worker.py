@@ -90,16 +90,16 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
 def _loop(run: RunFolder, missing: list[int], work: Path, emit: Emit, should_stop: Callable[[], bool]) -> bool:
     """Render, and close each frame while Cycles is at the next: at most one frame is open besides the one in work."""
     started, rendered, closing = time.perf_counter(), 0, None
+    antialias = run.recipe["job"]["antialias"]
     with ThreadPoolExecutor(1) as closer:
         for number in missing:
             if should_stop():
                 break
             begun = time.perf_counter()
-            raw = work / f"{number % 2}.exr"
-            frames.render(number, raw)
+            raw, raw_depth = _render(number, work, antialias)
             seconds = time.perf_counter() - begun
             _finish(closing, emit)
-            closing = closer.submit(_close, run, number, raw, seconds)
+            closing = closer.submit(_close, run, number, raw, raw_depth, seconds)
             rendered += 1
         _finish(closing, emit)
     seconds = time.perf_counter() - started
@@ -107,10 +107,21 @@ def _loop(run: RunFolder, missing: list[int], work: Path, emit: Emit, should_sto
     return rendered == len(missing)
 
 
-def _close(run: RunFolder, number: int, raw: Path, cycles_seconds: float) -> dict:
+def _render(number: int, work: Path, antialias: bool) -> tuple[Path, Path]:
+    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; names alternate while one is being closed."""
+    raw = raw_depth = work / f"{number % 2}.exr"
+    frames.render(number, raw)
+    if antialias:
+        raw_depth = work / f"{number % 2}-depth.exr"
+        with settings.depth_only():
+            frames.render(number, raw_depth)
+    return raw, raw_depth
+
+
+def _close(run: RunFolder, number: int, raw: Path, raw_depth: Path, cycles_seconds: float) -> dict:
     """Blender's raw frame -> the finished file; returns its event."""
     begun = time.perf_counter()
-    run.write_frame(number, *frames.read(raw))
+    run.write_frame(number, *frames.read(raw, raw_depth))
     return {"event": "frame", "frame": number, "cycles": cycles_seconds, "close": time.perf_counter() - begun}
 
 
