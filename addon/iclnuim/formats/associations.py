@@ -1,6 +1,6 @@
 """Lists of images: `associations.txt` both ways round, told apart by content, and `rgb.txt` / `depth.txt`.
 
-TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...`, depth first, frame numbers.
+TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers.
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ class Associations:
 
 
 def read_associations(path: str | os.PathLike[str], rate_hz: float = FRAME_RATE_HZ) -> Associations:
-    """Either order; which column holds the depth is read off the paths. Whole numbers in ICL-NUIM's order are id / rate.
-
-    Raises InputError naming file and line.
+    """Either order; which column holds the depth is read off the paths. Whole numbers in ICL-NUIM's order are
+    frame numbers, stamp = id / rate. Raises InputError naming file and line.
     """
     rows = _rows(path, 4, PAIRS)
     depth_first = _depth_first(path, rows)

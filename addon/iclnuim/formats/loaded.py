@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from .files import read_text
+from .table import data_lines
 
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
@@ -84,9 +85,8 @@ class Source:
 
     @cached_property
     def first_lines(self) -> list[str]:
-        """The first two lines that are neither blank nor comments; fewer where there are none."""
-        lines = self.text[self._first_data : self._first_data + 10_000].splitlines()
-        return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")][:2]
+        """The first two lines of data, without comments; fewer where there are none."""
+        return [line for _, line in data_lines(self.text[self._first_data : self._first_data + 10_000])][:2]
 
     @property
     def columns(self) -> int:

@@ -1,4 +1,4 @@
-"""The original's raw `.depth` frames: text, one distance along the ray for each pixel, row by row; turned into planar Z."""
+"""The original's raw `.depth` frames, text: each pixel's distance along the ray, row by row; turned into planar Z."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOTHING_BEYOND_M = 1e4
 
 
 def read_ray_depth(path: str | os.PathLike[str], camera: PinholeCamera, unit_m: float = 1.0) -> np.ndarray:
-    """(height, width) planar depth in metres, 0 where nothing was hit; unit_m = 0.01 for the office's centimetres.
+    """(height, width) planar depth in metres, 0 where nothing was hit; unit_m = 0.01 for centimetres.
 
     Z = d / sqrt(((u-cx)/fx)^2 + ((v-cy)/fy)^2 + 1). Raises InputError where there are not width x height distances >= 0.
     """
