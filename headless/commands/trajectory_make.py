@@ -24,7 +24,7 @@ def configure(actions: argparse._SubParsersAction) -> None:
     """Add the action `make` below `iclnuim trajectory`."""
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
     parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run)
-    parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; else all eight")
+    parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of beside the recipe")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 3 where the file is not what is made")
 

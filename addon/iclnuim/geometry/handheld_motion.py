@@ -79,17 +79,13 @@ def band_noise(
     A sum of cosines at the series' own frequencies k / duration with random phases, so that the RMS is exact. Raises
     InputError where the band holds no such frequency.
     """
-    k = np.arange(1, (count + 1) // 2)
-    frequencies_hz = k * rate_hz / count
-    inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz)
-    k, frequencies_hz = k[inside], frequencies_hz[inside]
-    if not len(k):
+    frequencies_hz = np.arange(count // 2 + 1) * rate_hz / count
+    inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz) & (frequencies_hz < rate_hz / 2)
+    if not inside.any():
         raise InputError(f"a band that {count} frames can hold", found=f"{low_hz:g}..{high_hz:g} Hz")
-    amplitudes = frequencies_hz ** (-slope / 2)
+    amplitudes = (frequencies_hz[inside] / low_hz) ** (-slope / 2)
     amplitudes *= np.sqrt(2.0 / (amplitudes * amplitudes).sum())
-    cycles = k * np.arange(count)[:, None] % count / count
-    noise = np.zeros((count, channels))
-    for channel in range(channels):
-        phases = rng.random(len(k))
-        noise[:, channel] = (amplitudes * np.cos(2.0 * np.pi * (cycles + phases))).sum(axis=1)
-    return noise
+    spectrum = np.zeros((channels, len(inside)), complex)
+    phases = 2.0 * np.pi * rng.random((channels, len(amplitudes)))
+    spectrum[:, inside] = amplitudes * (np.cos(phases) + 1j * np.sin(phases)) * (count / 2)
+    return np.fft.irfft(spectrum, count).T
