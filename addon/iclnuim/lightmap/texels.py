@@ -1,0 +1,107 @@
+"""The point of a surface behind each texel of a light map.
+
+Texels that hold part of a chart lie inside it; the ones that interpolation reaches beyond its rim take the rim's nearest point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .surfaces import Surfaces
+
+#: Points on a rim move inwards by this much of a texel, so that they do not lie in the surface that meets them there.
+_INWARDS = 0.1
+_PAIRS_AT_ONCE = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """index (N,) = row * size + column, rising; triangle (N,) and weights (N, 3) say which point of the surfaces; chart (N,)."""
+
+    size: int
+    index: np.ndarray
+    triangle: np.ndarray
+    weights: np.ndarray
+    chart: np.ndarray
+
+    def points(self, surfaces: Surfaces) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) points in metres and (N, 3) unit shading normals."""
+        corners = surfaces.triangles[self.triangle]
+        points = np.einsum("nk,nkj->nj", self.weights, surfaces.corners_m[corners])
+        normals = np.einsum("nk,nkj->nj", self.weights, surfaces.normals[corners])
+        return points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+    def image(self, values: np.ndarray, empty: float = 0.0) -> np.ndarray:
+        """(size, size, ...) with values (N, ...) in their texels."""
+        image = np.full((self.size * self.size, *values.shape[1:]), empty, values.dtype)
+        image[self.index] = values
+        return image.reshape(self.size, self.size, *values.shape[1:])
+
+
+def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size: int) -> Texels:
+    """All texels that interpolation between texel centres can reach. chart (F,), corners_map (C, 2) in texels."""
+    triangles = corners_map[surfaces.triangles] - 0.5
+    low = np.clip(np.floor(triangles.min(1)).astype(int), 0, size - 1)
+    high = np.clip(np.floor(triangles.max(1)).astype(int) + 1, 0, size - 1)
+    counts = (high - low + 1).prod(1)
+    found = [_nearest(triangles, rows, low, high, size) for rows in _batches(counts)]
+    index, triangle, weights, distance = (np.concatenate([f[k] for f in found]) for k in range(4))
+    owner = chart[surfaces.triangle_face[triangle]]
+    order = np.lexsort((distance, index))
+    first = order[np.flatnonzero(np.diff(index[order], prepend=-1))]
+    return Texels(size, index[first], triangle[first], weights[first], owner[first])
+
+
+def _batches(counts: np.ndarray) -> list[np.ndarray]:
+    """Row numbers in groups whose counts sum to what fits in memory."""
+    group = np.cumsum(counts) // _PAIRS_AT_ONCE
+    return np.split(np.arange(len(counts)), np.flatnonzero(np.diff(group)) + 1)
+
+
+def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
+    """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, distance in texels."""
+    span = high[rows] - low[rows] + 1
+    counts = span.prod(1)
+    triangle = np.repeat(rows, counts)
+    k = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    width = np.repeat(span[:, 0], counts)
+    column, row = low[triangle, 0] + k % width, low[triangle, 1] + k // width
+    weights = _closest(triangles[triangle], np.stack([column, row], -1).astype(float))
+    offset = np.abs(np.einsum("nk,nkj->nj", weights, triangles[triangle]) - np.stack([column, row], -1))
+    near = offset.max(1) < 1.0
+    weights, distance = weights[near], np.hypot(*offset[near].T)
+    weights = _inwards(weights, triangles[triangle[near]])
+    return row[near] * size + column[near], triangle[near], weights, distance
+
+
+def _closest(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Barycentric weights (n, 3) of the point of triangle corners (n, 3, 2) nearest to p (n, 2)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area = _cross(b - a, c - a)
+    safe = np.where(np.abs(area) > 1e-12, area, np.inf)
+    inside = np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], -1) / safe[:, None]
+    best, least = inside, np.where((inside >= 0).all(1) & np.isfinite(safe), 0.0, np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        start, edge = corners[:, i], corners[:, j] - corners[:, i]
+        t = np.clip(((p - start) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-12), 0, 1)
+        distance = ((start + t[:, None] * edge - p) ** 2).sum(1)
+        on_edge = np.zeros_like(inside)
+        on_edge[:, i], on_edge[:, j] = 1 - t, t
+        best = np.where((distance < least)[:, None], on_edge, best)
+        least = np.minimum(distance, least)
+    return best
+
+
+def _inwards(weights: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Points within a tenth of a texel of the triangle's rim, moved to that distance from it (at most to its centre)."""
+    edges = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)
+    height = np.abs(_cross(edges[:, 0], edges[:, 1]))[:, None] / np.maximum(np.linalg.norm(edges, axis=2), 1e-9)
+    least = np.minimum(_INWARDS / np.maximum(height, 1e-9), 1 / 3)
+    weights = np.maximum(weights, least)
+    return weights / weights.sum(1, keepdims=True)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
