@@ -23,7 +23,7 @@ class RayRoom:
         return np.array([f[3] for f in found]), [self.names[self.owners[f[2]]] for f in found]
 
     def cast(self, T_world_camera, camera: PinholeCamera):
-        """Planar depth (n,) in metres, normals (n, 3) and points (n, 3) in the world, owner (n,); depth 0 where nothing is hit."""
+        """Planar depth (n,) (0: nothing hit), normals and points (n, 3) in the world, owner (n,) (-1: nothing hit)."""
         directions = camera.rays().reshape(-1, 3) @ T_world_camera.rotation.T
         origin = T_world_camera.translation.tolist()
         hits = [self.tree.ray_cast(origin, d) for d in directions.tolist()]
