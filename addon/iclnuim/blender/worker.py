@@ -29,7 +29,7 @@ from ..formats.files import read_bytes, sha256
 from ..formats.trajectories import read_trajectory
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
-from . import camera, compat, frames, preflight, scene, session, settings
+from . import bake, camera, compat, frames, lambertian, light_map, preflight, scene, session, settings
 
 Emit = Callable[[dict], None]
 
@@ -81,9 +81,19 @@ def recipe(job: RenderJob) -> dict:
 
 def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
     """Open the scene, light it, key the camera, fix every setting."""
-    for text in [*scene.open_scene(job.scene), *preflight.findings(job.light == "baked")]:
+
+    def note(text: str) -> None:
         emit({"event": "note", "text": text})
+
+    for text in [*scene.open_scene(job.scene), *preflight.findings(job.light == "baked")]:
+        note(text)
+    if job.lambertian:
+        lambertian.apply()
     settings.apply(job)
+    if job.light == "baked":
+        map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
+        bake.apply(bake.prepare({}, map_settings, light_map.cache_folder(), note))
+        bake.apply_render_settings(bpy.context.scene)
     camera.keyframe(trajectory.T_world_camera, job.camera)
 
 
