@@ -2,10 +2,11 @@
 
 A person walks a smooth path through the viewpoints, looks where each says, slows and rests, and the hands shake. The
 shake is the sum of bands of random motion whose power falls with frequency: sway of the body (some 0.25..1 Hz) and
-tremor of the hands (some 1..12 Hz). That form, and tremor reaching up to about 12 Hz, follow F. Gavant, L. Alacoque,
-A. Dupret, D. David, "A physiological camera shake model for image stabilization systems", IEEE Sensors 2011. Amounts
-and slopes were measured on the official living-room kt0 and kt2: in 1..12 Hz some 3 to 5 mm and 0.3 to 0.45 degrees RMS
-over the three axes together, power falling as f^-2.3 in position and f^-3 in rotation.
+tremor of the hands (some 1..12 Hz; physiological tremor reaches up to about 12 Hz). For camera shake modelled on tremor
+see F. Gavant, L. Alacoque, A. Dupret, D. David, "A physiological camera shake model for image stabilization systems",
+IEEE Sensors 2011. Amounts and slopes follow what was measured on the official living-room kt0 and kt2: in 1..12 Hz some
+3 to 5 mm and 0.3 to 0.45 degrees RMS over the three axes together, power falling as f^-2.3 in position and f^-3 in
+rotation.
 """
 
 from __future__ import annotations
