@@ -34,6 +34,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--denoise", action=argparse.BooleanOptionalAction, help="OpenImageDenoise; default: for path tracing")
     parser.add_argument("--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes")
     parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
+    parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
+    parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 64")
     parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
     parser.add_argument("--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender")
     common(parser, "iclnuim render kt2 --quick", json=False)
@@ -58,7 +60,7 @@ def job_from(args: argparse.Namespace) -> jobs.RenderJob:
         job = jobs.read_recipe(args.sequence) if args.sequence.endswith(".json") else jobs.shipped_job(args.sequence)
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     files = {name: _absolute(getattr(args, name)) for name in ("scene", "trajectory")}
-    plain = {name: getattr(args, name) for name in ("light", "samples", "denoise", "antialias", "lambertian", "seed")}
+    plain = {name: getattr(args, name) for name in ("light", "samples", "denoise", "antialias", "lambertian", "map_size", "map_samples", "seed")}
     return job.changed(camera=camera, **files, **plain)
 
 

@@ -66,11 +66,13 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
 
 
 def _own_materials(mesh: bpy.types.Mesh, thing: bpy.types.Object) -> None:
-    """Materials may hang on the object instead of its data: put what is shown into the mesh."""
-    shown = [slot.material and slot.material.original for slot in thing.material_slots]
-    mesh.materials.clear()
-    for material in shown:
-        mesh.materials.append(material)
+    """Materials may hang on the object instead of its data: put what is shown into the mesh. Clearing would reset the faces' indices."""
+    for number, slot in enumerate(thing.material_slots):
+        material = slot.material and slot.material.original
+        if number < len(mesh.materials):
+            mesh.materials[number] = material
+        else:
+            mesh.materials.append(material)
 
 
 def surfaces(found: list[Part]) -> Surfaces:
