@@ -105,23 +105,22 @@ def television(width: float, detail: float) -> Mesh:
     return join([body, hump, screen, *[f.painted(2) for f in feet]])
 
 
-def foot_lamp(shade: tuple[float, float, float], detail: float) -> tuple[Mesh, Mesh]:
-    """Foot lamp and its shade (radius, low z, high z): stand (slots 0 steel, 1 bulb, 2 cord) and the cloth drum (slots 0 cloth, 1 rim)."""
+def foot_lamp(shade: tuple[float, float, float], detail: float) -> tuple[Mesh, Mesh, Mesh]:
+    """Foot lamp and its shade (radius, low z, high z): stand of steel, cloth drum (slots 0 cloth, 1 rim), bulb."""
     n = steps(48, detail, 12)
     radius, low, high = shade
+    socket = (low + high) / 2 - 0.05
     foot = lathe([(0.168, 0.0005), (0.170, 0.003), (0.170, 0.043), (0.167, 0.048), (0.161, 0.0495), (0.05, 0.0495), (0.022, 0.051), (0.018, 0.058), (0.0165, 0.064)], n)
-    pole = lathe([(0.0165, 0.060), (0.0165, high - 0.12), (0.020, high - 0.119), (0.020, high - 0.075), (0.0, high - 0.075)], steps(20, detail, 8))
-    bulb = lathe([(0.012, -0.058), (0.014, -0.045), (0.026, -0.020), (0.030, 0.0), (0.026, 0.018), (0.013, 0.029), (0.0, 0.031)], steps(16, detail, 8))
-    arms = [tube([[0.018 * c, 0.018 * s, high - 0.10], [radius * 0.5 * c, radius * 0.5 * s, high - 0.03], [(radius - 0.001) * c, (radius - 0.001) * s, high - 0.006]], 0.0022, 5)
+    pole = lathe([(0.0165, 0.060), (0.0165, socket - 0.045), (0.020, socket - 0.044), (0.020, socket), (0.0, socket)], steps(20, detail, 8))
+    bulb = lathe([(0.012, 0.001), (0.013, 0.012), (0.024, 0.034), (0.028, 0.052), (0.024, 0.069), (0.012, 0.079), (0.0, 0.081)], steps(16, detail, 8))
+    arms = [tube([[0.018 * c, 0.018 * s, socket - 0.02], [radius * 0.6 * c, radius * 0.6 * s, socket - 0.03], [(radius - 0.001) * c, (radius - 0.001) * s, low + 0.006]], 0.0022, 5)
             for c, s in [(np.cos(a), np.sin(a)) for a in np.radians([30, 150, 270])]]
     drum = lathe([(radius, low), (radius, (2 * low + high) / 3), (radius, (low + 2 * high) / 3), (radius, high)], n)
     drum = Mesh(drum.verts, drum.faces, drum.uv * np.array([4.0, 0.8]), drum.material)
-    rims = []
-    for z, s in ((low, 1), (high, -1)):
-        ring = np.stack([radius * np.cos(t := np.linspace(0, 2 * np.pi, n + 1)), radius * np.sin(t), 0 * t + z + s * 0.002], 1)
-        rims.append(tube(ring, 0.0032, 6, closed_ends=False).painted(1))
-    stand = join([foot, pole, *arms, bulb.moved(z=high - 0.015 - 0.0).painted(1)])
-    return stand, join([drum, *rims])
+    turn = np.linspace(0, 2 * np.pi, n + 1)
+    rings = [np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn + z], 1) for z in (low + 0.002, high - 0.002)]
+    rims = [tube(ring, 0.0032, 6, closed_ends=False).painted(1) for ring in rings]
+    return join([foot, pole, *arms]), join([drum, *rims]), bulb.moved(z=socket)
 
 
 def vase(detail: float) -> Mesh:
@@ -137,8 +136,8 @@ def twigs(rng: np.random.Generator, detail: float) -> Mesh:
     bud = lathe([(0, -0.006), (0.004, -0.003), (0.0055, 0.002), (0.003, 0.008), (0, 0.010)], 6).painted(1)
     for k in range(7):
         a = 2 * np.pi * (k + 0.5 * rng.random()) / 7
-        lean = rng.uniform(0.06, 0.17)
-        tip = np.array([lean * np.cos(a), lean * np.sin(a), rng.uniform(0.48, 0.68)])
+        lean = rng.uniform(0.06, 0.15)
+        tip = np.array([lean * np.cos(a), lean * np.sin(a), rng.uniform(0.40, 0.52)])
         path = smooth_profile([(0.02 * np.cos(a + 2), 0.02 * np.sin(a + 2), 0.05), (0.02 * np.cos(a), 0.02 * np.sin(a), 0.26),
                                tip * [0.6, 0.6, 0.75] + rng.normal(0, 0.012, 3), tip], steps(10, detail, 5))
         parts.append(tube(path, np.linspace(0.0032, 0.0014, len(path)), 5))

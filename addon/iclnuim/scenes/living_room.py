@@ -31,7 +31,7 @@ LAMPS = {"corner": (-2.09, 1.51), "window": (2.03, -2.61)}
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
     """Fill the current, emptied Blender scene. The same seed and detail give the same bytes of geometry."""
-    stage = Stage(palette(seed, detail))
+    stage = Stage(seed, palette(seed, detail))
     for part, fill in enumerate((_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 11, part])), detail)
     _light(seed, detail)
@@ -84,7 +84,7 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     art = picture(1.36, 1.02, 0.055).turned("z", -90)
     stage.add("picture_coast", "picture", art.moved(X1 - 0.002, -0.785, 1.695), "frame wood", "mat", "coast")
     for k, (x, y) in enumerate(SPOTS, 1):
-        stage.add(f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "steel", "lens")
+        stage.add(f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens")
     frame, panes = window(*WINDOW, detail)
     stage.add("window_frame", "window", frame.moved(0, Y0 - 0.025, 0), "white paint", "steel")
     stage.add("window_pane", "window", panes.moved(0, Y0 - 0.025, 0), "glass")
@@ -95,13 +95,13 @@ def _seating(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     second = sofa(rng, detail).turned("z", -90).moved(1.44, -0.7825, Z0)
     stage.add("sofa_side", "sofa", second, "sofa", "dark metal")
     seat = 0.640
-    red = pillow(rng, 0.44, 0.17, detail).turned("x", -17).turned("z", 27 - 3).moved(-0.62, 1.405, seat)
-    stage.add("pillow_crimson", "pillow", red.turned("z", 0), "crimson")
-    blue = pillow(rng, 0.43, 0.16, detail).turned("x", -20).turned("z", -6).moved(-0.235, 1.475, seat)
+    red = pillow(rng, 0.44, 0.21, detail).turned("x", -17).turned("z", 21).moved(-0.615, 1.41, seat)
+    stage.add("pillow_crimson", "pillow", red, "crimson")
+    blue = pillow(rng, 0.43, 0.20, detail).turned("x", -19).turned("z", -5).moved(-0.265, 1.492, seat)
     stage.add("pillow_blue", "pillow", blue, "blue")
-    side = pillow(rng, 0.43, 0.17, detail).turned("x", -24).turned("z", -14).moved(1.76, -0.035, seat)
+    side = pillow(rng, 0.43, 0.20, detail).turned("x", -24).turned("z", -14).moved(1.76, -0.035, seat)
     stage.add("pillow_ochre", "pillow", side, "ochre")
-    back = pillow(rng, 0.45, 0.16, detail).turned("x", -17).turned("z", -84).moved(2.02, -1.33, seat)
+    back = pillow(rng, 0.45, 0.20, detail).turned("x", -17).turned("z", -84).moved(2.02, -1.33, seat)
     stage.add("pillow_side_blue", "pillow", back, "blue")
     for name, x, y, turn in (("chair_left", -1.93, -2.02, 128), ("chair_table", 0.05, -1.46, 196)):
         stage.add(name, "chair", chair(detail).turned("z", turn).moved(x, y, Z0 + 0.0005), "oak", "grey seat")
@@ -110,23 +110,23 @@ def _seating(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     top, x, y = 0.647, 0.045, -0.475
     on_rug = Z0 + 0.0112
-    stage.add("table", "table", coffee_table(1.01, 0.67, top - on_rug, detail).moved(x, y, on_rug), "oak", "walnut")
-    stage.add("plate", "plate", plate(detail).moved(0.16, -0.42, top + 0.0002), "porcelain")
-    fruits = [fruit(rng, 0.039, detail).moved(0.16 + dx, -0.42 + dy, top + 0.0145 + dz)
+    stage.add("table", "table", coffee_table(1.01, 0.67, top - on_rug, detail).moved(x, y, on_rug), "oak", "nut")
+    stage.add("plate", "plate", plate(detail).moved(0.20, -0.36, top + 0.0002), "porcelain")
+    fruits = [fruit(rng, 0.039, detail).moved(0.20 + dx, -0.36 + dy, top + 0.0145 + dz)
               for dx, dy, dz in ((-0.047, -0.012, 0.0), (0.036, -0.040, 0.0), (0.022, 0.046, 0.0))]
     stage.add("fruit", "fruit", join(fruits), "orange")
-    stage.add("vase", "vase", vase(detail).moved(-0.24, -0.60, top + 0.0002), "glaze")
-    stage.add("twigs", "plant", twigs(rng, detail).moved(-0.24, -0.60, top), "bark", "bud")
+    stage.add("vase", "vase", vase(detail).moved(0.40, -0.655, top + 0.0002), "glaze")
+    stage.add("twigs", "plant", twigs(rng, detail).moved(0.40, -0.655, top), "bark", "bud")
     volumes = [book((0.29, 0.22, 0.030)).turned("z", 8), book((0.25, 0.19, 0.024)).turned("z", -7).moved(z=0.0304), book((0.21, 0.15, 0.020)).turned("z", 16).moved(z=0.0548)]
     for k, (volume, cover) in enumerate(zip(volumes, ("book blue", "book cream", "book red"), strict=True), 1):
-        stage.add(f"book_{k}", "books", volume.moved(-0.20, -0.30, top + 0.0003), cover, "paper")
-    paper = magazine(rng, (0.21, 0.28), detail).turned("z", -68).moved(0.36, -0.63, top + 0.0004)
+        stage.add(f"book_{k}", "books", volume.moved(-0.24, -0.36, top + 0.0003), cover, "paper")
+    paper = magazine(rng, (0.21, 0.28), detail).turned("z", 20).moved(-0.02, -0.645, top + 0.0004)
     stage.add("magazine", "books", paper, "coast")
 
 
 def _media(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     x, y = 1.10, Y0 + 0.255
-    stage.add("sideboard", "cabinet", sideboard(1.36, 0.42, 0.50, detail).turned("z", 180).moved(x, y, Z0 + 0.0005), "walnut", "brass", "dark metal")
+    stage.add("sideboard", "cabinet", sideboard(1.36, 0.42, 0.50, detail).turned("z", 180).moved(x, y, Z0 + 0.0005), "nut", "brass", "dark metal")
     tv = television(1.04, detail).turned("z", 180).moved(x - 0.06, y - 0.04, Z0 + 0.501)
     stage.add("tv", "television", tv, "dark metal", "screen", "steel")
     for k, (height, cover) in enumerate(((0.024, "book red"), (0.030, "book cream")), 4):
@@ -136,9 +136,11 @@ def _media(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     for name, (x, y) in LAMPS.items():
-        stand, shade = foot_lamp((0.182, 1.337, 1.582), detail)
-        stage.add(f"lamp_{name}", "lamp", stand.moved(x, y, Z0), "steel", "bulb")
+        stand, shade, bulb = foot_lamp((0.182, 1.337, 1.582), detail)
+        stage.add(f"lamp_{name}", "lamp", stand.moved(x, y, Z0), "steel")
         stage.add(f"lamp_shade_{name}", "lamp", shade.moved(x, y, Z0), "shade", "steel")
+        shining = stage.add(f"lamp_bulb_{name}", "lamp", bulb.moved(x, y, Z0), "bulb")
+        shining.visible_shadow = False  # the light stands inside it
 
 
 def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:
@@ -191,33 +193,34 @@ def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         stage.add(f"planter_{k}", "pot", join(box), "terracotta")
         bush = shrub(rng, (0.66, 0.36, 0.42), steps(420, detail, 20)).moved(x, y, Z0 + 0.20)
         stage.add(f"shrub_{k}", "plant", bush, "shrub")
-    stage.add("view", "backdrop", _view(), "view")
+    stage.add("view", "backdrop", _view(stage.seed), "view")
 
 
-def _view() -> Mesh:
-    """The painted surroundings: a cylinder 40 m away, facing the window."""
-    angle = np.radians(np.linspace(195, 345, 41))
-    centre = np.array([-1.1, 0.0])
-    ring = centre + 40 * np.stack([np.cos(angle), np.sin(angle)], 1)
-    points = np.stack([np.concatenate([ring, np.full((41, 1), z)], 1) for z in (-14.0, 6.0)])
-    u = np.linspace(1, 0, 41)
-    return grid(points, np.stack([np.stack([u, 0 * u + v], 1) for v in (0.0, 1.0)])).flipped()
+def _view(seed: int) -> Mesh:
+    """The painted surroundings: part of a cylinder 40 m away that ends at the hills' skyline."""
+    n = 161
+    angle = np.radians(np.linspace(345, 195, n))
+    ring = np.stack([-1.1 + 40 * np.cos(angle), 40 * np.sin(angle)], 1)
+    top = paintings.skyline(seed, n)
+    u = np.linspace(0, 1, n)
+    rows = [np.concatenate([ring, (-14.0 + 20.0 * v)[:, None]], 1) for v in (0 * top, top)]
+    return grid(np.stack(rows), np.stack([np.stack([u, v], 1) for v in (0 * top, top)]))
 
 
 def _light(seed: int, detail: float) -> None:
     warm, day = (1.0, 0.72, 0.42), (1.0, 0.93, 0.82)
-    lights.sun("sun", azimuth_deg=238, elevation_deg=37, strength=20.0, colour=day)
+    lights.sun("sun", azimuth_deg=247, elevation_deg=34, strength=15.0, colour=day)
     for k, (x, y) in enumerate(SPOTS, 1):
-        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 60.0, (1.0, 0.84, 0.62), 92.0, 0.65, 0.03)
+        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 27.0, (1.0, 0.84, 0.62), 96.0, 0.8, 0.03)
     for name, (x, y) in LAMPS.items():
-        lights.lamp(f"lamp_light_{name}", (x, y, 1.615), 22.0, warm, 0.035)
+        lights.lamp(f"lamp_light_{name}", (x, y, 1.595), 9.5, warm, 0.03)
     a, b, c, e = WINDOW
     lights.portal("window_portal", ((a + b) / 2, Y0 - 0.10, (c + e) / 2), ((a + b) / 2, 0, (c + e) / 2), b - a, e - c)
     outside, inside = ((a + b) / 2, Y0 - 0.35, (c + e) / 2 + 0.2), ((a + b) / 2 + 0.4, 0, 1.2)
-    lights.daylight("daylight", outside, inside, b - a, e - c, 300.0, (0.80, 0.90, 1.0))
+    lights.daylight("daylight", outside, inside, b - a, e - c, 165.0, (0.80, 0.90, 1.0))
     size = max(32, int(512 * min(detail, 1.0)))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 99]))
-    lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 3.0)
+    lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 1.8)
 
 
 def _defaults() -> None:

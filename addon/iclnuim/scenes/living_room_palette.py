@@ -37,9 +37,9 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
 
 def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.765, 0.775, 0.725))),
+        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.765, 0.768, 0.738), 1.0)),
         "ceiling": matte("ceiling", paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.22)),
-        "floor": glossy("floor", paint("boards", textures.boards, size["large"], 22, (0.40, 0.17, 0.10), (0.66, 0.36, 0.23)), 0.16),
+        "floor": glossy("floor", paint("boards", textures.boards, size["large"], 22, (0.36, 0.185, 0.115), (0.60, 0.365, 0.25)), 0.24, 1.38),
         "white paint": glossy("white paint", (0.74, 0.74, 0.73), 0.25),
         "paving": matte("paving", paint("paving", textures.stone, size["small"], (0.70, 0.66, 0.60), 4)),
     }
@@ -47,11 +47,11 @@ def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material
 
 def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     n = size["cloth"]
-    linen = paint("linen", textures.cloth, n, 48, (0.93, 0.89, 0.80), 0.16, 0.06)
+    linen = paint("linen", textures.cloth, n, 90, (0.90, 0.875, 0.82), 0.10, 0.025)
     return {
-        "sofa": matte("sofa", paint("boucle", textures.boucle, size["mid"], 44, (0.90, 0.885, 0.84), 0.33)),
-        "crimson": matte("crimson", paint("crimson", textures.cloth, n, 64, (0.62, 0.11, 0.19), 0.35)),
-        "blue": matte("blue", paint("blue", textures.cloth, n, 64, (0.27, 0.45, 0.63), 0.30)),
+        "sofa": matte("sofa", paint("boucle", textures.boucle, size["mid"], 44, (0.88, 0.88, 0.865), 0.26)),
+        "crimson": matte("crimson", paint("crimson", textures.cloth, n, 64, (0.50, 0.15, 0.25), 0.32)),
+        "blue": matte("blue", paint("blue", textures.cloth, n, 64, (0.28, 0.37, 0.48), 0.28)),
         "ochre": matte("ochre", paint("ochre", textures.cloth, n, 56, (0.80, 0.58, 0.26), 0.32)),
         "grey seat": matte("grey seat", paint("grey", textures.cloth, n, 60, (0.46, 0.48, 0.50), 0.30)),
         "knit": matte("knit", paint("knit", textures.boucle, size["small"], 18, (0.62, 0.66, 0.64), 0.45)),
@@ -63,10 +63,11 @@ def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Materia
 
 
 def _woods(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
-    walnut = paint("walnut", textures.timber, size["mid"], (0.20, 0.11, 0.065), (0.41, 0.26, 0.165))
-    oak = paint("oak", textures.timber, size["mid"], (0.55, 0.37, 0.21), (0.78, 0.60, 0.40))
+    walnut = paint("walnut", textures.timber, size["mid"], (0.16, 0.09, 0.055), (0.34, 0.21, 0.135))
+    nut = paint("nut", textures.timber, size["mid"], (0.29, 0.18, 0.11), (0.50, 0.34, 0.22), 5)
+    oak = paint("oak", textures.timber, size["mid"], (0.60, 0.42, 0.25), (0.76, 0.58, 0.39))
     return {
-        "walnut": glossy("walnut", walnut, 0.28),
+        "nut": glossy("nut", nut, 0.28),
         "frame wood": glossy("frame wood", walnut, 0.20),
         "oak": glossy("oak", oak, 0.30),
     }
@@ -78,17 +79,18 @@ def _pictures(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Mater
         "mat": glossy("mat", (0.80, 0.80, 0.78), 0.03),
         "landscape": glossy("landscape", paint("landscape", paintings.landscape, (w * 2 // 3, w)), 0.03),
         "coast": glossy("coast", paint("coast", paintings.coast, (w * 2 // 3, w)), 0.03),
-        "view": glow("view", paint("view", paintings.view, (size["small"], size["large"])), 2.6),
+        "view": glow("view", paint("view", paintings.view, (size["small"], size["large"]), paint.seed), 1.6),
     }
 
 
 def _plain(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
         "steel": metal("steel", (0.56, 0.55, 0.53), 0.28),
+        "trim": glossy("trim", (0.16, 0.16, 0.16), 0.25),
         "brass": metal("brass", (0.62, 0.45, 0.22), 0.22),
         "dark metal": glossy("dark metal", (0.03, 0.03, 0.032), 0.35),
         "lens": glow("lens", (1.0, 0.93, 0.80), 9.0),
-        "bulb": glow("bulb", (1.0, 0.78, 0.50), 14.0),
+        "bulb": glow("bulb", (1.0, 0.78, 0.50), 8.0),
         "glass": pane("glass"),
         "screen": glossy("screen", (0.010, 0.010, 0.012), 0.04, 1.5),
         "leaf": glossy("leaf", paint("leaf", textures.leaf, size["small"]), 0.30),

@@ -16,33 +16,40 @@ def _ridge(rng: np.random.Generator, width: int, base: float, height: float, low
 def _sky(rng: np.random.Generator, shape: tuple[int, int], v: np.ndarray, top: tuple, bottom: tuple, cover: float) -> np.ndarray:
     """Blue gradient and clouds lit from above; v (h,1) is 0 at the horizon and 1 at the top."""
     sky = blend(bottom, top, np.broadcast_to(np.clip(v, 0, 1) ** 0.7, shape))
-    puff = cloud(rng, shape, 1.55, 2, 200, (1.7, 1.0))
-    mass = smoothstep(cover, cover + 1.1, puff)
+    puff = cloud(rng, shape, 1.9, 2, 120, (1.8, 1.0))
+    mass = smoothstep(cover, cover + 0.9, puff)
     under = smoothstep(-0.4, 1.0, puff - np.roll(puff, -max(2, shape[0] // 40), 0))
     lit = blend((0.58, 0.60, 0.66), (0.97, 0.96, 0.95), np.clip(1 - 0.7 * under, 0, 1))
     return sky * (1 - 0.95 * mass[..., None]) + lit * 0.95 * mass[..., None]
+
+
+def _mesa(rng: np.random.Generator, width: int, height: float, steep: float) -> np.ndarray:
+    """A table mountain's skyline (width,), 0..height: flat tops, steep flanks."""
+    line = cloud(rng, (1, 2 * width), 1.8, 1, 9)[0][:width]
+    rough = cloud(rng, (1, 2 * width), 1.1, 12, 300)[0][:width]
+    return height * (smoothstep(-0.7, -0.7 + steep, line) * 0.75 + 0.25 * smoothstep(0.5, 0.5 + steep, line)) + 0.006 * rough
 
 
 def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     """Rocky tableland under a blue cloudy sky, bushes and a river below: the large picture over the sofa."""
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
-    out = _sky(rng, size, (y[:, :1] - 0.4) / 0.6, (0.16, 0.30, 0.55), (0.52, 0.63, 0.78), 0.45)
-    for base, tall, tone, low in ((0.53, 0.015, (0.42, 0.50, 0.60), 2), (0.47, 0.05, (0.24, 0.27, 0.25), 1)):
-        line = _ridge(rng, w, base, tall, low)
-        line = np.clip(line, 0, base + 0.10)
-        rock = cloud(rng, size, 1.05, 3, 300, (0.6, 1.0))
-        light = rock - np.roll(rock, 2, 1)
-        tone_here = np.array(tone) * np.clip(1 + 0.30 * rock + 0.9 * light, 0.25, 2.2)[..., None]
-        mask = smoothstep(-0.002, 0.002, line[None] - y)
-        out = blend(out, tone_here, mask)
-    bushes = cloud(rng, size, 0.8, 10, 300)
-    green = np.array([0.13, 0.17, 0.08]) * np.clip(1 + 0.65 * bushes, 0.15, 2.6)[..., None]
-    ground = smoothstep(0.0, 0.05, 0.26 + 0.05 * cloud(rng, (1, 2 * w), 1.5, 2)[0][:w][None] - y)
+    out = _sky(rng, size, (y[:, :1] - 0.4) / 0.6, (0.20, 0.30, 0.50), (0.50, 0.58, 0.70), 0.75) * 0.92
+    for base, tall, tone, contrast in ((0.46, 0.05, (0.42, 0.48, 0.56), 0.1), (0.38, 0.20, (0.29, 0.285, 0.26), 0.45)):
+        line = base + _mesa(rng, w, tall, 0.5)
+        rock = cloud(rng, size, 1.2, 3, 160, (0.45, 1.0))
+        light = rock - np.roll(rock, 3, 1)
+        strata = np.sin(90 * (y + 0.01 * rock) + 2 * rock)
+        value = np.clip(1 + contrast * (0.45 * rock + 1.2 * light + 0.15 * strata), 0.3, 1.9)
+        out = blend(out, np.array(tone) * value[..., None], smoothstep(-0.002, 0.002, line[None] - y))
+    bushes = cloud(rng, size, 1.0, 8, 160)
+    lit = bushes - np.roll(bushes, 2, 0)
+    green = np.array([0.20, 0.22, 0.15]) * np.clip(1 + 0.28 * bushes - 0.7 * lit, 0.3, 1.9)[..., None]
+    ground = smoothstep(0.0, 0.04, 0.33 + 0.06 * cloud(rng, (1, 2 * w), 1.5, 2)[0][:w][None] + 0.012 * bushes - y)
     out = blend(out, green, ground)
-    river = np.abs(x - (0.80 - 0.35 * y + 0.03 * np.sin(16 * y))) - 0.035 * (0.30 - y)
-    water = smoothstep(0.004, -0.004, river) * (y < 0.24)
-    return to_bytes(blend(out, np.array([0.45, 0.53, 0.62]), 0.85 * water))
+    river = np.abs(x - (0.80 - 0.35 * y + 0.03 * np.sin(16 * y))) - 0.045 * (0.34 - y)
+    water = smoothstep(0.004, -0.004, river) * (y < 0.28)
+    return to_bytes(blend(out, np.array([0.42, 0.49, 0.57]), 0.85 * water))
 
 
 def coast(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
@@ -83,20 +90,33 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
     return out
 
 
-def view(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
-    """What the balcony looks out on: hazy hills, a small town, gardens with trees. The sky is left to the world."""
+def skyline(seed: int, count: int) -> np.ndarray:
+    """Height (count,) of the farthest hills in the balcony's view, as a share of its picture: there the surface ends and the sky begins."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 55]))
+    t = np.linspace(0, 1, count)[:, None] * np.array([2.0, 3.3, 5.1, 9.7, 16.3, 29.0])
+    return 0.86 + (np.sin(2 * np.pi * (t + rng.random(6))) * np.array([0.030, 0.022, 0.016, 0.008, 0.004, 0.002])).sum(1)
+
+
+def view(rng: np.random.Generator, size: tuple[int, int], seed: int) -> np.ndarray:
+    """What the balcony looks out on: hazy hills up to the skyline, fields, a small town, gardens with trees."""
     h, w = size
     y = np.arange(h)[:, None] / h + np.zeros((1, w))
-    out = np.tile(np.array([0.74, 0.80, 0.88]), (h, w, 1))
-    for base, tall, tone in ((0.80, 0.05, (0.62, 0.70, 0.78)), (0.68, 0.05, (0.46, 0.56, 0.58)), (0.56, 0.03, (0.33, 0.43, 0.32))):
-        line = np.minimum(_ridge(rng, w, base, tall, 2), 0.97)
-        woods = cloud(rng, size, 0.9, 20, 600)
-        out = blend(out, np.array(tone) * (1 + 0.10 * woods)[..., None], smoothstep(-0.003, 0.003, line[None] - y))
-    out = _town(rng, out, 0.52)
-    for base, tone, grow in ((0.36, (0.24, 0.34, 0.18), 0.02), (0.22, (0.17, 0.27, 0.12), 0.03)):
+    far = skyline(seed, w)
+    forest = cloud(rng, size, 1.1, 6, 200, (0.5, 1.0))
+    out = np.array([0.56, 0.65, 0.76]) * (1 + 0.015 * forest)[..., None]
+    out = blend(out, (0.66, 0.73, 0.81), 0.5 * smoothstep(0.12, 0.0, np.abs(y - far[None] + 0.1)))
+    layers = ((0.765, 0.035, (0.47, 0.57, 0.64), 0.05), (0.685, 0.03, (0.40, 0.50, 0.48), 0.09), (0.60, 0.022, (0.36, 0.45, 0.35), 0.13))
+    for base, tall, tone, contrast in layers:
+        line = _ridge(rng, w, base, tall, 2, 2.0)
+        woods = cloud(rng, size, 0.9, 30, 500, (0.5, 1.0))
+        fields = smoothstep(0.4, 0.6, cloud(rng, size, 1.7, 6, 60, (0.25, 1.0)))
+        colour = blend(tone, np.array(tone) * 0.6 + np.array([0.25, 0.25, 0.15]), 0.8 * fields) * (1 + contrast * woods * (1 - fields))[..., None]
+        out = blend(out, colour, smoothstep(-0.003, 0.003, line[None] - y))
+    out = _town(rng, out, 0.56)
+    for base, tone, grow in ((0.36, (0.24, 0.33, 0.18), 0.02), (0.22, (0.17, 0.26, 0.12), 0.03)):
         crowns = cloud(rng, (1, 2 * w), 1.0, 20, 220)[0][:w]
         leaves = cloud(rng, size, 0.75, 40, 900)
-        shade = 1 + 0.35 * leaves + 0.5 * smoothstep(0, 0.2, y - base + 0.1)
+        shade = 1 + 0.30 * leaves + 0.5 * smoothstep(0, 0.2, y - base + 0.1)
         out = blend(out, np.array(tone) * np.clip(shade, 0.3, 2)[..., None], smoothstep(-0.004, 0.004, base + grow * crowns[None] - y))
     return to_bytes(out)
 

@@ -70,7 +70,7 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
         return v
 
     arm = _crumpled(arm.mapped(soften), rng, 0.0010, 0.2)
-    base = _placed_box((-inner + 0.003, 0.008, BELLY + 0.004), (inner - 0.003, 0.698, 0.346), 0.012, 1, (n, 1, 1))
+    base = _placed_box((-inner + 0.004, 0.010, BELLY + 0.004), (inner - 0.004, 0.698, 0.342), 0.010, 1, (n, 1, 1))
     seats = [_seat(-inner + 0.003, -0.004, rng, detail), _seat(0.004, inner - 0.003, rng, detail)]
     seams = []
     for x0, x1 in ((-inner + 0.02, -0.022), (0.022, inner - 0.02)):
@@ -86,13 +86,13 @@ def pillow(rng: np.random.Generator, size: float, thick: float, detail: float, c
     """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears, puckered seams, a dent from a hand."""
     n = steps(22, detail, 6) + 1
     s, t = np.meshgrid(np.sin(np.linspace(-1, 1, n) * np.pi / 2), np.sin(np.linspace(-1, 1, n) * np.pi / 2))
-    pinch = 0.085
-    x, z = s * (1 - pinch * (1 - t**2)), t * (1 - pinch * (1 - s**2))
+    pinch, corner = 0.05, 0.045 * s**8 * t**8
+    x, z = s * (1 - pinch * (1 - t**2) - corner), t * (1 - pinch * (1 - s**2) - corner)
     body = np.clip((1 - s**2) * (1 - t**2), 0, 1)
     flat = np.stack([x, 0 * x, z], -1).reshape(-1, 3) * size / 2
     wrinkle = ripples(flat * np.array([1.0, 1.0, 0.5]), rng, 0.11).reshape(n, n)
     radial = np.sin(26 * np.arctan2(t, s) + 3 * wrinkle) * np.clip(1 - body, 0, 1) ** 3 * body**0.35
-    depth = thick / 2 * body**0.42 * (1 + 0.05 * crease * wrinkle) + crease * 0.004 * radial
+    depth = thick / 2 * body**0.5 * (1 + 0.07 * crease * wrinkle) + crease * 0.006 * radial
     dent = 0.16 * np.exp(-((s / 0.30) ** 2) - ((t - 0.9) / 0.45) ** 2)
     z = z - dent * np.clip(t, 0, 1) * 0.5
     sides = []

@@ -15,8 +15,8 @@ SHARP_DEG = 38.0  # edges that turn more than this are drawn sharp
 class Stage:
     """Adds things to the current scene; instance ids count up from 1 in the order of adding."""
 
-    def __init__(self, materials: dict[str, bpy.types.Material]) -> None:
-        self.materials = materials
+    def __init__(self, seed: int, materials: dict[str, bpy.types.Material]) -> None:
+        self.seed, self.materials = seed, materials
         self.count = 0
 
     def add(self, name: str, class_name: str, mesh: Mesh, *materials: str) -> bpy.types.Object:

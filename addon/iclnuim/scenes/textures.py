@@ -16,8 +16,8 @@ def plaster(rng: np.random.Generator, size: int, tone: Colour, strength: float =
     strokes = cloud(rng, shape, 1.1, 4, 160, (1.0, 0.45)) * smoothstep(-0.5, 1.5, cloud(rng, shape, 1.5, 2, 8))
     veins = np.exp(-((cloud(rng, shape, 1.5, 3, 60) / 0.10) ** 2))
     sand = cloud(rng, shape, 0.1, 60)
-    value = 0.028 * patches + 0.022 * strokes - 0.022 * veins + 0.012 * sand
-    warmth = 0.010 * cloud(rng, shape, 1.7, 1, 12)
+    value = 0.020 * patches + 0.024 * strokes - 0.020 * veins + 0.011 * sand
+    warmth = 0.005 * cloud(rng, shape, 1.7, 1, 12)
     rgb = np.array(tone) * (1 + strength * value[..., None])
     return to_bytes(rgb + strength * warmth[..., None] * np.array([1.0, 0.2, -1.0]))
 
@@ -61,12 +61,12 @@ def boucle(rng: np.random.Generator, size: int, loops: int, tone: Colour, depth:
     """Coarse looped upholstery: short bright yarns in rows with dark gaps between."""
     y, x = np.mgrid[0:size, 0:size] / size
     jitter = cloud(rng, (size, size), 1.0, 2, loops)
-    row = y * loops + 0.22 * jitter
-    col = x * loops / 2 + 0.5 * (np.floor(row) % 2) + 0.25 * cloud(rng, (size, size), 1.0, 2, loops)
-    loop = np.sin(np.pi * (row % 1)) ** 0.6 * (0.35 + 0.65 * np.abs(np.sin(np.pi * col)) ** 0.6)
+    row = y * loops + 0.16 * jitter
+    col = x * loops / 2 + 0.5 * (np.floor(row) % 2) + 0.18 * cloud(rng, (size, size), 1.0, 2, loops)
+    loop = np.sin(np.pi * (row % 1)) ** 0.5 * (0.4 + 0.6 * np.abs(np.sin(np.pi * col)) ** 0.5)
     each = enlarged(rng.normal(0, 1, (loops, loops // 2)), (size, size))
     fine = cloud(rng, (size, size), 0.3, loops)
-    value = 1 - depth * (1 - loop) + 0.05 * each * loop + 0.03 * fine
+    value = 1 - depth * (1 - loop) + 0.10 * depth * each * loop + 0.08 * depth * fine
     return to_bytes(np.array(tone) * value[..., None])
 
 
@@ -75,7 +75,7 @@ def rug(rng: np.random.Generator, size: int) -> np.ndarray:
     y, x = np.mgrid[0:size, 0:size] / (size - 1)
     wobble = 0.004 * cloud(rng, (size, size), 1.5, 2, 30)
     edge = np.minimum(np.minimum(x, 1 - x) * 1.15, np.minimum(y, 1 - y)) + wobble
-    ivory, red, navy, ochre = (0.80, 0.75, 0.66), (0.47, 0.16, 0.14), (0.17, 0.22, 0.32), (0.68, 0.52, 0.30)
+    ivory, red, navy, ochre = (0.74, 0.69, 0.60), (0.46, 0.20, 0.17), (0.20, 0.24, 0.32), (0.62, 0.49, 0.31)
     u, v = (x - 0.5) * 7 + wobble * 3, (y - 0.5) * 8 + wobble * 3
     cell = np.abs(u - np.round(u)) + np.abs(v - np.round(v))
     odd = (np.round(u) + np.round(v)) % 2
