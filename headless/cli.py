@@ -22,6 +22,7 @@ COMMANDS = {
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",
     "check-depth": "cast the same rays independently and compare the depth",
+    "bench": "measurements: time, error, and where they go",
     "doctor": "what is installed, what is missing, and how to mend it",
 }
 

@@ -1,0 +1,96 @@
+"""Where the time of a rendered frame goes: rays, shading, and what our loop with its EXR files adds to Cycles' own time."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from iclnuim.blender import frames, session, worker
+from iclnuim.errors import InputError
+from iclnuim.job import RenderJob
+
+#: The first frames build the BVH and warm the caches.
+WARM_UP = 2
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """Milliseconds a frame, medians. frame = cycles + overhead; cycles = rays + shading; close_ms runs beside the next frame.
+
+    `rays_ms` is a render of the same views with every material black and no light: rays and Blender's own handling of a frame.
+    """
+
+    frames: int
+    frame_ms: float
+    cycles_ms: float
+    rays_ms: float
+    shading_ms: float
+    close_ms: float
+    overhead_ms: float
+
+
+def measure(job: RenderJob, frames_asked: str) -> Breakdown:
+    """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
+    with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
+        events: list[tuple[float, dict]] = []
+        worker.render_run(job, Path(folder) / "run", frames_asked, lambda e: events.append((time.perf_counter(), e)), lambda: False)
+        closed = [e["close"] for _, e in events if e["event"] == "frame"]
+        if len(closed) <= WARM_UP + 1:
+            raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
+        cycles, starts = _spans(ticks)
+        rays = _rays(job, [e["frame"] for _, e in events if e["event"] == "frame"], Path(folder), ticks)
+    frame = statistics.median(b - a for a, b in zip(starts[WARM_UP:], starts[WARM_UP + 1 :], strict=False))
+    values = {
+        "frame_ms": frame,
+        "cycles_ms": statistics.median(cycles[WARM_UP:]),
+        "rays_ms": statistics.median(rays),
+        "close_ms": statistics.median(closed[WARM_UP:]),
+    }
+    values["shading_ms"] = max(0.0, values["cycles_ms"] - values["rays_ms"])
+    values["overhead_ms"] = frame - values["cycles_ms"]
+    return Breakdown(frames=len(closed), **{name: 1e3 * seconds for name, seconds in values.items()})
+
+
+@contextmanager
+def _clock() -> Iterator[list[tuple[str, float]]]:
+    """(name, seconds) of every render_pre and render_post."""
+    ticks: list[tuple[str, float]] = []
+    names = ("render_pre", "render_post")
+    handlers = {name: (lambda *_, name=name: ticks.append((name, time.perf_counter()))) for name in names}
+    for name, handler in handlers.items():
+        bpy.app.handlers.persistent(handler)
+        getattr(bpy.app.handlers, name).append(handler)
+    try:
+        yield ticks
+    finally:
+        for name, handler in handlers.items():
+            getattr(bpy.app.handlers, name).remove(handler)
+
+
+def _spans(ticks: list[tuple[str, float]]) -> tuple[list[float], list[float]]:
+    """Seconds in Cycles, and the start of each frame."""
+    starts, ends = ([when for n, when in ticks if n == name] for name in ("render_pre", "render_post"))
+    return [b - a for a, b in zip(starts, ends, strict=True)], starts
+
+
+def _rays(job: RenderJob, numbers: list[int], folder: Path, ticks: list[tuple[str, float]]) -> list[float]:
+    """Seconds of the same views with everything black: the scene is still open, as the loop left it."""
+    scene = bpy.context.scene
+    black = bpy.data.materials.new("black")
+    black.use_nodes = True
+    black.node_tree.nodes.clear()
+    output = black.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    black.node_tree.links.new(black.node_tree.nodes.new("ShaderNodeHoldout").outputs[0], output.inputs[0])
+    scene.view_layers[0].material_override = black
+    ticks.clear()
+    with session.blender_output_in(folder / "log"):
+        for number in numbers:
+            frames.render(number, folder / "black.exr")
+    return _spans(ticks)[0][WARM_UP:]
