@@ -44,8 +44,8 @@ def sniff(source: Source) -> bool:
 
 
 def starts_as_official(position_m: np.ndarray) -> bool:
-    """Whether a first position (3,) is that of the official living-room or office files, to 2 cm."""
-    return any(np.linalg.norm(position_m - (0.0, 0.0, z)) <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M)
+    """Whether a first position (3,) is that of the official living-room or office files, each axis to 2 cm."""
+    return any(np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M)
 
 
 def read(source: Source, options: ReadOptions) -> LoadedTrajectory:

@@ -95,7 +95,7 @@ class Source:
 
     @property
     def first_line_number(self) -> int:
-        """From 1; where there is no line of data, the line after the last."""
+        """From 1."""
         return self.text.count("\n", 0, self._first_data) + 1
 
     @cached_property

@@ -5,6 +5,7 @@ z = dir/|dir|, x = up x z normalised, y = z x x; metres in the living room, cent
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -90,5 +91,5 @@ def _vector(path: Path, text: str, name: str) -> np.ndarray:
 
 def _normalised(vector: np.ndarray) -> np.ndarray:
     """Length one; NaN where there is next to no length."""
-    length = np.linalg.norm(vector)
+    length = math.hypot(*vector)
     return vector / length if 1e-9 < length < 1e9 else np.full(3, np.nan)

@@ -16,9 +16,9 @@ NOTHING_BEYOND_M = 1e4
 
 
 def read_ray_depth(path: str | os.PathLike[str], camera: PinholeCamera, unit_m: float = 1.0) -> np.ndarray:
-    """(height, width) planar depth in metres, 0 where nothing was hit; unit_m = 0.01 for centimetres.
+    """(height, width) planar metres, 0 where nothing was hit; unit_m = 0.01 for cm.
 
-    Z = d / sqrt(((u-cx)/fx)^2 + ((v-cy)/fy)^2 + 1). Raises InputError where there are not width x height distances >= 0.
+    Z = d / sqrt(((u-cx)/fx)^2 + ((v-cy)/fy)^2 + 1). Raises InputError for other than width x height distances.
     """
     text = read_text(path, "a .depth file")
     distance = _numbers(path, text)

@@ -96,7 +96,9 @@ def sniffed(source: Source) -> str:
     expected = (
         "a trajectory: 8 columns (TUM), 12 or 13 (matrix rows), blocks of 3 lines with 4, POV-Ray commands or CSV"
     )
-    found = f"{source.columns} columns" if source.columns else "comments alone"
+    if not source.columns:
+        raise InputError(expected, path=source.path, found="comments alone")
+    found = f"{source.columns} columns"
     raise InputError(expected, path=source.path, line=source.first_line_number, found=found, hint="--from FORMAT")
 
 

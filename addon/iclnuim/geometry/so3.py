@@ -32,7 +32,8 @@ def unit_quaternion(quat: np.ndarray) -> np.ndarray:
     Raises InputError where a length differs from one by more than QUAT_NORM_TOLERANCE, or is not finite.
     """
     quat = np.asarray(quat, float)
-    norm = np.linalg.norm(quat, axis=-1, keepdims=True)
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
+        norm = np.linalg.norm(quat, axis=-1, keepdims=True)
     bad = ~(np.abs(norm - 1.0) <= QUAT_NORM_TOLERANCE)
     if bad.any():
         worst = norm[bad].flat[0]
@@ -128,7 +129,8 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     Raises InputError where R^T R is further than MATRIX_TOLERANCE from the identity, or where det R < 0.
     """
     m = np.asarray(matrix, float)
-    off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
+        off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
     if not off <= MATRIX_TOLERANCE:
         raise InputError("rotation matrices", found=f"R^T R off the identity by {off:.3g}")
     if m.size and np.linalg.det(m).min() < 0:

@@ -1,0 +1,223 @@
+"""Two thousand damaged files of each format: each gives a valid result or InputError, never anything else."""
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.formats.associations import (
+    Associations,
+    ImageList,
+    read_associations,
+    read_image_list,
+    write_associations,
+    write_image_list,
+)
+from iclnuim.formats.raw_depth import read_ray_depth
+from iclnuim.formats.trajectories import FORMATS, read_trajectory, trajectory_text
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+
+pytestmark = pytest.mark.filterwarnings("error")
+FILES = 2000
+FRAMES = 6
+WORDS = [
+    b"nan",
+    b"inf",
+    b"-1",
+    b"1e999",
+    b"1e308",
+    b"0",
+    b"",
+    b"x",
+    b"1_0",
+    b"1,5",
+    b"\xd9\xa1",
+    b"0x10",
+    b"9" * 400,
+    b"--",
+    b"1e-320",
+]
+WALK = Trajectory.at_rate(SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(FRAMES, 6)) * 0.1, axis=0)))
+CAMERA = (
+    "cam_pos = [91, 465, -292]';\ncam_dir = [0.05, -0.29, 0.96]';\ncam_up = [0.01, 0.96, 0.29]';\ncam_angle = 90;\n"
+)
+TINY = PinholeCamera(5, 4, 5, 5, 2, 1.5)
+
+NAMES = {
+    "tum": "a.txt",
+    "tum-ids": "ids.txt",
+    "kitti": "a.kitti",
+    "pov-matrix": "a_pov.txt",
+    "gt.freiburg": "a.gt.freiburg",
+    "gt.sim": "a.gt.sim",
+    "pov-commands": "commands.txt",
+    "euroc": "a.csv",
+    "pov-cameras": "cams/scene_0001.txt",
+}
+
+
+def flip_bytes(rng, data: bytes) -> bytes:
+    changed = bytearray(data)
+    for _ in range(rng.integers(1, 4)):
+        changed[rng.integers(len(changed))] ^= 1 << rng.integers(8)
+    return bytes(changed)
+
+
+def truncate(rng, data: bytes) -> bytes:
+    return data[: rng.integers(len(data))]
+
+
+def delete_line(rng, data: bytes) -> bytes:
+    lines = data.splitlines(keepends=True)
+    del lines[rng.integers(len(lines))]
+    return b"".join(lines)
+
+
+def repeat_line(rng, data: bytes) -> bytes:
+    lines = data.splitlines(keepends=True)
+    lines.insert(rng.integers(len(lines) + 1), lines[rng.integers(len(lines))])
+    return b"".join(lines)
+
+
+def change_columns(rng, data: bytes) -> bytes:
+    """One field taken out, doubled, or put elsewhere in its line; sometimes in all lines."""
+    lines = [line.split(b" ") for line in data.split(b"\n")]
+    picked = range(len(lines)) if rng.random() < 0.3 else [rng.integers(len(lines))]
+    kind, place = rng.integers(3), rng.integers(8)
+    for k in picked:
+        fields = lines[k]
+        at = place % len(fields)
+        if kind == 0:
+            del fields[at]
+        elif kind == 1:
+            fields.insert(at, fields[at])
+        else:
+            fields.append(fields.pop(at))
+    return b"\n".join(b" ".join(fields) for fields in lines)
+
+
+def put_word(rng, data: bytes) -> bytes:
+    """A field becomes something that is no usual number."""
+    for parting in rng.permutation([b" ", b",", b"="]):
+        fields = data.split(parting)
+        if len(fields) > 1:
+            fields[rng.integers(len(fields))] = WORDS[rng.integers(len(WORDS))]
+            return parting.join(fields)
+    return data
+
+
+def put_bytes(rng, data: bytes) -> bytes:
+    at = rng.integers(len(data) + 1)
+    return (
+        data[:at]
+        + bytes(rng.choice(list(b"\r\n\t\v\f\0 ,#\"'\x1c\x85\xc2\xa0\xff"), rng.integers(1, 4)).astype("u1"))
+        + data[at:]
+    )
+
+
+MUTATIONS = [flip_bytes, truncate, delete_line, repeat_line, change_columns, put_word, put_bytes]
+
+
+def damaged(data: bytes, seed: list[int]):
+    """FILES versions of `data`, each after one to three mutations."""
+    for number in range(FILES):
+        rng = np.random.default_rng([*seed, number])
+        changed = data
+        for _ in range(rng.integers(1, 4)):
+            changed = MUTATIONS[rng.integers(len(MUTATIONS))](rng, changed or b"\n")
+        yield changed
+
+
+def read_all(path, data: bytes, seed: list[int], read, check) -> tuple[int, int]:
+    """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts as a failure."""
+    taken = refused = 0
+    for changed in damaged(data, seed):
+        path.unlink(missing_ok=True)  # overwriting a file makes some file systems wait for the disk
+        path.write_bytes(changed)
+        try:
+            result = read()
+        except InputError as error:
+            refused += 1
+            assert "\n" not in str(error) and str(path.parent) in str(error)
+        except Exception as error:
+            raise AssertionError(f"{changed!r} raised {error!r}") from error
+        else:
+            taken += 1
+            check(result)
+    return taken, refused
+
+
+def check_trajectory(loaded) -> None:
+    T, stamps_s = loaded.trajectory.T_world_camera, loaded.trajectory.stamps_s
+    assert len(T) == len(stamps_s) > 0
+    assert np.isfinite(stamps_s).all() and (np.diff(stamps_s) > 0).all()
+    assert np.abs(T.translation).max() <= 1e6
+    assert np.abs(np.swapaxes(T.rotation, 1, 2) @ T.rotation - np.eye(3)).max() < 1e-12
+    assert (np.linalg.det(T.rotation) > 0).all()
+
+
+def content_of(format: str) -> bytes:
+    if format == "pov-cameras":
+        return CAMERA.encode()
+    if format == "tum-ids":
+        return trajectory_text(WALK, "gt.freiburg").encode()
+    return trajectory_text(WALK, format).encode()
+
+
+def test_every_format_is_fuzzed():
+    assert set(NAMES) == set(FORMATS)
+
+
+@pytest.mark.parametrize("format", NAMES)
+def test_damaged_trajectories_are_read_or_refused(tmp_path, format):
+    path = tmp_path / NAMES[format]
+    path.parent.mkdir(exist_ok=True)
+    if format == "pov-cameras":
+        (path.parent / "scene_0000.txt").write_text(CAMERA)
+    source = path.parent if format == "pov-cameras" else path
+    # half of the damaged files are told apart by name and content, half are read as what they were
+    forms = iter([None, format] * FILES)
+    taken, refused = read_all(
+        path, content_of(format), [1], lambda: read_trajectory(source, next(forms)), check_trajectory
+    )
+    assert taken > 50 and refused > 500
+
+
+def test_damaged_associations_are_read_or_refused(tmp_path):
+    stamps_s = tuple(i / 30 for i in range(FRAMES))
+    rgb, depth = (ImageList(stamps_s, tuple(f"{kind}/{i}.png" for i in range(FRAMES))) for kind in ("rgb", "depth"))
+    for order in ("tum", "icl-nuim"):
+        path = tmp_path / f"{order}.txt"
+        write_associations(path, Associations(rgb, depth), order)
+
+        def check(pairs):
+            assert len(pairs.rgb) == len(pairs.depth) > 0
+            assert np.isfinite(pairs.rgb.stamps_s).all() and np.isfinite(pairs.depth.stamps_s).all()
+            assert all("depth" in name.lower() for name in pairs.depth.paths)
+
+        taken, refused = read_all(path, path.read_bytes(), [2], lambda path=path: read_associations(path), check)
+        assert taken > 50 and refused > 500
+
+
+def test_damaged_image_lists_are_read_or_refused(tmp_path):
+    path = tmp_path / "rgb.txt"
+    write_image_list(
+        path, ImageList(tuple(i / 30 for i in range(FRAMES)), tuple(f"rgb/{i}.png" for i in range(FRAMES)))
+    )
+
+    def check(images):
+        assert (np.diff(images.stamps_s) > 0).all() and np.isfinite(images.stamps_s).all()
+
+    taken, refused = read_all(path, path.read_bytes(), [3], lambda: read_image_list(path), check)
+    assert taken > 50 and refused > 500
+
+
+def test_damaged_raw_depth_is_read_or_refused(tmp_path):
+    path = tmp_path / "scene_00_0000.depth"
+    data = "\n".join(" ".join(f"{2 + 0.1 * u + v:.4f}" for u in range(5)) for v in range(4)).encode()
+
+    def check(depth_z_m):
+        assert depth_z_m.shape == (4, 5) and np.isfinite(depth_z_m).all() and (depth_z_m >= 0).all()
+
+    taken, refused = read_all(path, data, [4], lambda: read_ray_depth(path, TINY), check)
+    assert taken > 50 and refused > 500
