@@ -94,7 +94,7 @@ def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
             raw = Path(folder) / f"{number}.exr"
             with session.blender_output_in(Path(os.devnull)):
                 frames.render(number, raw)
-            yield (number, *frames.read(raw))
+            yield (number, *frames.read(raw, raw))
 
 
 def _ratio_table(figures: dict) -> str:

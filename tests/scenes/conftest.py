@@ -1,0 +1,78 @@
+"""The living room built once by code and once opened from its file, as plain arrays."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+
+@dataclass(frozen=True)
+class Room:
+    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash, triangles, build seconds."""
+
+    objects: dict
+    surface: object
+    sha256: str
+    triangles: int
+    seconds: float
+
+
+def captured(seconds: float) -> Room:
+    import bpy
+    from iclnuim.blender import surface
+    from iclnuim.scenes import stage
+
+    objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
+    return Room(objects, surface.triangles(), stage.geometry_hash(), stage.triangle_count(), seconds)
+
+
+@pytest.fixture(scope="session")
+def blender():
+    return pytest.importorskip("bpy", reason="needs the bpy package")
+
+
+@pytest.fixture(scope="session")
+def build(blender):
+    """`build(seed, detail)` empties the session and builds the living room into it."""
+    from iclnuim.scenes import build_scene
+
+    def run(seed: int = 0, detail: float = 1.0) -> Room:
+        blender.ops.wm.read_factory_settings(use_empty=True)
+        begun = time.process_time()
+        build_scene("living_room", seed=seed, detail=detail)
+        return captured(time.process_time() - begun)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def built(build) -> Room:
+    return build()
+
+
+@pytest.fixture
+def opened(blender, repository) -> Room:
+    """The shipped file, open in this session."""
+    blender.ops.wm.open_mainfile(filepath=str(repository / "blend/living_room.blend"), use_scripts=False)
+    return captured(0.0)
+
+
+@pytest.fixture(scope="session")
+def rays(built):
+    """`rays(origins, directions)` -> (distance, owner name index or -1, cosine between ray and face normal) by Embree."""
+    o3d = pytest.importorskip("open3d")
+    caster = o3d.t.geometry.RaycastingScene()
+    caster.add_triangles(built.surface.vertices.astype(np.float32), built.surface.triangles.astype(np.uint32))
+
+    def cast(origins, directions):
+        lines = np.concatenate(np.broadcast_arrays(origins, directions), -1).astype(np.float32)
+        hit = caster.cast_rays(o3d.core.Tensor(lines))
+        triangle = hit["primitive_ids"].numpy().astype(np.int64)
+        seen = triangle < len(built.surface.triangles)
+        owner = np.where(seen, built.surface.owners[np.where(seen, triangle, 0)], -1)
+        facing = (hit["primitive_normals"].numpy() * directions).sum(-1)
+        return hit["t_hit"].numpy(), owner, facing
+
+    cast.caster = caster
+    return cast
