@@ -209,7 +209,11 @@ def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
 
 
 def _unit(text: str) -> float:
-    return UNITS_M[text] if text in UNITS_M else float(text)
+    """A unit of length in metres."""
+    try:
+        return UNITS_M[text] if text in UNITS_M else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected m, cm, mm or metres as a number, found {text!r}") from None
 
 
 def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:

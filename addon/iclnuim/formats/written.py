@@ -53,7 +53,7 @@ def frame_numbers(trajectory: Trajectory, rate_hz: float) -> np.ndarray:
         ~(np.abs(frames - numbers) <= STAMP_SLACK) | (numbers < 0) | (np.diff(numbers, prepend=-1.0) <= 0)
     )
     if bad.size:
-        found = f"{trajectory.stamps_s[bad[0]]:.9g} s"
+        found = f"{trajectory.stamps_s[bad[0]]:.15g} s"
         raise InputError(
             f"stamps at frame numbers / {rate_hz:g} s, from 0 on, to write frame numbers", found=found, hint="--restamp"
         )

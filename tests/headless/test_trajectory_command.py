@@ -1,0 +1,284 @@
+"""`iclnuim trajectory` as a user types it: figures, files, statements of frames, refusals."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory, adopt, resample
+from iclnuim_bench.cli import main
+
+WALK = Trajectory.at_rate(SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(61, 6)) * 0.01, axis=0)))
+
+
+@pytest.fixture
+def run(capsys):
+    """run("info", ...) -> exit code, standard output, standard error."""
+
+    def call(*argv) -> tuple[int, str, str]:
+        try:
+            code = main(["trajectory", *map(str, argv)])
+        except SystemExit as stopped:  # argparse
+            code = stopped.code
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def walk(tmp_path):
+    write_trajectory(tmp_path / "walk.txt", WALK, "tum")
+    return tmp_path / "walk.txt"
+
+
+def assert_refused(outcome, *pieces: str) -> None:
+    """Exit code 2, nothing on standard output, one line that holds the pieces."""
+    code, out, err = outcome
+    assert code == 2 and out == ""
+    assert err.count("\n") == 1 and err.startswith("iclnuim trajectory: ") and "Traceback" not in err
+    for piece in pieces:
+        assert piece in err
+
+
+# -- info
+
+
+def test_info_prints_the_figures_and_how_the_file_was_taken(run, walk):
+    code, out, _ = run("info", walk)
+    assert code == 0
+    for piece in ("TUM: stamps in seconds, right-handed", "61 at 30 Hz", f"{WALK.length_m():.3f} m", "2.000 s", "none"):
+        assert piece in out
+
+
+def test_info_gives_json_of_all_files(run, walk):
+    code, out, _ = run("info", walk, walk, "--json")
+    first, second = json.loads(out)["trajectories"]
+    assert code == 0 and first == second
+    assert first["frames"] == 61 and first["length_m"] == pytest.approx(WALK.length_m(), abs=1e-6)
+    assert first["taken"]["format"] == "tum" and first["taken"]["handedness"] == "right"
+    assert {"mean_speed", "max_speed", "mean_rotation_rate", "max_rotation_rate", "gaps", "longest_gap_s"} <= set(first)
+
+
+def test_info_tells_of_gaps(run, tmp_path):
+    write_trajectory(tmp_path / "a.txt", WALK[np.delete(np.arange(61), [7, 8])], "tum")
+    assert "1, the longest step is 0.100 s" in run("info", tmp_path / "a.txt")[1]
+
+
+def test_info_knows_the_official_lengths(run, samples):
+    files = [samples / "trajectories" / f"lr_kt{i}_Tpov_cam_3x4.txt" for i in (0, 2)] + [
+        samples / "or_kt0/traj0.gt.freiburg"
+    ]
+    found = json.loads(run("info", *files, "--json")[1])["trajectories"]
+    assert [round(one["length_m"], 3) for one in found] == [6.545, 8.430, 6.525]
+    assert [one["taken"]["handedness"] for one in found] == ["left"] * 3
+
+
+def test_the_form_can_be_told(run, tmp_path):
+    (tmp_path / "a.txt").write_text("1 0 1 0 0 0 0 1\n2 0 1 0 0 0 0 1\n")
+    assert "gt.freiburg (as told): LEFT-handed" in run("info", tmp_path / "a.txt", "--from", "gt.freiburg")[1]
+    assert "30 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids")[1]
+    assert "60 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids", "--fps", "60")[1]
+
+
+# -- convert
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.kitti", "a_pov.txt", "render_commands.txt", "a.tum"])
+def test_converting_there_and_back_keeps_the_trajectory(run, walk, tmp_path, name):
+    assert run("convert", walk, tmp_path / name)[0] == 0
+    assert run("convert", tmp_path / name, tmp_path / "back.txt")[0] == 0
+    back = read_trajectory(tmp_path / "back.txt").trajectory
+    np.testing.assert_allclose(back.T_world_camera.matrix, WALK.T_world_camera.matrix, atol=3e-9)
+    np.testing.assert_allclose(back.stamps_s, WALK.stamps_s, atol=2e-9)
+
+
+def test_converting_says_which_frame_it_comes_from_and_goes_to(run, walk, tmp_path):
+    _, out, err = run("convert", walk, tmp_path / "a.gt.freiburg", "--start-z", "-2.5")
+    assert out == ""
+    assert f"{walk}: TUM: stamps in seconds, right-handed" in err
+    assert f"{tmp_path / 'a.gt.freiburg'}: gt.freiburg: frame ids, LEFT-handed" in err
+    assert np.loadtxt(tmp_path / "a.gt.freiburg")[0, 3] == -2.5
+    assert run("convert", walk, tmp_path / "b.txt", "--quiet")[1:] == ("", "")
+
+
+def test_centimetres_come_in_and_go_out(run, tmp_path):
+    (tmp_path / "office_pov.txt").write_text("1 0 0 91 0 1 0 465 0 0 1 -292\n")
+    assert run("convert", tmp_path / "office_pov.txt", tmp_path / "a.txt", "--unit", "cm")[0] == 0
+    np.testing.assert_allclose(read_trajectory(tmp_path / "a.txt").trajectory.positions_m, [[-0.91, 2.92, 4.65]])
+    assert run("convert", tmp_path / "a.txt", tmp_path / "b_pov.txt", "--out-unit", "cm")[0] == 0
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "b_pov.txt")[[4, 8, 12]], [91, 465, -292])
+
+
+def test_an_existing_file_is_kept_unless_forced(run, walk, tmp_path):
+    out = tmp_path / "out.txt"
+    out.write_text("precious")
+    for arguments in (["convert", walk, out], ["resample", walk, "--rate", 60, "-o", out]):
+        assert_refused(run(*arguments), f"{out}: expected a name that is free", "--force")
+        assert out.read_text() == "precious"
+    assert run("convert", walk, out, "--force")[0] == 0
+    assert len(read_trajectory(out).trajectory) == 61
+
+
+def test_stamps_of_a_recording_can_be_made_anew(run, tmp_path):
+    write_trajectory(tmp_path / "a.txt", Trajectory(WALK.stamps_s * 1.01 + 1305031102.17, WALK.T_world_camera), "tum")
+    assert_refused(
+        run("convert", tmp_path / "a.txt", tmp_path / "a.gt.freiburg", "--quiet"),
+        "stamps at frame numbers",
+        "--restamp",
+    )
+    assert run("convert", tmp_path / "a.txt", tmp_path / "a.gt.freiburg", "--restamp")[0] == 0
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "a.gt.freiburg")[:, 0], range(1, 61))
+
+
+def test_the_output_format_can_be_told(run, walk, tmp_path):
+    assert_refused(run("convert", walk, tmp_path / "a.dat"), "a.dat: expected a name ending in", "--to FORMAT")
+    assert run("convert", walk, tmp_path / "a.dat", "--to", "euroc")[0] == 0
+    assert (tmp_path / "a.dat").read_text().startswith("#timestamp [ns]")
+
+
+# -- adopt, resample
+
+
+def test_adopting_applies_equation_two(run, walk, tmp_path):
+    start = "-1.4,-1.4,1.5,0.5,0.5,0.5,0.5"  # the leading minus is no option
+    assert run("adopt", walk, "--start", start, "--scale", "0.8", "-o", tmp_path / "a.txt")[0] == 0
+    T_world_start = SE3.from_quat_xyzw(np.full(4, 0.5), np.array([-1.4, -1.4, 1.5]))
+    expected = adopt(WALK, T_world_start, 0.8).T_world_camera.matrix
+    np.testing.assert_allclose(
+        read_trajectory(tmp_path / "a.txt").trajectory.T_world_camera.matrix, expected, atol=3e-9
+    )
+
+
+def test_adopting_takes_the_first_pose_of_a_file_as_start(run, walk, tmp_path):
+    moved = adopt(WALK, SE3.exp(np.array([1.0, 2, 3, 0.1, 0.2, 0.3])))
+    write_trajectory(tmp_path / "start.txt", moved, "tum")
+    assert run("adopt", walk, "--start", tmp_path / "start.txt", "-o", tmp_path / "a.txt")[0] == 0
+    adopted = read_trajectory(tmp_path / "a.txt").trajectory
+    np.testing.assert_allclose(adopted.T_world_camera.matrix, moved.T_world_camera.matrix, atol=5e-9)
+
+
+def test_without_an_output_tum_comes_out_on_standard_output(run, walk, tmp_path):
+    code, out, _ = run("resample", walk, "--rate", 60)
+    (tmp_path / "a.txt").write_text(out)
+    assert code == 0
+    resampled, expected = read_trajectory(tmp_path / "a.txt").trajectory, resample(WALK, 60)
+    np.testing.assert_allclose(resampled.T_world_camera.matrix, expected.T_world_camera.matrix, atol=1e-8)
+    np.testing.assert_allclose(resampled.stamps_s, expected.stamps_s, atol=1e-8)
+
+
+def test_a_resampled_trajectory_gets_frame_numbers_of_its_own_rate(run, walk, tmp_path):
+    assert run("resample", walk, "--rate", 60, "-o", tmp_path / "a.gt.freiburg")[0] == 0
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "a.gt.freiburg")[:, 0], range(1, 121))
+
+
+# -- plot
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_plot_is_a_picture(run, walk, tmp_path, ending):
+    from matplotlib import rcParams
+
+    before = dict(rcParams)
+    assert run("plot", walk, walk, "-o", tmp_path / f"a.{ending}")[0] == 0
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
+    assert (tmp_path / f"a.{ending}").read_bytes().startswith(start)
+    assert dict(rcParams) == before
+
+
+def test_the_top_view_is_x_and_y_with_z_up(tmp_path):
+    from iclnuim_bench.plots import positions_z_up_m, trajectories_figure
+
+    # an anchored file whose camera moves right, then up, then forward
+    (tmp_path / "a.gt.freiburg").write_text(
+        "1 0 0 -2.25 0 0 0 1\n2 1 0 -2.25 0 0 0 1\n3 1 1 -2.25 0 0 0 1\n4 1 1 0 0 0 0 1\n"
+    )
+    loaded = read_trajectory(tmp_path / "a.gt.freiburg")
+    np.testing.assert_array_equal(positions_z_up_m(loaded), [[0, -2.25, 0], [1, -2.25, 0], [1, -2.25, 1], [1, 0, 1]])
+    above = trajectories_figure([("a", loaded)]).axes[0]
+    np.testing.assert_array_equal(above.lines[0].get_xydata(), [[0, -2.25], [1, -2.25], [1, -2.25], [1, 0]])
+
+
+def test_one_pose_can_be_plotted(run, tmp_path):
+    write_trajectory(tmp_path / "a.txt", WALK[:1], "tum")
+    assert run("plot", tmp_path / "a.txt", "-o", tmp_path / "a.png")[0] == 0
+
+
+# -- refusals
+
+
+@pytest.mark.parametrize(
+    ("content", "pieces"),
+    [
+        ("", ["bad.txt: ", "an empty file"]),
+        ("<!DOCTYPE html>\n<html></html>\n", ["bad.txt:1: ", "a web page", "try downloading"]),
+        ("1 2 3 4 5 6 7\n", ["bad.txt:1: ", "7 columns", "try --from"]),
+        ("1 0 0 0 0 0 0 1\n2 0 0 nan 0 0 0 1\n", ["bad.txt:2: ", "nan in column 4"]),
+        ("1 0 0 0 0 0 0 0\n", ["bad.txt:1: ", "length 0"]),
+        ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", ["bad.txt:2: ", "above the 2 of line 1", "try sorting"]),
+        ("\0\1\2", ["bad.txt: ", "a binary file"]),
+    ],
+)
+def test_bad_input_gets_one_line_and_exit_code_two(run, walk, tmp_path, content, pieces):
+    bad = tmp_path / "bad.txt"
+    bad.write_text(content)
+    out = tmp_path / "out.png"
+    actions = [
+        ["info", bad],
+        ["convert", bad, out, "--to", "tum"],
+        ["plot", walk, bad, "-o", out],
+        ["resample", bad, "--rate", 60, "-o", out, "--to", "tum"],
+        ["adopt", walk, "--start", bad, "-o", out, "--to", "tum"],
+    ]
+    for arguments in actions:
+        assert_refused(run(*arguments, *(["--quiet"] if arguments[0] != "info" else [])), *pieces)
+        assert not out.exists()
+
+
+def test_options_that_cannot_be_get_one_line(run, walk, tmp_path):
+    assert_refused(run("adopt", walk, "--start", "1,2,3", "--quiet"), "--start x,y,z,qx,qy,qz,qw", "found 1,2,3")
+    assert_refused(run("adopt", walk, "--start", "0,0,0,0,0,0,0", "--quiet"), "quaternions of length 1")
+    assert_refused(run("adopt", walk, "--start", "0,0,0,0,0,0,1", "--scale", "-1", "--quiet"), "a scale > 0")
+    assert_refused(run("resample", walk, "--rate", "1000", "--quiet"), "15 to 240 Hz", "found 1000")
+    assert_refused(run("info", walk, "--from", "freiburg"), "gt.freiburg", "found freiburg")
+    assert_refused(run("convert", walk, tmp_path / "a.txt", "--to", "pov-cameras", "--quiet"), "that can be written")
+    assert_refused(run("plot", walk, "-o", tmp_path / "a.gif", "--quiet"), ".png, .pdf, .svg", "found .gif")
+    assert_refused(run("info", tmp_path), "a folder of POV-Ray camera files", "no such file")
+    code, _, err = run("info", walk, "--unit", "inch")
+    assert code == 2 and "expected m, cm, mm or metres as a number, found 'inch'" in err
+
+
+def test_a_full_disk_is_exit_code_three_and_leaves_nothing(walk, tmp_path):
+    program = (
+        "import resource, signal, sys; from iclnuim_bench.cli import main; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500)); sys.exit(main(sys.argv[1:]))"
+    )
+    for arguments in (["convert", walk, tmp_path / "out.csv"], ["plot", walk, "-o", tmp_path / "out.png"]):
+        command = [sys.executable, "-c", program, "trajectory", *arguments, "--quiet"]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+        assert done.returncode == 3 and "cannot write: File too large" in done.stderr and done.stderr.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["walk.txt"]
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+
+
+@pytest.mark.parametrize("arguments", [["info", "{}"], ["convert", "{}", "{}.csv"], ["resample", "{}", "--rate", "60"]])
+def test_commands_start_without_heavy_packages(walk, arguments):
+    program = (
+        "import sys; from iclnuim_bench.cli import main; main(sys.argv[1:]); heavy = ('scipy', 'matplotlib', 'bpy', 'cv2');"
+        "print('heavy:', *[name for name in heavy if name in sys.modules], file=sys.stderr)"
+    )
+    command = [sys.executable, "-c", program, "trajectory", *(a.format(walk) for a in arguments), "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
+    assert done.stderr.strip() == "heavy:"
+
+
+@pytest.mark.parametrize("action", ["info", "convert", "plot", "make", "adopt", "resample"])
+def test_every_action_helps_with_an_example(run, action):
+    code, out, _ = run(action, "--help")
+    assert code == 0 and "example:\n  iclnuim trajectory " in out
