@@ -253,7 +253,8 @@ def test_options_that_cannot_be_get_one_line(run, walk, tmp_path):
 
 def test_a_full_disk_is_exit_code_three_and_leaves_nothing(walk, tmp_path):
     program = (
-        "import resource, signal, sys; from iclnuim_bench.cli import main; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "import resource, signal, sys; from iclnuim_bench.cli import main;"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500)); sys.exit(main(sys.argv[1:]))"
     )
     for arguments in (["convert", walk, tmp_path / "out.csv"], ["plot", walk, "-o", tmp_path / "out.png"]):
@@ -270,7 +271,8 @@ def environment() -> dict[str, str]:
 @pytest.mark.parametrize("arguments", [["info", "{}"], ["convert", "{}", "{}.csv"], ["resample", "{}", "--rate", "60"]])
 def test_commands_start_without_heavy_packages(walk, arguments):
     program = (
-        "import sys; from iclnuim_bench.cli import main; main(sys.argv[1:]); heavy = ('scipy', 'matplotlib', 'bpy', 'cv2');"
+        "import sys; from iclnuim_bench.cli import main; main(sys.argv[1:]);"
+        "heavy = ('scipy', 'matplotlib', 'bpy', 'cv2', 'OpenEXR', 'open3d');"
         "print('heavy:', *[name for name in heavy if name in sys.modules], file=sys.stderr)"
     )
     command = [sys.executable, "-c", program, "trajectory", *(a.format(walk) for a in arguments), "--quiet"]
