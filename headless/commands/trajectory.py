@@ -122,7 +122,7 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
 
 def _configure_adopt(actions: argparse._SubParsersAction) -> None:
     text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
-    example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.7,0.7,0 --scale 0.8 -o kt9.txt"
+    example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
     parser = action(actions, "adopt", text, example, run_adopt, json=False)
     # a start pose may begin with a minus; argparse would take it for an option
     parser._negative_number_matcher = re.compile(r"^-[\d.]")  # type: ignore[attr-defined]
@@ -154,7 +154,10 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
         numbers = np.array([])
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         raise InputError("--start x,y,z,qx,qy,qz,qw or a trajectory file", found=args.start)
-    return SE3.from_quat_xyzw(numbers[3:], numbers[:3]), "the world it was given in"
+    try:
+        return SE3.from_quat_xyzw(numbers[3:], numbers[:3]), "the world it was given in"
+    except InputError as error:
+        raise InputError(f"{error.expected} in --start", found=error.found) from None
 
 
 def _configure_resample(actions: argparse._SubParsersAction) -> None:

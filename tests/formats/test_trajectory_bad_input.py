@@ -53,6 +53,7 @@ CASES = {
     ),
     "negative ids": ("a.gt.freiburg", "-1 0 0 0 0 0 0 1\n", 1, ["frame number", "-1"]),
     "repeated ids": ("a.gt.freiburg", "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", 2, ["above the 1 of line 1"]),
+    "associations": ("a.txt", "1 depth/1.png 1 rgb/1.png\n", 1, ["8 columns (TUM)", "found 4 columns"]),
     "11 columns": ("a.txt", "1 0 0 0 0 1 0 0 0 0 1\n", 1, ["found 11 columns"]),
     "no rotation": ("a.txt", KITTI + "2 0 0 0 0 1 0 0 0 0 1 0\n", 2, ["rotation matrices"]),
     "a reflection": ("a.txt", KITTI + "-1 0 0 0 0 1 0 0 0 0 1 0\n", 2, ["determinant +1", "a reflection"]),

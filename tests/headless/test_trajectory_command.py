@@ -240,7 +240,9 @@ def test_bad_input_gets_one_line_and_exit_code_two(run, walk, tmp_path, content,
 
 def test_options_that_cannot_be_get_one_line(run, walk, tmp_path):
     assert_refused(run("adopt", walk, "--start", "1,2,3", "--quiet"), "--start x,y,z,qx,qy,qz,qw", "found 1,2,3")
-    assert_refused(run("adopt", walk, "--start", "0,0,0,0,0,0,0", "--quiet"), "quaternions of length 1")
+    assert_refused(
+        run("adopt", walk, "--start", "0,0,0,0,0,0,0", "--quiet"), "quaternions of length 1 (to 0.01) in --start"
+    )
     assert_refused(run("adopt", walk, "--start", "0,0,0,0,0,0,1", "--scale", "-1", "--quiet"), "a scale > 0")
     assert_refused(run("resample", walk, "--rate", "1000", "--quiet"), "15 to 240 Hz", "found 1000")
     assert_refused(run("info", walk, "--from", "freiburg"), "gt.freiburg", "found freiburg")

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from .files import read_text
-from .table import data_lines
+from .table import data_lines, is_number
 
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
@@ -92,6 +92,11 @@ class Source:
     def columns(self) -> int:
         """Of the first line of data, parted by blanks."""
         return len(self.first_lines[0].split()) if self.first_lines else 0
+
+    @property
+    def starts_with_numbers(self) -> bool:
+        """Whether every field of the first line of data is a number."""
+        return bool(self.first_lines) and all(is_number(field) for field in self.first_lines[0].split())
 
     @property
     def first_line_number(self) -> int:

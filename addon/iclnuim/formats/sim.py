@@ -22,8 +22,8 @@ GOES_TO = "gt.sim: blocks for images 1, 2, ..., LEFT-handed y-up poses, placed s
 
 
 def sniff(source: Source) -> bool:
-    """Named `*.gt.sim`, or lines of four columns."""
-    return source.name.endswith(".gt.sim") or source.columns == 4
+    """Named `*.gt.sim`, or lines of four numbers."""
+    return source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers)
 
 
 def read(source: Source, options: ReadOptions) -> LoadedTrajectory:

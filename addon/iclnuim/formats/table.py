@@ -82,7 +82,7 @@ def _first_bad_line(path, text: str, columns: tuple[int, ...], what: str, delimi
     usual = None
     for number, line in data_lines(text):
         fields = line.split(delimiter)
-        bad = next((field for field in fields if not _is_number(field)), None)
+        bad = next((field for field in fields if not is_number(field)), None)
         if bad is not None:
             return InputError(what, path=path, line=number, found=repr(bad.strip()[:40]))
         usual = usual or len(fields)
@@ -91,7 +91,8 @@ def _first_bad_line(path, text: str, columns: tuple[int, ...], what: str, delimi
     return InputError(what, path=path, found="lines that cannot be read as numbers")
 
 
-def _is_number(field: str) -> bool:
+def is_number(field: str) -> bool:
+    """Whether a field is what loadtxt takes for a number."""
     try:
         float(field)
     except ValueError:
