@@ -16,7 +16,7 @@ from ..errors import WorkError
 
 #: Points lie this far in front of their surface, so that a ray from one cannot meet the surface itself.
 LIFT_M = 2e-4
-_TRIANGLE_M = 5e-4
+_TRIANGLE_M = 5e-5
 _AT_ONCE = 1 << 20
 _ROW = 1024
 

@@ -43,15 +43,27 @@ class Texels:
 def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size: int) -> Texels:
     """All texels that interpolation between texel centres can reach. chart (F,), corners_map (C, 2) in texels."""
     triangles = corners_map[surfaces.triangles] - 0.5
+    rim = _rims(surfaces, chart)
     low = np.clip(np.floor(triangles.min(1)).astype(int), 0, size - 1)
     high = np.clip(np.floor(triangles.max(1)).astype(int) + 1, 0, size - 1)
     counts = (high - low + 1).prod(1)
-    found = [_nearest(triangles, rows, low, high, size) for rows in _batches(counts)]
+    found = [_nearest(triangles, rim, rows, low, high, size) for rows in _batches(counts)]
     index, triangle, weights, distance = (np.concatenate([f[k] for f in found]) for k in range(4))
     owner = chart[surfaces.triangle_face[triangle]]
     order = np.lexsort((distance, index))
     first = order[np.flatnonzero(np.diff(index[order], prepend=-1))]
     return Texels(size, index[first], triangle[first], weights[first], owner[first])
+
+
+def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
+    """(T, 3) bool: whether the edge opposite each corner of a triangle is a rim of its chart, not shared within it."""
+    vertex = surfaces.vertex[surfaces.triangles]
+    ends = np.stack([np.roll(vertex, -1, 1), np.roll(vertex, -2, 1)], -1)
+    ends.sort(-1)
+    owner = np.repeat(chart[surfaces.triangle_face], 3)
+    keys = np.concatenate([owner[:, None], ends.reshape(-1, 2)], 1)
+    _, place, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    return (count[place.reshape(-1)] == 1).reshape(-1, 3)
 
 
 def _batches(counts: np.ndarray) -> list[np.ndarray]:
@@ -60,7 +72,7 @@ def _batches(counts: np.ndarray) -> list[np.ndarray]:
     return np.split(np.arange(len(counts)), np.flatnonzero(np.diff(group)) + 1)
 
 
-def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
+def _nearest(triangles: np.ndarray, rim: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
     """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, distance in texels."""
     span = high[rows] - low[rows] + 1
     counts = span.prod(1)
@@ -72,7 +84,7 @@ def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.
     offset = np.abs(np.einsum("nk,nkj->nj", weights, triangles[triangle]) - np.stack([column, row], -1))
     near = offset.max(1) < 1.0
     weights, distance = weights[near], np.hypot(*offset[near].T)
-    weights = _inwards(weights, triangles[triangle[near]])
+    weights = _inwards(weights, triangles[triangle[near]], rim[triangle[near]])
     return row[near] * size + column[near], triangle[near], weights, distance
 
 
@@ -94,13 +106,25 @@ def _closest(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
     return best
 
 
-def _inwards(weights: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Points within a tenth of a texel of the triangle's rim, moved to that distance from it (at most to its centre)."""
-    edges = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)
-    height = np.abs(_cross(edges[:, 0], edges[:, 1]))[:, None] / np.maximum(np.linalg.norm(edges, axis=2), 1e-9)
-    least = np.minimum(_INWARDS / np.maximum(height, 1e-9), 1 / 3)
-    weights = np.maximum(weights, least)
-    return weights / weights.sum(1, keepdims=True)
+def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """Weights (n, 3) of points nearer than _INWARDS to a rim edge, moved straight away from it to that distance.
+
+    Where the triangle is narrow this may lead just beyond another, inner edge: the same plane goes on there.
+    """
+    edge = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)  # edge k lies opposite corner k
+    squared = np.maximum((edge**2).sum(2), 1e-12)
+    area = np.abs(_cross(edge[:, 0], edge[:, 1]))
+    height = area[:, None] / np.sqrt(squared)
+    for k in range(3):
+        wanted = np.minimum(_INWARDS, height[:, k] / 3)
+        shift = np.where(rim[:, k] & (height[:, k] > 1e-6), np.maximum(wanted - weights[:, k] * height[:, k], 0), 0)
+        gain = shift / np.maximum(height[:, k], 1e-6)
+        step = np.zeros_like(weights)
+        for j in ((k + 1) % 3, (k + 2) % 3):  # weights fall in proportion to the edges' projections on edge k
+            step[:, j] = (edge[:, j] * edge[:, k]).sum(1) / squared[:, k] * gain
+        step[:, k] = gain
+        weights = weights + step
+    return weights
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
