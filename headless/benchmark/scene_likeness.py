@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
 from iclnuim.errors import InputError
 
 #: Official frames with both picture and depth, by number in lr_kt0.
@@ -18,7 +17,9 @@ DEPTH_SHARES = (10, 25, 50, 75, 90)
 
 @dataclass(frozen=True)
 class Likeness:
-    """Of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey gradient (8-bit units a pixel), mean grey 0..1, depth quantiles (m)."""
+    """Of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey gradient (8-bit units a
+    pixel), mean grey 0..1, depth quantiles (m).
+    """
 
     corners_20: int
     corners_10: int
@@ -38,7 +39,9 @@ def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
     dy, dx = np.gradient(grey.astype(float))
     counts = [len(cv2.FastFeatureDetector_create(threshold=t).detect(grey)) for t in (20, 10)]
     quantiles = np.percentile(depth_z_m[depth_z_m > 0], DEPTH_SHARES)
-    return Likeness(*counts, float(np.median(np.hypot(dx, dy))), float(grey.mean() / 255), tuple(float(q) for q in quantiles))
+    return Likeness(
+        *counts, float(np.median(np.hypot(dx, dy))), float(grey.mean() / 255), tuple(float(q) for q in quantiles)
+    )
 
 
 def official(samples: Path, number: int) -> tuple[np.ndarray, np.ndarray]:

@@ -20,14 +20,36 @@ SAMPLES = Path(os.environ.get("ICLNUIM_SAMPLES", REPOSITORY.parent / "shared/dat
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
-    build = action(actions, "build", "build a scene by code and save it as a .blend", "iclnuim scene build living_room", _build)
+    build = action(
+        actions, "build", "build a scene by code and save it as a .blend", "iclnuim scene build living_room", _build
+    )
     build.add_argument("name", metavar="NAME", choices=list(SCENES), help=", ".join(SCENES))
     build.add_argument("--seed", type=int, default=0, help="seed of cloth, wood, plaster; default: 0")
     build.add_argument("--out", type=Path, metavar="FILE", help="default: blend/NAME.blend")
-    compare = action(actions, "compare", "render the official living-room views beside the official frames", "iclnuim scene compare --out beside/", _compare)
-    compare.add_argument("--samples-dir", type=Path, default=SAMPLES, metavar="DIR", help="the official samples; default: ICLNUIM_SAMPLES")
-    compare.add_argument("--out", type=Path, default=Path("scene_compare"), metavar="DIR", help="folder for the pictures; default: scene_compare")
-    compare.add_argument("--samples", type=int, default=128, metavar="N", help="path-traced samples a pixel; default: 128")
+    compare = action(
+        actions,
+        "compare",
+        "render the official living-room views beside the official frames",
+        "iclnuim scene compare --out beside/",
+        _compare,
+    )
+    compare.add_argument(
+        "--samples-dir",
+        type=Path,
+        default=SAMPLES,
+        metavar="DIR",
+        help="the official samples; default: ICLNUIM_SAMPLES",
+    )
+    compare.add_argument(
+        "--out",
+        type=Path,
+        default=Path("scene_compare"),
+        metavar="DIR",
+        help="folder for the pictures; default: scene_compare",
+    )
+    compare.add_argument(
+        "--samples", type=int, default=128, metavar="N", help="path-traced samples a pixel; default: 128"
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -62,7 +84,12 @@ def _save(path: Path) -> None:
 def _compare(args: argparse.Namespace, console: Console) -> int:
     likeness = _likeness()
     if not (args.samples_dir / likeness.TRAJECTORY).is_file():
-        raise InputError("the official ICL-NUIM samples", path=args.samples_dir, found=f"no {likeness.TRAJECTORY}", hint="--samples-dir DIR")
+        raise InputError(
+            "the official ICL-NUIM samples",
+            path=args.samples_dir,
+            found=f"no {likeness.TRAJECTORY}",
+            hint="--samples-dir DIR",
+        )
     import cv2
 
     args.out.mkdir(parents=True, exist_ok=True)
@@ -78,8 +105,12 @@ def _compare(args: argparse.Namespace, console: Console) -> int:
 
 
 def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
-    """Yield (number, scene-linear RGB, planar Z) of the living room, path traced and denoised, one ray through each pixel centre."""
-    session, scene, camera, settings, frames, compat = (_blender_room(n) for n in ("session", "scene", "camera", "settings", "frames", "compat"))
+    """Yield (number, scene-linear RGB, planar Z) of the living room, path traced and denoised, one ray through each
+    pixel centre.
+    """
+    session, scene, camera, settings, frames, compat = (
+        _blender_room(n) for n in ("session", "scene", "camera", "settings", "frames", "compat")
+    )
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
@@ -89,7 +120,16 @@ def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
         with session.blender_output_in(Path(os.devnull)):
             scene.open_scene("living_room")
             camera.keyframe(poses, PinholeCamera())
-            settings.apply(RenderJob("compare", "living_room", str(trajectory_file), light="path", samples=samples, denoise=compat.has_denoiser()))
+            settings.apply(
+                RenderJob(
+                    "compare",
+                    "living_room",
+                    str(trajectory_file),
+                    light="path",
+                    samples=samples,
+                    denoise=compat.has_denoiser(),
+                )
+            )
         for number in numbers:
             raw = Path(folder) / f"{number}.exr"
             with session.blender_output_in(Path(os.devnull)):
@@ -101,7 +141,10 @@ def _ratio_table(figures: dict) -> str:
     lines = ["ours / official   corners>20  corners>10  gradient  grey   depth quantiles 10 25 50 75 90 %"]
     for number, r in figures.items():
         depths = " ".join(f"{q:.3f}" for q in r["depth_quantiles_m"])
-        lines.append(f"lr_kt0 {number:>4}       {r['corners_20']:>9.3f}   {r['corners_10']:>9.3f}   {r['gradient']:>7.3f}  {r['grey']:.3f}  {depths}")
+        lines.append(
+            f"lr_kt0 {number:>4}       {r['corners_20']:>9.3f}   {r['corners_10']:>9.3f}   "
+            f"{r['gradient']:>7.3f}  {r['grey']:.3f}  {depths}"
+        )
     return "\n".join(lines)
 
 

@@ -9,7 +9,9 @@ import pytest
 
 @dataclass(frozen=True)
 class Room:
-    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash, triangles, build seconds."""
+    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash, triangles, build
+    seconds.
+    """
 
     objects: dict
     surface: object
@@ -60,7 +62,9 @@ def opened(blender, repository) -> Room:
 
 @pytest.fixture(scope="session")
 def rays(built):
-    """`rays(origins, directions)` -> (distance, owner name index or -1, cosine between ray and face normal) by Embree."""
+    """`rays(origins, directions)` -> (distance, owner name index or -1, cosine between ray and face normal) by
+    Embree.
+    """
     o3d = pytest.importorskip("open3d")
     caster = o3d.t.geometry.RaycastingScene()
     caster.add_triangles(built.surface.vertices.astype(np.float32), built.surface.triangles.astype(np.uint32))

@@ -10,7 +10,16 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.scenes import SCENES, build_scene
 
 OFFICIAL = {"kt0": (0, 1, 50), "kt2": range(180, 190, 3)}
-SINGLE_SHEETS = {"curtain_left", "curtain_right", "lamp_shade_corner", "lamp_shade_window", "window_pane", "view", "shrub_1", "shrub_2"}
+SINGLE_SHEETS = {
+    "curtain_left",
+    "curtain_right",
+    "lamp_shade_corner",
+    "lamp_shade_window",
+    "window_pane",
+    "view",
+    "shrub_1",
+    "shrub_2",
+}
 OPAQUE = {"BSDF_DIFFUSE", "BSDF_GLOSSY", "FRESNEL", "MIX_SHADER", "TEX_IMAGE", "UVMAP", "OUTPUT_MATERIAL"}
 SPECIAL = {"BSDF_TRANSPARENT", "BSDF_TRANSLUCENT", "EMISSION"}
 
@@ -54,7 +63,23 @@ def test_every_object_has_a_stable_number_and_a_class(built):
     numbers = sorted(number for number, _ in built.objects.values())
     assert numbers == list(range(1, len(numbers) + 1))
     classes = {name for _, name in built.objects.values()}
-    assert {"wall", "floor", "ceiling", "sofa", "pillow", "picture", "lamp", "window", "curtain", "door", "table", "chair", "television", "rug", "plant"} <= classes
+    assert {
+        "wall",
+        "floor",
+        "ceiling",
+        "sofa",
+        "pillow",
+        "picture",
+        "lamp",
+        "window",
+        "curtain",
+        "door",
+        "table",
+        "chair",
+        "television",
+        "rug",
+        "plant",
+    } <= classes
 
 
 def test_the_file_holds_what_the_code_builds(built, opened, blender):
@@ -118,8 +143,14 @@ def test_no_two_objects_share_a_visible_surface(built, rays, rng_directions):
     splits = counts["ray_splits"].numpy()
     near = counts["t_hit"].numpy() < 4e-5
     owners = built.surface.owners[counts["primitive_ids"].numpy()]
-    shared = [i for i in range(len(splits) - 1) if len(set(owners[splits[i] : splits[i + 1]][near[splits[i] : splits[i + 1]]])) > 1]
-    assert len(shared) <= 1e-4 * len(start), {tuple(built.surface.names[o] for o in owners[splits[i] : splits[i + 1]][:2]) for i in shared}
+    shared = [
+        i
+        for i in range(len(splits) - 1)
+        if len(set(owners[splits[i] : splits[i + 1]][near[splits[i] : splits[i + 1]]])) > 1
+    ]
+    assert len(shared) <= 1e-4 * len(start), {
+        tuple(built.surface.names[o] for o in owners[splits[i] : splits[i + 1]][:2]) for i in shared
+    }
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +166,9 @@ def test_bare_floor_ceiling_and_walls_agree_with_official_depth_to_a_centimetre(
         truth = official_depth(samples, kt, number)
         T = poses[number]
         depth, owner, _ = rays(T.translation, directions() @ T.rotation.T)
-        plane = np.isin(owner, [i for i, n in enumerate(built.surface.names) if n.startswith("wall_") or n in ("floor", "ceiling")])
+        plane = np.isin(
+            owner, [i for i, n in enumerate(built.surface.names) if n.startswith("wall_") or n in ("floor", "ceiling")]
+        )
         bare.append(plane.mean())
         agreed.append((np.abs(depth - truth)[plane & (truth > 0)] < 0.01).mean())
     assert min(bare) > 0.4
@@ -159,7 +192,9 @@ def test_the_official_paths_keep_20_cm_from_every_surface(samples, built, rays, 
 
 def test_the_page_of_facts_lists_every_object(built, repository):
     text = (repository / "blend/README.md").read_text()
-    listed = {name: (int(number), kind) for number, name, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)}
+    listed = {
+        name: (int(number), kind) for number, name, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
+    }
     assert listed == built.objects
     assert f"{built.triangles:,}" in text
 
@@ -170,7 +205,19 @@ def test_our_picture_feeds_an_odometer_as_the_official_one_does(samples, blender
     import subprocess
     import sys
 
-    command = [sys.executable, "-m", "iclnuim_bench", "scene", "compare", "--samples-dir", str(samples), "--out", str(tmp_path), "--quiet", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "iclnuim_bench",
+        "scene",
+        "compare",
+        "--samples-dir",
+        str(samples),
+        "--out",
+        str(tmp_path),
+        "--quiet",
+        "--json",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     for number, ratios in json.loads(done.stdout).items():
         for name, value in ratios.items():

@@ -1,11 +1,14 @@
-"""Shapes as plain meshes: closed ones are watertight and turned outwards, volumes are right, curves pass through their points."""
+"""Shapes as plain meshes: closed ones are watertight and turned outwards, volumes are right, curves pass through
+their points.
+"""
 
 import numpy as np
 import pytest
-from iclnuim.scenes.hard import chair, fruit, plate, vase
+from iclnuim.scenes.hard import chair
 from iclnuim.scenes.mesh import face_normals, grid, join
 from iclnuim.scenes.shapes import bar, lathe, rounded_box, sheet, smooth_profile, tube
 from iclnuim.scenes.soft import pillow
+from iclnuim.scenes.tableware import fruit, plate, vase
 
 RING = [(np.cos(t), np.sin(t), 0.1 * t) for t in np.linspace(0, 4, 30)]
 

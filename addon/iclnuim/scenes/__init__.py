@@ -1,4 +1,6 @@
-"""The built-in scenes: a registry that can be read without Blender; a scene's module is imported only when it is built."""
+"""The built-in scenes: a registry that can be read without Blender; a scene's module is imported only when it is
+built.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,7 @@ class SceneEntry:
 
 
 SCENES: dict[str, SceneEntry] = {
-    entry.name: entry
-    for entry in (SceneEntry("living_room", ".living_room", "living room, 4.94 x 5.02 x 2.50 m"),)
+    entry.name: entry for entry in (SceneEntry("living_room", ".living_room", "living room, 4.94 x 5.02 x 2.50 m"),)
 }
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Mesh, grid, join
+from .mesh import Mesh, facing, grid, join
 from .shapes import lathe, ripples, sheet, smooth_profile, steps, tube
 
 
 def blade(path: np.ndarray, width: float, cup: float, detail: float, roll_deg: float = 0.0, rows: int = 15) -> Mesh:
-    """A broad leaf along a midrib path (k,3): pointed, its halves lifted by `cup`, edges a little wavy; texture v runs along the rib."""
+    """A broad leaf along a midrib path (k,3): pointed, its halves lifted by `cup`, edges a little wavy; texture v
+    runs along the rib.
+    """
     rib = smooth_profile(path, steps(rows, detail, 6))
     t = np.linspace(0, 1, len(rib))
     tangent = np.gradient(rib, axis=0)
@@ -35,24 +37,35 @@ def stalk(path: np.ndarray, thick: float, detail: float) -> Mesh:
     return tube(line, np.linspace(thick, 0.55 * thick, len(line)), steps(8, detail, 5))
 
 
-def pot(radius: float, height: float, detail: float) -> Mesh:
+def pot(rng: np.random.Generator, radius: float, height: float, detail: float) -> Mesh:
     """A glazed pot with rim and saucer, filled with soil; slots 0 glaze, 1 soil."""
     n = steps(40, detail, 12)
-    wall = [(0.0, 0.016), (radius * 0.70, 0.016), (radius * 0.74, 0.022), (radius * 0.90, height * 0.6), (radius * 0.98, height - 0.03), (radius, height - 0.028),
-            (radius * 1.01, height - 0.006), (radius * 0.99, height), (radius * 0.93, height), (radius * 0.91, height - 0.04)]
-    saucer = [(0.0, 0.0005), (radius * 0.85, 0.0005), (radius * 1.0, 0.018), (radius * 1.01, 0.021), (radius * 0.98, 0.021), (radius * 0.84, 0.012), (0.0, 0.012)]
+    wall = [
+        (0.0, 0.016),
+        (radius * 0.70, 0.016),
+        (radius * 0.74, 0.022),
+        (radius * 0.90, height * 0.6),
+        (radius * 0.98, height - 0.03),
+        (radius, height - 0.028),
+        (radius * 1.01, height - 0.006),
+        (radius * 0.99, height),
+        (radius * 0.93, height),
+        (radius * 0.91, height - 0.04),
+    ]
+    saucer = [
+        (0.0, 0.0005),
+        (radius * 0.85, 0.0005),
+        (radius * 1.0, 0.018),
+        (radius * 1.01, 0.021),
+        (radius * 0.98, 0.021),
+        (radius * 0.84, 0.012),
+        (0.0, 0.012),
+    ]
     angle, ring = np.meshgrid(np.linspace(0, 2 * np.pi, n + 1), np.linspace(0.0, radius * 0.915, 6), indexing="xy")
     soil = np.stack([ring * np.cos(angle), ring * np.sin(angle), 0 * ring], -1)
-    rng = np.random.default_rng(5)
     bumps = ripples(soil.reshape(-1, 3), rng, 0.06).reshape(ring.shape)
     soil[..., 2] = height - 0.035 + 0.004 * bumps
-    return join([lathe(wall, n), lathe(saucer, n), grid(soil).flipped().painted(1) if _down(soil) else grid(soil).painted(1)])
-
-
-def _down(points: np.ndarray) -> bool:
-    from .mesh import face_normals
-
-    return float(face_normals(grid(points))[:, 2].sum()) < 0
+    return join([lathe(wall, n), lathe(saucer, n), facing(grid(soil), 1).painted(1)])
 
 
 def shrub(rng: np.random.Generator, size: tuple[float, float, float], leaves: int) -> Mesh:
@@ -71,6 +84,9 @@ def shrub(rng: np.random.Generator, size: tuple[float, float, float], leaves: in
         length = rng.uniform(0.035, 0.06)
         fold = np.cross(wide, long) * 0.004
         p = [[c, c + wide * 0.001, c + wide * 0.002]]
-        p += [[c + long * length * f - wide * w, c + long * length * f - fold, c + long * length * f + wide * w] for f, w in ((0.4, 0.012), (1.0, 0.001))]
+        p += [
+            [c + long * length * f - wide * w, c + long * length * f - fold, c + long * length * f + wide * w]
+            for f, w in ((0.4, 0.012), (1.0, 0.001))
+        ]
         parts.append(grid(np.array(p)))
     return join(parts)

@@ -1,4 +1,4 @@
-"""Hard furniture: table, chair, sideboard, television, lamp, crockery, books. Local frames: z up from 0, front towards -y."""
+"""Hard furniture: table, chair, sideboard, television, lamp. Local frames: z up from 0, front towards -y."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from .shapes import bar, lathe, rounded_box, smooth_profile, steps, tube
 WOOD_TILE = 0.7
 
 
-def board(size: tuple[float, float, float], centre: tuple[float, float, float], radius: float = 0.004, turn: bool = False, arcs: int = 1) -> Mesh:
+def board(
+    size: tuple[float, float, float],
+    centre: tuple[float, float, float],
+    radius: float = 0.004,
+    turn: bool = False,
+    arcs: int = 1,
+) -> Mesh:
     """A planed board with eased edges; grain along x, or along the other axis with turn."""
     shift = (0.37 * centre[0] + 0.21 * centre[2], 0.61 * centre[1] + 0.13 * centre[2])
     return rounded_box(size, radius, arcs).box_mapped(WOOD_TILE, shift, turn).moved(*centre)
@@ -24,23 +30,37 @@ def coffee_table(width: float, depth: float, top: float, detail: float) -> Mesh:
     stand = []
     for i in (-1, 1):
         for j in (-1, 1):
-            stand.append(bar((i * (sx + 0.035), j * (sy + 0.03), 0), (i * sx, j * sy, top - 0.033), [0.013, 0.016, 0.020, 0.022], n))
+            stand.append(
+                bar(
+                    (i * (sx + 0.035), j * (sy + 0.03), 0),
+                    (i * sx, j * sy, top - 0.033),
+                    [0.013, 0.016, 0.020, 0.022],
+                    n,
+                )
+            )
         stand.append(board((0.022, 2 * sy - 0.04, 0.055), (i * (sx + 0.001), 0, top - 0.0655), turn=True))
     for j in (-1, 1):
         stand.append(board((2 * sx - 0.05, 0.022, 0.055), (0, j * (sy + 0.001), top - 0.0655)))
     for k in np.linspace(-1, 1, 7):
         stand.append(board((2 * sx + 0.015, 0.055, 0.014), (0, k * (sy - 0.035), 0.17), 0.003))
-    stand += [bar((i * (sx + 0.021), -sy - 0.015, 0.155), (i * (sx + 0.021), sy + 0.015, 0.155), 0.009, n) for i in (-1, 1)]
+    stand += [
+        bar((i * (sx + 0.021), -sy - 0.015, 0.155), (i * (sx + 0.021), sy + 0.015, 0.155), 0.009, n) for i in (-1, 1)
+    ]
     return join(parts + [s.painted(1) for s in stand])
 
 
 def chair(detail: float) -> Mesh:
-    """A wooden chair with a bent back rest and an upholstered seat; slots 0 wood, 1 fabric. Seat centre above the origin."""
+    """A wooden chair with a bent back rest and an upholstered seat; slots 0 wood, 1 fabric. Seat centre above the
+    origin.
+    """
     n = steps(12, detail, 6)
     wood = []
     for i in (-1, 1):
         wood.append(bar((i * 0.215, -0.215, 0), (i * 0.195, -0.19, 0.425), [0.012, 0.015, 0.018, 0.019], n))
-        back = smooth_profile([(i * 0.205, 0.255, 0), (i * 0.195, 0.195, 0.40), (i * 0.192, 0.205, 0.60), (i * 0.188, 0.275, 0.84)], steps(12, detail, 6))
+        back = smooth_profile(
+            [(i * 0.205, 0.255, 0), (i * 0.195, 0.195, 0.40), (i * 0.192, 0.205, 0.60), (i * 0.188, 0.275, 0.84)],
+            steps(12, detail, 6),
+        )
         wood.append(tube(back, np.interp(np.linspace(0, 1, len(back)), [0, 0.45, 1], [0.012, 0.019, 0.012]), n))
         wood.append(bar((i * 0.207, -0.20, 0.17), (i * 0.201, 0.222, 0.17), 0.008, n))
         wood.append(board((0.020, 0.34, 0.05), (i * 0.193, 0.0, 0.405), turn=True))
@@ -50,7 +70,9 @@ def chair(detail: float) -> Mesh:
 
     def bowed(z: float, y: float, tall: float, deep: float) -> Mesh:
         slat = rounded_box((0.37, 0.014, tall), 0.005, 1, (steps(8, detail, 4), 1, 1), WOOD_TILE)
-        return slat.mapped(lambda v: v + np.stack([0 * v[:, 0], deep * (1 - (v[:, 0] / 0.19) ** 2), 0 * v[:, 0]], 1)).moved(0, y, z)
+        return slat.mapped(
+            lambda v: v + np.stack([0 * v[:, 0], deep * (1 - (v[:, 0] / 0.19) ** 2), 0 * v[:, 0]], 1)
+        ).moved(0, y, z)
 
     wood += [bowed(0.79, 0.262, 0.095, 0.035), bowed(0.66, 0.224, 0.035, 0.032), bowed(0.57, 0.203, 0.035, 0.030)]
     seat = rounded_box((0.43, 0.43, 0.055), 0.022, 2, (steps(6, detail), steps(6, detail), 1), 0.3).painted(1)
@@ -65,7 +87,9 @@ def chair(detail: float) -> Mesh:
 
 
 def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
-    """A low media cupboard: carcass, two doors, three drawers, knobs, tapered legs; slots 0 wood, 1 metal, 2 dark inside."""
+    """A low media cupboard: carcass, two doors, three drawers, knobs, tapered legs; slots 0 wood, 1 metal, 2 dark
+    inside.
+    """
     low, t = 0.14, 0.022
     tall = height - low
     parts = [
@@ -73,12 +97,21 @@ def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
         board((width - 0.001, depth - 0.002, t), (0, 0, low + t / 2)),
         board((t, depth - 0.001, tall - 2 * t - 0.001), (-width / 2 + t / 2 + 0.0005, 0, low + tall / 2), turn=True),
         board((t, depth - 0.001, tall - 2 * t - 0.001), (width / 2 - t / 2 - 0.0005, 0, low + tall / 2), turn=True),
-        rounded_box((width - 2 * t - 0.002, 0.01, tall - 2 * t - 0.002), 0.001).moved(0, -depth / 2 + 0.035, low + tall / 2).painted(2),
+        rounded_box((width - 2 * t - 0.002, 0.01, tall - 2 * t - 0.002), 0.001)
+        .moved(0, -depth / 2 + 0.035, low + tall / 2)
+        .painted(2),
     ]
     inside, clear = width - 2 * t, tall - 2 * t
     third = inside / 3
     front = -depth / 2 + 0.012
-    knob = lathe([(0.005, 0), (0.005, 0.012), (0.012, 0.016), (0.014, 0.022), (0.010, 0.027), (0, 0.028)], steps(14, detail, 8)).turned("x", 90).painted(1)
+    knob = (
+        lathe(
+            [(0.005, 0), (0.005, 0.012), (0.012, 0.016), (0.014, 0.022), (0.010, 0.027), (0, 0.028)],
+            steps(14, detail, 8),
+        )
+        .turned("x", 90)
+        .painted(1)
+    )
     for i in (-1, 1):
         parts.append(board((third - 0.005, 0.019, clear - 0.006), (i * third, front, low + tall / 2)))
         parts.append(knob.moved(i * (third - third / 2 + 0.05), front - 0.009, low + tall / 2 + 0.03))
@@ -87,7 +120,14 @@ def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
         parts += [board((third - 0.005, 0.019, clear / 3 - 0.005), (0, front, z)), knob.moved(0, front - 0.009, z)]
     for i in (-1, 1):
         for j in (-1, 1):
-            parts.append(bar((i * (width / 2 - 0.09), j * (depth / 2 - 0.06), 0), (i * (width / 2 - 0.12), j * (depth / 2 - 0.08), low - 0.0005), [0.011, 0.015, 0.020], steps(12, detail, 6)))
+            parts.append(
+                bar(
+                    (i * (width / 2 - 0.09), j * (depth / 2 - 0.06), 0),
+                    (i * (width / 2 - 0.12), j * (depth / 2 - 0.08), low - 0.0005),
+                    [0.011, 0.015, 0.020],
+                    steps(12, detail, 6),
+                )
+            )
     return join(parts)
 
 
@@ -101,7 +141,10 @@ def television(width: float, detail: float) -> Mesh:
     feet = []
     for i in (-1, 1):
         path = [[i * width * 0.36, -0.11, 0.006], [i * width * 0.36, -0.03, 0.018], [i * width * 0.36, 0, 0.075]]
-        feet += [tube(path, 0.006, steps(8, detail, 6)), bar((i * width * 0.36, 0.11, 0.006), (i * width * 0.36, 0.0, 0.05), 0.006, 8)]
+        feet += [
+            tube(path, 0.006, steps(8, detail, 6)),
+            bar((i * width * 0.36, 0.11, 0.006), (i * width * 0.36, 0.0, 0.05), 0.006, 8),
+        ]
     return join([body, hump, screen, *[f.painted(2) for f in feet]])
 
 
@@ -110,76 +153,45 @@ def foot_lamp(shade: tuple[float, float, float], detail: float) -> tuple[Mesh, M
     n = steps(48, detail, 12)
     radius, low, high = shade
     socket = (low + high) / 2 - 0.05
-    foot = lathe([(0.168, 0.0005), (0.170, 0.003), (0.170, 0.043), (0.167, 0.048), (0.161, 0.0495), (0.05, 0.0495), (0.022, 0.051), (0.018, 0.058), (0.0165, 0.064)], n)
-    pole = lathe([(0.0165, 0.060), (0.0165, socket - 0.045), (0.020, socket - 0.044), (0.020, socket), (0.0, socket)], steps(20, detail, 8))
-    bulb = lathe([(0.012, 0.001), (0.013, 0.012), (0.024, 0.034), (0.028, 0.052), (0.024, 0.069), (0.012, 0.079), (0.0, 0.081)], steps(16, detail, 8))
-    arms = [tube([[0.018 * c, 0.018 * s, socket - 0.02], [radius * 0.6 * c, radius * 0.6 * s, socket - 0.03], [(radius - 0.001) * c, (radius - 0.001) * s, low + 0.006]], 0.0022, 5)
-            for c, s in [(np.cos(a), np.sin(a)) for a in np.radians([30, 150, 270])]]
+    foot = lathe(
+        [
+            (0.168, 0.0005),
+            (0.170, 0.003),
+            (0.170, 0.043),
+            (0.167, 0.048),
+            (0.161, 0.0495),
+            (0.05, 0.0495),
+            (0.022, 0.051),
+            (0.018, 0.058),
+            (0.0165, 0.064),
+        ],
+        n,
+    )
+    pole = lathe(
+        [(0.0165, 0.060), (0.0165, socket - 0.045), (0.020, socket - 0.044), (0.020, socket), (0.0, socket)],
+        steps(20, detail, 8),
+    )
+    bulb = lathe(
+        [(0.012, 0.001), (0.013, 0.012), (0.024, 0.034), (0.028, 0.052), (0.024, 0.069), (0.012, 0.079), (0.0, 0.081)],
+        steps(16, detail, 8),
+    )
+    arms = [
+        tube(
+            [
+                [0.018 * c, 0.018 * s, socket - 0.02],
+                [radius * 0.6 * c, radius * 0.6 * s, socket - 0.03],
+                [(radius - 0.001) * c, (radius - 0.001) * s, low + 0.006],
+            ],
+            0.0022,
+            5,
+        )
+        for c, s in [(np.cos(a), np.sin(a)) for a in np.radians([30, 150, 270])]
+    ]
     drum = lathe([(radius, low), (radius, (2 * low + high) / 3), (radius, (low + 2 * high) / 3), (radius, high)], n)
     drum = Mesh(drum.verts, drum.faces, drum.uv * np.array([4.0, 0.8]), drum.material)
     turn = np.linspace(0, 2 * np.pi, n + 1)
-    rings = [np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn + z], 1) for z in (low + 0.002, high - 0.002)]
+    rings = [
+        np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn + z], 1) for z in (low + 0.002, high - 0.002)
+    ]
     rims = [tube(ring, 0.0032, 6, closed_ends=False).painted(1) for ring in rings]
     return join([foot, pole, *arms]), join([drum, *rims]), bulb.moved(z=socket)
-
-
-def vase(detail: float) -> Mesh:
-    """A slender glazed vase, 27 cm, with an inner wall."""
-    outer = smooth_profile([(0.045, 0.003), (0.062, 0.03), (0.082, 0.10), (0.066, 0.18), (0.034, 0.235), (0.046, 0.272)], steps(20, detail, 8))
-    inner = smooth_profile([(0.042, 0.273), (0.029, 0.235), (0.058, 0.18), (0.072, 0.10), (0.0, 0.03)], steps(12, detail, 6))
-    return lathe(np.concatenate([[(0.0, 0.0005), (0.042, 0.0005)], outer, inner]), steps(36, detail, 12))
-
-
-def twigs(rng: np.random.Generator, detail: float) -> Mesh:
-    """Dry branches with buds for the vase; slots 0 bark, 1 buds."""
-    parts = []
-    bud = lathe([(0, -0.006), (0.004, -0.003), (0.0055, 0.002), (0.003, 0.008), (0, 0.010)], 6).painted(1)
-    for k in range(7):
-        a = 2 * np.pi * (k + 0.5 * rng.random()) / 7
-        lean = rng.uniform(0.06, 0.15)
-        tip = np.array([lean * np.cos(a), lean * np.sin(a), rng.uniform(0.40, 0.52)])
-        path = smooth_profile([(0.02 * np.cos(a + 2), 0.02 * np.sin(a + 2), 0.05), (0.02 * np.cos(a), 0.02 * np.sin(a), 0.26),
-                               tip * [0.6, 0.6, 0.75] + rng.normal(0, 0.012, 3), tip], steps(10, detail, 5))
-        parts.append(tube(path, np.linspace(0.0032, 0.0014, len(path)), 5))
-        for at in path[len(path) // 2 :]:
-            parts.append(bud.turned("x", rng.uniform(-50, 50)).turned("z", rng.uniform(0, 360)).moved(*(at + rng.normal(0, 0.003, 3))))
-    return join(parts)
-
-
-def plate(detail: float) -> Mesh:
-    """A wide shallow bowl-plate, 32 cm across."""
-    top = [(0.157, 0.036), (0.150, 0.034), (0.115, 0.020), (0.07, 0.0105), (0.0, 0.009)]
-    return lathe([(0.0, 0.002), (0.065, 0.002), (0.068, 0.0005), (0.075, 0.0005), (0.080, 0.006), (0.12, 0.016), (0.156, 0.032), (0.159, 0.0345), *top], steps(48, detail, 16))
-
-
-def fruit(rng: np.random.Generator, radius: float, detail: float) -> Mesh:
-    """An orange resting on z = 0: slightly flattened, dimpled at the stalk."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, steps(16, detail, 6))
-    r, z = radius * np.cos(angle), 0.93 * radius * np.sin(angle)
-    z = z - 0.12 * radius * np.exp(-((r / (0.22 * radius)) ** 2)) * (z > 0)
-    r[0] = r[-1] = 0.0
-    ball = lathe(np.stack([r, z], 1), steps(24, detail, 8))
-    return ball.turned("x", rng.uniform(-25, 25)).turned("z", rng.uniform(0, 360)).moved(z=0.95 * radius)
-
-
-def book(size: tuple[float, float, float]) -> Mesh:
-    """A lying book (width x, depth y, thickness): boards and spine (slot 0), paper block (slot 1)."""
-    w, d, t = size
-    covers = [rounded_box((w, d, 0.003), 0.0012).moved(0, 0, z) for z in (0.0015, t - 0.0015)]
-    spine = rounded_box((0.004, d, t), 0.0015).moved(-w / 2 - 0.0005, 0, t / 2)
-    pages = rounded_box((w - 0.008, d - 0.008, t - 0.0062), 0.0008).moved(-0.001, 0, t / 2).painted(1)
-    return join([*covers, spine, pages])
-
-
-def magazine(rng: np.random.Generator, size: tuple[float, float], detail: float) -> Mesh:
-    """A soft-covered magazine lying with one corner curled up."""
-    n = steps(10, detail, 4)
-    body = rounded_box((size[0], size[1], 0.006), 0.0015, 1, (n, n, 1))
-    bend = rng.uniform(0.8, 1.2)
-
-    def curl(v: np.ndarray) -> np.ndarray:
-        out = np.clip(v[:, 0] / size[0] + v[:, 1] / size[1] - 0.55, 0, 1)
-        v[:, 2] += 0.09 * bend * out**2
-        return v
-
-    return Mesh((m := body.mapped(curl)).verts, m.faces, m.uv / np.array(size) + 0.5, m.material).moved(z=0.0032)

@@ -18,7 +18,9 @@ def _add(name: str, data: bpy.types.Light, location: Place, towards: Place | Non
     return obj
 
 
-def sun(name: str, azimuth_deg: float, elevation_deg: float, strength: float, colour: Place, angle_deg: float = 0.9) -> bpy.types.Object:
+def sun(
+    name: str, azimuth_deg: float, elevation_deg: float, strength: float, colour: Place, angle_deg: float = 0.9
+) -> bpy.types.Object:
     """A sun standing in direction azimuth (counter-clockwise from +x) and elevation; strength is irradiance in W/m2."""
     a, e = np.radians([azimuth_deg, elevation_deg])
     direction = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
@@ -27,7 +29,9 @@ def sun(name: str, azimuth_deg: float, elevation_deg: float, strength: float, co
     return _add(name, data, tuple(10 * direction), (0.0, 0.0, 0.0))
 
 
-def spot(name: str, location: Place, towards: Place, power: float, colour: Place, cone_deg: float, soft: float, radius: float) -> bpy.types.Object:
+def spot(
+    name: str, location: Place, towards: Place, power: float, colour: Place, cone_deg: float, soft: float, radius: float
+) -> bpy.types.Object:
     data = bpy.data.lights.new(name, "SPOT")
     data.energy, data.color, data.shadow_soft_size = power, colour, radius
     data.spot_size, data.spot_blend = np.radians(cone_deg), soft
@@ -48,8 +52,12 @@ def portal(name: str, location: Place, towards: Place, width: float, height: flo
     return _add(name, data, location, towards)
 
 
-def daylight(name: str, location: Place, towards: Place, width: float, height: float, power: float, colour: Place) -> bpy.types.Object:
-    """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not give; unseen by the camera."""
+def daylight(
+    name: str, location: Place, towards: Place, width: float, height: float, power: float, colour: Place
+) -> bpy.types.Object:
+    """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not give;
+    unseen by the camera.
+    """
     data = bpy.data.lights.new(name, "AREA")
     data.shape, data.size, data.size_y = "RECTANGLE", width, height
     data.energy, data.color = power, colour
@@ -66,7 +74,9 @@ def sky(image: bpy.types.Image, strength: float) -> None:
         world.use_nodes = True
     tree = world.node_tree
     tree.nodes.clear()
-    texture, background, out = (tree.nodes.new(k) for k in ("ShaderNodeTexEnvironment", "ShaderNodeBackground", "ShaderNodeOutputWorld"))
+    texture, background, out = (
+        tree.nodes.new(k) for k in ("ShaderNodeTexEnvironment", "ShaderNodeBackground", "ShaderNodeOutputWorld")
+    )
     texture.image = image
     background.inputs["Strength"].default_value = strength
     tree.links.new(texture.outputs["Color"], background.inputs["Color"])

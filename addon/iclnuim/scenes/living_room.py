@@ -1,32 +1,24 @@
-"""The living room: where everything stands. Lengths in metres in our world (z up); measures follow the original's depth images.
+"""The living room: where everything stands. Lengths in metres in our world (z up), measured on the original.
 
-p_world = (-x, -z, y) of the POV world, so the floor lies at z = 0.133, the sofa wall at y = +1.929, the window wall near y = -3.09.
+p_world = (-x, -z, y) of the POV world, so the floor lies at z = 0.133, the sofa wall at y = +1.929, the window wall
+near y = -3.09.
 """
 
 from __future__ import annotations
 
-import bpy
 import numpy as np
 
-from . import lights, paintings
+from . import living_room_light, paintings
 from .greenery import blade, pot, shrub, stalk
-from .hard import board, book, chair, coffee_table, foot_lamp, fruit, magazine, plate, sideboard, television, twigs, vase
-from .living_room_palette import Painter, palette
-from .materials import image
+from .hard import chair, coffee_table, foot_lamp, sideboard, television
+from .living_room_measures import DOOR, LAMPS, SKIRT_THICK, SKIRT_TOP, SPOTS, WINDOW, X0, X1, Y0, Y1, Z0, Z1
+from .living_room_palette import palette
 from .mesh import Mesh, grid, join
 from .shapes import bar, rounded_box, steps
 from .soft import LENGTH, curtain, pillow, rug, sofa, throw
 from .stage import Stage
+from .tableware import book, fruit, magazine, plate, twigs, vase
 from .wallpieces import casing, door, picture, plane, rail, skirting, spot, window
-
-X0, X1 = -2.425, 2.511
-Y0, Y1 = -3.091, 1.929
-Z0, Z1 = 0.133, 2.633
-SKIRT_TOP, SKIRT_THICK = 0.145, 0.025  # above the floor
-DOOR = (1.092, 2.300, 2.175)  # casing: low x, high x, top z
-WINDOW = (-2.30, 0.04, 0.138, 2.470)  # opening in the window wall: low x, high x, low z, high z
-SPOTS = ((-0.225, 1.66), (2.26, -0.785), (-0.225, -2.45), (-1.90, -0.785))
-LAMPS = {"corner": (-2.09, 1.51), "window": (2.03, -2.61)}
 
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
@@ -34,8 +26,8 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
     stage = Stage(seed, palette(seed, detail))
     for part, fill in enumerate((_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 11, part])), detail)
-    _light(seed, detail)
-    _defaults()
+    living_room_light.light(seed, detail)
+    living_room_light.defaults()
 
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
@@ -76,7 +68,9 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     ]
     stage.add("skirting", "moulding", join(runs).moved(z=Z0), "white paint")
     x0, x1, top = DOOR
-    stage.add("door_casing", "door", casing(x1 - x0, top - Z0, 0.115, 0.018).moved((x0 + x1) / 2, Y1, Z0), "white paint")
+    stage.add(
+        "door_casing", "door", casing(x1 - x0, top - Z0, 0.115, 0.018).moved((x0 + x1) / 2, Y1, Z0), "white paint"
+    )
     leaf = door(x1 - x0 - 0.19, top - Z0 - 0.095, detail).moved((x0 + x1) / 2, Y1 - 0.0015, Z0 + 0.003)
     stage.add("door", "door", leaf, "white paint", "steel")
     art = picture(1.36, 1.02, 0.055)
@@ -112,12 +106,18 @@ def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     on_rug = Z0 + 0.0112
     stage.add("table", "table", coffee_table(1.01, 0.67, top - on_rug, detail).moved(x, y, on_rug), "oak", "nut")
     stage.add("plate", "plate", plate(detail).moved(0.20, -0.36, top + 0.0002), "porcelain")
-    fruits = [fruit(rng, 0.039, detail).moved(0.20 + dx, -0.36 + dy, top + 0.0145 + dz)
-              for dx, dy, dz in ((-0.047, -0.012, 0.0), (0.036, -0.040, 0.0), (0.022, 0.046, 0.0))]
+    fruits = [
+        fruit(rng, 0.039, detail).moved(0.20 + dx, -0.36 + dy, top + 0.0145 + dz)
+        for dx, dy, dz in ((-0.047, -0.012, 0.0), (0.036, -0.040, 0.0), (0.022, 0.046, 0.0))
+    ]
     stage.add("fruit", "fruit", join(fruits), "orange")
     stage.add("vase", "vase", vase(detail).moved(0.40, -0.655, top + 0.0002), "glaze")
     stage.add("twigs", "plant", twigs(rng, detail).moved(0.40, -0.655, top), "bark", "bud")
-    volumes = [book((0.29, 0.22, 0.030)).turned("z", 8), book((0.25, 0.19, 0.024)).turned("z", -7).moved(z=0.0304), book((0.21, 0.15, 0.020)).turned("z", 16).moved(z=0.0548)]
+    volumes = [
+        book((0.29, 0.22, 0.030)).turned("z", 8),
+        book((0.25, 0.19, 0.024)).turned("z", -7).moved(z=0.0304),
+        book((0.21, 0.15, 0.020)).turned("z", 16).moved(z=0.0548),
+    ]
     for k, (volume, cover) in enumerate(zip(volumes, ("book blue", "book cream", "book red"), strict=True), 1):
         stage.add(f"book_{k}", "books", volume.moved(-0.24, -0.36, top + 0.0003), cover, "paper")
     paper = magazine(rng, (0.21, 0.28), detail).turned("z", 20).moved(-0.02, -0.645, top + 0.0004)
@@ -126,11 +126,22 @@ def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 def _media(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     x, y = 1.10, Y0 + 0.255
-    stage.add("sideboard", "cabinet", sideboard(1.36, 0.42, 0.50, detail).turned("z", 180).moved(x, y, Z0 + 0.0005), "nut", "brass", "dark metal")
+    stage.add(
+        "sideboard",
+        "cabinet",
+        sideboard(1.36, 0.42, 0.50, detail).turned("z", 180).moved(x, y, Z0 + 0.0005),
+        "nut",
+        "brass",
+        "dark metal",
+    )
     tv = television(1.04, detail).turned("z", 180).moved(x - 0.06, y - 0.04, Z0 + 0.501)
     stage.add("tv", "television", tv, "dark metal", "screen", "steel")
     for k, (height, cover) in enumerate(((0.024, "book red"), (0.030, "book cream")), 4):
-        lying = book((0.20, 0.14, height)).turned("z", 90 - 9 * k).moved(x + 0.585 - 0.0, y + 0.05, Z0 + 0.5008 + (0.0246 if k == 5 else 0))
+        lying = (
+            book((0.20, 0.14, height))
+            .turned("z", 90 - 9 * k)
+            .moved(x + 0.585 - 0.0, y + 0.05, Z0 + 0.5008 + (0.0246 if k == 5 else 0))
+        )
         stage.add(f"book_{k}", "books", lying, cover, "paper")
 
 
@@ -145,19 +156,53 @@ def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     x, y = -2.09, 0.66
-    stage.add("plant_pot", "pot", pot(0.17, 0.31, detail).moved(x, y, Z0), "pot", "soil")
+    stage.add("plant_pot", "pot", pot(rng, 0.17, 0.31, detail).moved(x, y, Z0), "pot", "soil")
     soil = Z0 + 0.27
     stems = [
-        ([(-2.06, 0.68, soil), (-2.055, 0.69, 0.55), (-2.03, 0.69, 0.68), (-1.96, 0.69, 0.84), (-1.86, 0.685, 0.965), (-1.80, 0.682, 1.008)], 0.0085),
-        ([(-2.12, 0.67, soil), (-2.14, 0.70, 0.47), (-2.145, 0.74, 0.70), (-2.155, 0.80, 0.88), (-2.165, 0.865, 0.985)], 0.0085),
-        ([(-2.08, 0.65, soil), (-2.05, 0.665, 0.56), (-2.055, 0.64, 0.70), (-2.09, 0.57, 0.785), (-2.14, 0.47, 0.812), (-2.185, 0.40, 0.805)], 0.008),
+        (
+            [
+                (-2.06, 0.68, soil),
+                (-2.055, 0.69, 0.55),
+                (-2.03, 0.69, 0.68),
+                (-1.96, 0.69, 0.84),
+                (-1.86, 0.685, 0.965),
+                (-1.80, 0.682, 1.008),
+            ],
+            0.0085,
+        ),
+        (
+            [
+                (-2.12, 0.67, soil),
+                (-2.14, 0.70, 0.47),
+                (-2.145, 0.74, 0.70),
+                (-2.155, 0.80, 0.88),
+                (-2.165, 0.865, 0.985),
+            ],
+            0.0085,
+        ),
+        (
+            [
+                (-2.08, 0.65, soil),
+                (-2.05, 0.665, 0.56),
+                (-2.055, 0.64, 0.70),
+                (-2.09, 0.57, 0.785),
+                (-2.14, 0.47, 0.812),
+                (-2.185, 0.40, 0.805),
+            ],
+            0.008,
+        ),
         ([(-2.07, 0.62, soil), (-2.06, 0.60, 0.48), (-2.045, 0.555, 0.575), (-2.04, 0.53, 0.590)], 0.006),
         ([(-2.13, 0.64, soil), (-2.19, 0.62, 0.55), (-2.25, 0.64, 0.72), (-2.30, 0.70, 0.80)], 0.007),
     ]
     leaves = [
         ([(-1.80, 0.682, 1.008), (-1.72, 0.675, 1.022), (-1.63, 0.665, 1.008), (-1.535, 0.655, 0.975)], 0.170, 0.10, 0),
         ([(-2.162, 0.855, 0.975), (-2.175, 0.90, 1.002), (-2.185, 0.96, 0.998), (-2.19, 1.03, 0.975)], 0.150, 0.22, 0),
-        ([(-2.185, 0.40, 0.805), (-2.235, 0.335, 0.775), (-2.275, 0.28, 0.720), (-2.30, 0.235, 0.655)], 0.165, 0.12, 12),
+        (
+            [(-2.185, 0.40, 0.805), (-2.235, 0.335, 0.775), (-2.275, 0.28, 0.720), (-2.30, 0.235, 0.655)],
+            0.165,
+            0.12,
+            12,
+        ),
         ([(-2.04, 0.53, 0.590), (-2.038, 0.51, 0.597), (-2.035, 0.48, 0.593), (-2.03, 0.445, 0.578)], 0.075, 0.2, 0),
         ([(-2.30, 0.70, 0.80), (-2.325, 0.745, 0.815), (-2.345, 0.80, 0.80), (-2.355, 0.85, 0.76)], 0.09, 0.15, 0),
     ]
@@ -185,7 +230,10 @@ def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     kerb = rounded_box((x1 - x0, 0.10, 0.22), 0.01).moved((x0 + x1) / 2, y0 + 0.05, Z0 + 0.0905)
     stage.add("balcony_kerb", "wall", kerb, "white paint")
     low, high = Z0 + 0.20, Z0 + 1.02
-    posts = [bar((x, y0 + 0.05, low), (x, y0 + 0.05, high), 0.007, steps(8, detail, 5)) for x in np.linspace(x0 + 0.05, x1 - 0.05, steps(38, detail, 8))]
+    posts = [
+        bar((x, y0 + 0.05, low), (x, y0 + 0.05, high), 0.007, steps(8, detail, 5))
+        for x in np.linspace(x0 + 0.05, x1 - 0.05, steps(38, detail, 8))
+    ]
     hand = rounded_box((x1 - x0, 0.055, 0.035), 0.010).moved((x0 + x1) / 2, y0 + 0.05, high + 0.0165)
     stage.add("balcony_railing", "railing", join([*posts, hand]), "dark metal")
     for k, (x, y) in enumerate(((-1.95, -4.20), (-0.55, -4.22)), 1):
@@ -205,36 +253,3 @@ def _view(seed: int) -> Mesh:
     u = np.linspace(0, 1, n)
     rows = [np.concatenate([ring, (-14.0 + 20.0 * v)[:, None]], 1) for v in (0 * top, top)]
     return grid(np.stack(rows), np.stack([np.stack([u, v], 1) for v in (0 * top, top)]))
-
-
-def _light(seed: int, detail: float) -> None:
-    warm, day = (1.0, 0.72, 0.42), (1.0, 0.93, 0.82)
-    lights.sun("sun", azimuth_deg=247, elevation_deg=34, strength=15.0, colour=day)
-    for k, (x, y) in enumerate(SPOTS, 1):
-        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 27.0, (1.0, 0.84, 0.62), 96.0, 0.8, 0.03)
-    for name, (x, y) in LAMPS.items():
-        lights.lamp(f"lamp_light_{name}", (x, y, 1.595), 9.5, warm, 0.03)
-    a, b, c, e = WINDOW
-    lights.portal("window_portal", ((a + b) / 2, Y0 - 0.10, (c + e) / 2), ((a + b) / 2, 0, (c + e) / 2), b - a, e - c)
-    outside, inside = ((a + b) / 2, Y0 - 0.35, (c + e) / 2 + 0.2), ((a + b) / 2 + 0.4, 0, 1.2)
-    lights.daylight("daylight", outside, inside, b - a, e - c, 165.0, (0.80, 0.90, 1.0))
-    size = max(32, int(512 * min(detail, 1.0)))
-    rng = np.random.default_rng(np.random.SeedSequence([seed, 99]))
-    lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 1.8)
-
-
-def _defaults() -> None:
-    """Render settings that the file opens with; a camera stands at the sofa's far side."""
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.view_settings.view_transform = "Standard"
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
-    scene.unit_settings.system = "METRIC"
-    camera = bpy.data.cameras.new("camera")
-    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 36.0, 481.2 * 36.0 / 640
-    camera.clip_start, camera.clip_end = 0.01, 200.0
-    obj = bpy.data.objects.new("camera", camera)
-    obj.location, obj.rotation_euler = (-1.55, 1.55, 1.55), (np.radians(78), 0.0, np.radians(214))
-    scene.collection.objects.link(obj)
-    scene.camera = obj

@@ -11,7 +11,10 @@ from .materials import glossy, glow, image, matte, metal, pane, thin_cloth
 
 def _sizes(detail: float) -> dict[str, int]:
     """Texture edge lengths in pixels, smaller for a coarse room."""
-    return {k: max(32, int(round(v * min(detail, 1.0)))) for k, v in {"large": 2048, "wall": 1536, "mid": 1024, "cloth": 768, "small": 512}.items()}
+    return {
+        k: max(32, int(round(v * min(detail, 1.0))))
+        for k, v in {"large": 2048, "wall": 1536, "mid": 1024, "cloth": 768, "small": 512}.items()
+    }
 
 
 class Painter:
@@ -29,7 +32,13 @@ class Painter:
 def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
     """Materials by short name; Blender names carry the prefix `living_room.`."""
     size, paint = _sizes(detail), Painter(seed)
-    made = {**_shell(paint, size), **_cloths(paint, size), **_woods(paint, size), **_pictures(paint, size), **_plain(paint, size)}
+    made = {
+        **_shell(paint, size),
+        **_cloths(paint, size),
+        **_woods(paint, size),
+        **_pictures(paint, size),
+        **_plain(paint, size),
+    }
     for name, material in made.items():
         material.name = "living_room." + name
     return made
@@ -37,9 +46,14 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
 
 def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.765, 0.768, 0.738), 1.0)),
+        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.88)),
         "ceiling": matte("ceiling", paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.22)),
-        "floor": glossy("floor", paint("boards", textures.boards, size["large"], 22, (0.36, 0.185, 0.115), (0.60, 0.365, 0.25)), 0.24, 1.38),
+        "floor": glossy(
+            "floor",
+            paint("boards", textures.boards, size["large"], 22, (0.36, 0.185, 0.115), (0.60, 0.365, 0.25)),
+            0.24,
+            1.38,
+        ),
         "white paint": glossy("white paint", (0.74, 0.74, 0.73), 0.25),
         "paving": matte("paving", paint("paving", textures.stone, size["small"], (0.70, 0.66, 0.60), 4)),
     }
@@ -49,7 +63,7 @@ def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Materia
     n = size["cloth"]
     linen = paint("linen", textures.cloth, n, 90, (0.90, 0.875, 0.82), 0.10, 0.025)
     return {
-        "sofa": matte("sofa", paint("boucle", textures.boucle, size["mid"], 44, (0.88, 0.88, 0.865), 0.26)),
+        "sofa": matte("sofa", paint("boucle", textures.boucle, size["mid"], 44, (0.86, 0.86, 0.845), 0.125)),
         "crimson": matte("crimson", paint("crimson", textures.cloth, n, 64, (0.50, 0.15, 0.25), 0.32)),
         "blue": matte("blue", paint("blue", textures.cloth, n, 64, (0.28, 0.37, 0.48), 0.28)),
         "ochre": matte("ochre", paint("ochre", textures.cloth, n, 56, (0.80, 0.58, 0.26), 0.32)),
@@ -58,7 +72,7 @@ def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Materia
         "rug": matte("rug", paint("rug", textures.rug, size["mid"])),
         "fringe": matte("fringe", (0.62, 0.55, 0.43)),
         "curtain": thin_cloth("curtain", linen, 0.42),
-        "shade": thin_cloth("shade", linen, 0.55),
+        "shade": thin_cloth("shade", paint("shade", textures.cloth, n, 90, (0.90, 0.83, 0.72), 0.10, 0.02), 0.25),
     }
 
 

@@ -1,4 +1,6 @@
-"""Blender materials in the few forms that light baking understands: diffuse under a Fresnel or constant gloss, metal, pane, thin cloth, glow."""
+"""Blender materials in the few forms that light baking understands: diffuse under a Fresnel or constant gloss, metal,
+pane, thin cloth, glow.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ Colour = tuple[float, float, float] | bpy.types.Image
 
 
 def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
-    """A packed image from sRGB bytes (rows, columns, 3), row 0 at the bottom; JPEG for photo-like ones, PNG otherwise."""
+    """A packed image from sRGB bytes (rows, columns, 3), row 0 at the bottom; JPEG for photo-like ones, PNG
+    otherwise.
+    """
     h, w = rgb.shape[:2]
     pixels = np.ones((h, w, 4), np.float32)
     pixels[..., :3] = rgb.astype(np.float32) / 255
@@ -51,7 +55,9 @@ def _colour(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket, colour: Colo
         socket.default_value = (*colour, 1.0)
 
 
-def _shader(tree: bpy.types.NodeTree, kind: str, colour: Colour = (1.0, 1.0, 1.0), roughness: float | None = None) -> bpy.types.NodeSocket:
+def _shader(
+    tree: bpy.types.NodeTree, kind: str, colour: Colour = (1.0, 1.0, 1.0), roughness: float | None = None
+) -> bpy.types.NodeSocket:
     node = tree.nodes.new(kind)
     _colour(tree, node.inputs["Color"], colour)
     if roughness is not None:
@@ -59,8 +65,13 @@ def _shader(tree: bpy.types.NodeTree, kind: str, colour: Colour = (1.0, 1.0, 1.0
     return node.outputs[0]
 
 
-def _mix(tree: bpy.types.NodeTree, below: bpy.types.NodeSocket, above: bpy.types.NodeSocket, share: float | None = None,
-         ior: float | None = None) -> bpy.types.NodeSocket:
+def _mix(
+    tree: bpy.types.NodeTree,
+    below: bpy.types.NodeSocket,
+    above: bpy.types.NodeSocket,
+    share: float | None = None,
+    ior: float | None = None,
+) -> bpy.types.NodeSocket:
     """below and above mixed by a constant share, or by Fresnel reflection."""
     mix = tree.nodes.new("ShaderNodeMixShader")
     if ior is not None:

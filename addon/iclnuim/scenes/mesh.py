@@ -1,4 +1,6 @@
-"""Meshes as plain numpy arrays: what furniture is made of before it becomes a Blender object. No bpy here, so the same bytes everywhere."""
+"""Meshes as plain numpy arrays: what furniture is made of before it becomes a Blender object. No bpy here, so the
+same bytes everywhere.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ WELD = 1e-6  # metres; points nearer than this become one vertex
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices (N,3) in metres; faces (F,4), a triangle has -1 last; texture coordinates (F,4,2); material slot (F,)."""
+    """Vertices (N,3) in metres; faces (F,4), a triangle has -1 last; texture coordinates (F,4,2); slots (F,)."""
 
     verts: np.ndarray
     faces: np.ndarray
@@ -93,7 +95,9 @@ def join(parts: Iterable[Mesh]) -> Mesh:
 
 def welded(mesh: Mesh) -> Mesh:
     """Merge vertices at one place; quads that lose a corner become triangles, faces without area disappear."""
-    _, first, index = np.unique(np.round(mesh.verts / WELD).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    _, first, index = np.unique(
+        np.round(mesh.verts / WELD).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
     index = index.reshape(-1)
     faces = np.where(mesh.faces < 0, -1, index[mesh.faces])
     faces, uv, kept = _drop_repeated_corners(faces, mesh.uv)
@@ -128,8 +132,15 @@ def outward(mesh: Mesh) -> Mesh:
     return mesh if volume > 0 else mesh.flipped()
 
 
+def facing(mesh: Mesh, z: float) -> Mesh:
+    """Turn an open mesh over if need be, so that its normals point up (z = 1) or down (z = -1) on the whole."""
+    return mesh if float(face_normals(mesh)[:, 2].sum()) * z > 0 else mesh.flipped()
+
+
 def grid(points: np.ndarray, uv: np.ndarray | None = None) -> Mesh:
-    """A surface from points (m,n,3); normal = d/dcolumn x d/drow; uv (m,n,2), by default 0..1 across; seams and poles are welded."""
+    """A surface from points (m,n,3); normal = d/dcolumn x d/drow; uv (m,n,2), by default 0..1 across; seams and poles
+    are welded.
+    """
     m, n = points.shape[:2]
     if uv is None:
         uv = np.stack(np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, m)), -1)

@@ -1,4 +1,6 @@
-"""Pictures painted by code: a mountain landscape, a coast, the view from the balcony, the sky. sRGB bytes, row 0 at the bottom."""
+"""Pictures painted by code: a mountain landscape, a coast, the view from the balcony, the sky. sRGB bytes, row 0 at
+the bottom.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,17 @@ import numpy as np
 from .patterns import blend, cloud, smoothstep, to_bytes
 
 
-def _ridge(rng: np.random.Generator, width: int, base: float, height: float, low: float, slope: float = 1.6) -> np.ndarray:
+def _ridge(
+    rng: np.random.Generator, width: int, base: float, height: float, low: float, slope: float = 1.6
+) -> np.ndarray:
     """A skyline (width,) in picture heights."""
     line = cloud(rng, (1, width * 2), slope, low, 400)[0][:width]
     return base + height * line
 
 
-def _sky(rng: np.random.Generator, shape: tuple[int, int], v: np.ndarray, top: tuple, bottom: tuple, cover: float) -> np.ndarray:
+def _sky(
+    rng: np.random.Generator, shape: tuple[int, int], v: np.ndarray, top: tuple, bottom: tuple, cover: float
+) -> np.ndarray:
     """Blue gradient and clouds lit from above; v (h,1) is 0 at the horizon and 1 at the top."""
     sky = blend(bottom, top, np.broadcast_to(np.clip(v, 0, 1) ** 0.7, shape))
     puff = cloud(rng, shape, 1.9, 2, 120, (1.8, 1.0))
@@ -27,7 +33,10 @@ def _mesa(rng: np.random.Generator, width: int, height: float, steep: float) -> 
     """A table mountain's skyline (width,), 0..height: flat tops, steep flanks."""
     line = cloud(rng, (1, 2 * width), 1.8, 1, 9)[0][:width]
     rough = cloud(rng, (1, 2 * width), 1.1, 12, 300)[0][:width]
-    return height * (smoothstep(-0.7, -0.7 + steep, line) * 0.75 + 0.25 * smoothstep(0.5, 0.5 + steep, line)) + 0.006 * rough
+    return (
+        height * (smoothstep(-0.7, -0.7 + steep, line) * 0.75 + 0.25 * smoothstep(0.5, 0.5 + steep, line))
+        + 0.006 * rough
+    )
 
 
 def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
@@ -35,7 +44,7 @@ def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
     out = _sky(rng, size, (y[:, :1] - 0.4) / 0.6, (0.20, 0.30, 0.50), (0.50, 0.58, 0.70), 0.75) * 0.92
-    for base, tall, tone, contrast in ((0.46, 0.05, (0.42, 0.48, 0.56), 0.1), (0.38, 0.20, (0.29, 0.285, 0.26), 0.45)):
+    for base, tall, tone, contrast in ((0.46, 0.05, (0.42, 0.48, 0.56), 0.1), (0.38, 0.20, (0.29, 0.285, 0.26), 0.36)):
         line = base + _mesa(rng, w, tall, 0.5)
         rock = cloud(rng, size, 1.2, 3, 160, (0.45, 1.0))
         light = rock - np.roll(rock, 3, 1)
@@ -44,7 +53,7 @@ def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
         out = blend(out, np.array(tone) * value[..., None], smoothstep(-0.002, 0.002, line[None] - y))
     bushes = cloud(rng, size, 1.0, 8, 160)
     lit = bushes - np.roll(bushes, 2, 0)
-    green = np.array([0.20, 0.22, 0.15]) * np.clip(1 + 0.28 * bushes - 0.7 * lit, 0.3, 1.9)[..., None]
+    green = np.array([0.20, 0.22, 0.15]) * np.clip(1 + 0.22 * bushes - 0.5 * lit, 0.3, 1.9)[..., None]
     ground = smoothstep(0.0, 0.04, 0.33 + 0.06 * cloud(rng, (1, 2 * w), 1.5, 2)[0][:w][None] + 0.012 * bushes - y)
     out = blend(out, green, ground)
     river = np.abs(x - (0.80 - 0.35 * y + 0.03 * np.sin(16 * y))) - 0.045 * (0.34 - y)
@@ -81,7 +90,9 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
         ys = slice(max(y0, 0), max(y0 + bh, 1))
         out[ys, x0 : x0 + bw] = wall * (1 - mix) + haze * mix
         for wx in range(x0 + bw // 6, x0 + bw - 2, max(4, bw // 4)):
-            out[max(y0 + bh // 3, 0) : y0 + 2 * bh // 3, wx : wx + max(1, bw // 10)] = (1 - mix) * np.array([0.25, 0.28, 0.32]) + mix * haze
+            out[max(y0 + bh // 3, 0) : y0 + 2 * bh // 3, wx : wx + max(1, bw // 10)] = (1 - mix) * np.array(
+                [0.25, 0.28, 0.32]
+            ) + mix * haze
         for r in range(max(1, bh // 2)):
             inset = int(bw * 0.5 * r / max(1, bh // 2))
             row = y0 + bh + r
@@ -91,10 +102,14 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
 
 
 def skyline(seed: int, count: int) -> np.ndarray:
-    """Height (count,) of the farthest hills in the balcony's view, as a share of its picture: there the surface ends and the sky begins."""
+    """Height (count,) of the farthest hills in the balcony's view, as a share of its picture: there the surface ends
+    and the sky begins.
+    """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 55]))
     t = np.linspace(0, 1, count)[:, None] * np.array([2.0, 3.3, 5.1, 9.7, 16.3, 29.0])
-    return 0.86 + (np.sin(2 * np.pi * (t + rng.random(6))) * np.array([0.030, 0.022, 0.016, 0.008, 0.004, 0.002])).sum(1)
+    return 0.86 + (np.sin(2 * np.pi * (t + rng.random(6))) * np.array([0.030, 0.022, 0.016, 0.008, 0.004, 0.002])).sum(
+        1
+    )
 
 
 def view(rng: np.random.Generator, size: tuple[int, int], seed: int) -> np.ndarray:
@@ -105,19 +120,30 @@ def view(rng: np.random.Generator, size: tuple[int, int], seed: int) -> np.ndarr
     forest = cloud(rng, size, 1.1, 6, 200, (0.5, 1.0))
     out = np.array([0.56, 0.65, 0.76]) * (1 + 0.015 * forest)[..., None]
     out = blend(out, (0.66, 0.73, 0.81), 0.5 * smoothstep(0.12, 0.0, np.abs(y - far[None] + 0.1)))
-    layers = ((0.765, 0.035, (0.47, 0.57, 0.64), 0.05), (0.685, 0.03, (0.40, 0.50, 0.48), 0.09), (0.60, 0.022, (0.36, 0.45, 0.35), 0.13))
+    layers = (
+        (0.765, 0.035, (0.47, 0.57, 0.64), 0.05),
+        (0.685, 0.03, (0.40, 0.50, 0.48), 0.09),
+        (0.60, 0.022, (0.36, 0.45, 0.35), 0.13),
+    )
     for base, tall, tone, contrast in layers:
         line = _ridge(rng, w, base, tall, 2, 2.0)
         woods = cloud(rng, size, 0.9, 30, 500, (0.5, 1.0))
         fields = smoothstep(0.4, 0.6, cloud(rng, size, 1.7, 6, 60, (0.25, 1.0)))
-        colour = blend(tone, np.array(tone) * 0.6 + np.array([0.25, 0.25, 0.15]), 0.8 * fields) * (1 + contrast * woods * (1 - fields))[..., None]
+        colour = (
+            blend(tone, np.array(tone) * 0.6 + np.array([0.25, 0.25, 0.15]), 0.8 * fields)
+            * (1 + contrast * woods * (1 - fields))[..., None]
+        )
         out = blend(out, colour, smoothstep(-0.003, 0.003, line[None] - y))
     out = _town(rng, out, 0.56)
     for base, tone, grow in ((0.36, (0.24, 0.33, 0.18), 0.02), (0.22, (0.17, 0.26, 0.12), 0.03)):
         crowns = cloud(rng, (1, 2 * w), 1.0, 20, 220)[0][:w]
         leaves = cloud(rng, size, 0.75, 40, 900)
         shade = 1 + 0.30 * leaves + 0.5 * smoothstep(0, 0.2, y - base + 0.1)
-        out = blend(out, np.array(tone) * np.clip(shade, 0.3, 2)[..., None], smoothstep(-0.004, 0.004, base + grow * crowns[None] - y))
+        out = blend(
+            out,
+            np.array(tone) * np.clip(shade, 0.3, 2)[..., None],
+            smoothstep(-0.004, 0.004, base + grow * crowns[None] - y),
+        )
     return to_bytes(out)
 
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 
-def cloud(rng: np.random.Generator, shape: tuple[int, int], slope: float = 1.5, low: float = 1.0, high: float = 1e9,
-          stretch: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
+def cloud(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    slope: float = 1.5,
+    low: float = 1.0,
+    high: float = 1e9,
+    stretch: tuple[float, float] = (1.0, 1.0),
+) -> np.ndarray:
     """Fractal noise (rows, columns), mean 0, spread 1: amplitude ~ f^-slope between low and high periods a tile."""
     fy = np.fft.fftfreq(shape[0], 1 / shape[0])[:, None] * stretch[0]
     fx = np.fft.rfftfreq(shape[1], 1 / shape[1])[None, :] * stretch[1]

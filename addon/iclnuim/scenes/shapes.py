@@ -26,7 +26,9 @@ def _rounded_axis(half: float, radius: float, arcs: int, divisions: int) -> tupl
 def rounded_box(
     size: Sequence[float], radius: float, arcs: int = 1, divisions: Sequence[int] = (1, 1, 1), tile_m: float = 1.0
 ) -> Mesh:
-    """A box of `size` (3,) about the origin with rounded edges; the flats are cut into `divisions` so that they can be bent."""
+    """A box of `size` (3,) about the origin with rounded edges; the flats are cut into `divisions` so that they can
+    be bent.
+    """
     halves = np.asarray(size, float) / 2
     radius = min(radius, 0.98 * halves.min())
     axes = [_rounded_axis(h, radius, arcs, d) for h, d in zip(halves, divisions, strict=True)]
@@ -50,13 +52,13 @@ def rounded_box(
 
 
 def lathe(profile: Sequence[Sequence[float]], segments: int, arc_deg: float = 360.0) -> Mesh:
-    """Turn a profile of (radius, z) rows, from bottom to top along the outside, about the z axis; u runs round, v along."""
+    """Turn a profile of (radius, z) rows, from bottom to top along the outside, about the z axis; u runs round, v
+    along.
+    """
     prof = np.asarray(profile, float)
     angle = np.radians(np.linspace(0, arc_deg, segments + 1))
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(prof, axis=0), axis=1))])
-    p = np.stack(
-        [prof[:, :1] * np.cos(angle), prof[:, :1] * np.sin(angle), np.repeat(prof[:, 1:], len(angle), 1)], -1
-    )
+    p = np.stack([prof[:, :1] * np.cos(angle), prof[:, :1] * np.sin(angle), np.repeat(prof[:, 1:], len(angle), 1)], -1)
     uv = np.stack(np.meshgrid(np.linspace(0, 1, len(angle)), length / max(length[-1], 1e-9)), -1)
     return grid(p, uv)
 
@@ -85,7 +87,9 @@ def _frames_along(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(tangent, first)
 
 
-def tube(path: Sequence[Sequence[float]], radius: float | Sequence[float], sides: int = 8, closed_ends: bool = True) -> Mesh:
+def tube(
+    path: Sequence[Sequence[float]], radius: float | Sequence[float], sides: int = 8, closed_ends: bool = True
+) -> Mesh:
     """A round bar along a path (k,3); the radius may change along it; v runs along in metres."""
     path = np.asarray(path, float)
     n, b = _frames_along(path)
@@ -108,7 +112,9 @@ def bar(start: Sequence[float], end: Sequence[float], radius: float | Sequence[f
 
 
 def frame(width: float, height: float, profile: Sequence[Sequence[float]], tile_m: float = 0.5) -> Mesh:
-    """A mitred frame in the x-z plane facing -y: profile rows (inset from the outer edge, height towards the viewer), from the outer back inwards."""
+    """A mitred frame in the x-z plane facing -y: profile rows (inset from the outer edge, height towards the viewer),
+    from the outer back inwards.
+    """
     parts = []
     for turn in range(4):
         w, h = (width, height) if turn % 2 == 0 else (height, width)

@@ -66,7 +66,9 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
 
     def soften(v: np.ndarray) -> np.ndarray:
         v[:, 2] -= 0.016 * np.clip(1 - v[:, 1] / 0.09, 0, 1) ** 2 * (v[:, 2] > 0.5)
-        v[:, 0] += 0.006 * np.sin(np.pi * np.clip(v[:, 1] / 0.7, 0, 1)) * np.sign(v[:, 0] + half - ARM / 2) * (v[:, 2] > 0.3)
+        v[:, 0] += (
+            0.006 * np.sin(np.pi * np.clip(v[:, 1] / 0.7, 0, 1)) * np.sign(v[:, 0] + half - ARM / 2) * (v[:, 2] > 0.3)
+        )
         return v
 
     arm = _crumpled(arm.mapped(soften), rng, 0.0010, 0.2)
@@ -77,13 +79,19 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
         seams.append(_seam([(x0, 0.006, 0.500), ((x0 + x1) / 2, -0.0005, 0.5025), (x1, 0.006, 0.500)], 0.0045, detail))
         seams.append(_seam([(x0, 0.006, 0.360), ((x0 + x1) / 2, 0.001, 0.3605), (x1, 0.006, 0.360)], 0.004, detail))
     foot = lathe([(0, 0.0), (0.018, 0.0), (0.020, 0.004), (0.026, BELLY + 0.004)], steps(12, detail, 6)).painted(1)
-    feet = [foot.moved(x, y) for x in (-half + 0.075, -inner + 0.02, inner - 0.02, half - 0.075) for y in (0.055, DEPTH - 0.06)]
+    feet = [
+        foot.moved(x, y)
+        for x in (-half + 0.075, -inner + 0.02, inner - 0.02, half - 0.075)
+        for y in (0.055, DEPTH - 0.06)
+    ]
     feet += [foot.moved(0, 0.055), foot.moved(0, DEPTH - 0.06)]
     return join([arm, arm.mirrored(0), base, _back(rng, detail), *seats, *seams, *feet])
 
 
 def pillow(rng: np.random.Generator, size: float, thick: float, detail: float, crease: float = 1.0) -> Mesh:
-    """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears, puckered seams, a dent from a hand."""
+    """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears, puckered seams, a dent
+    from a hand.
+    """
     n = steps(22, detail, 6) + 1
     s, t = np.meshgrid(np.sin(np.linspace(-1, 1, n) * np.pi / 2), np.sin(np.linspace(-1, 1, n) * np.pi / 2))
     pinch, corner = 0.05, 0.045 * s**8 * t**8
@@ -121,7 +129,9 @@ def _outline(x: np.ndarray, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]
 
 
 def curtain(rng: np.random.Generator, width: float, height: float, pleats: int, detail: float) -> Mesh:
-    """A hanging pleated curtain, x from 0 to width, z from 0 to height, folds in y. One surface, so that light passes."""
+    """A hanging pleated curtain, x from 0 to width, z from 0 to height, folds in y. One surface, so that light
+    passes.
+    """
     columns, rows = pleats * steps(10, detail, 5) + 1, steps(22, detail, 6)
     s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows) ** 0.85)
     flat = np.stack([s * width * 2.2, 0 * s, t * height * 0.35], -1).reshape(-1, 3)
@@ -130,7 +140,10 @@ def curtain(rng: np.random.Generator, width: float, height: float, pleats: int, 
     phase = 2 * np.pi * (pleats * s + 0.16 * drift * loose)
     fold = np.sin(phase) + 0.25 * np.sin(2 * phase + 0.6)
     amplitude = (0.030 + 0.022 * loose) * (1 + 0.28 * vary * loose)
-    x = width * (s + 0.010 * np.cos(phase) + 0.02 * drift * loose * np.sin(np.pi * s)) - 0.05 * width * loose * (s - 0.5) * 2
+    x = (
+        width * (s + 0.010 * np.cos(phase) + 0.02 * drift * loose * np.sin(np.pi * s))
+        - 0.05 * width * loose * (s - 0.5) * 2
+    )
     y = amplitude * fold + 0.03 * loose * (drift * 0.3)
     uv = np.stack([s * width * 2.0 / 0.35, t * height / 0.35], -1)
     return grid(np.stack([x, y, t * height], -1), uv)
@@ -153,16 +166,32 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
         for x0 in np.linspace(-width / 2 + 0.012, width / 2 - 0.012, steps(70, detail, 8)):
             tip = np.array([x0 + rng.normal(0, 0.006), sign * (length / 2 + rng.uniform(0.045, 0.06)), 0.0035])
             mid = np.array([(x0 + tip[0]) / 2 + rng.normal(0, 0.003), sign * (length / 2 + 0.024), 0.0045])
-            strands.append(tube([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip], [0.0035, 0.003, 0.0035], 5).painted(1))
+            strands.append(
+                tube([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip], [0.0035, 0.003, 0.0035], 5).painted(1)
+            )
     return join([grid(p), side, *strands])
 
 
 def throw(rng: np.random.Generator, detail: float) -> Mesh:
-    """A knitted throw hanging over a sofa's arm: lies on top (local z = ARM_TOP), falls on both sides. x across the arm, y along it."""
+    """A knitted throw hanging over a sofa's arm: lies on top (local z = ARM_TOP), falls on both sides. x across the
+    arm, y along it.
+    """
     half, drop_out, drop_in, wide = ARM / 2 + 0.009, 0.40, 0.155, 0.42
     corner = 0.03
-    path = [(-half - 0.012, -drop_out), (-half - 0.004, -drop_out / 2), (-half, -corner), (-half + 0.010, -0.004), (-half + corner, 0.010)]
-    path += [(0, 0.011), (half - corner, 0.010), (half - 0.008, -0.004), (half + 0.002, -corner), (half + 0.004, -drop_in)]
+    path = [
+        (-half - 0.012, -drop_out),
+        (-half - 0.004, -drop_out / 2),
+        (-half, -corner),
+        (-half + 0.010, -0.004),
+        (-half + corner, 0.010),
+    ]
+    path += [
+        (0, 0.011),
+        (half - corner, 0.010),
+        (half - 0.008, -0.004),
+        (half + 0.002, -corner),
+        (half + 0.004, -drop_in),
+    ]
     line = _even(np.array(path), steps(34, detail, 10))
     t = np.linspace(-0.5, 0.5, steps(22, detail, 6))
     px, s = np.meshgrid(line[:, 0], t)

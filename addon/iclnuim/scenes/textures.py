@@ -1,4 +1,6 @@
-"""Surface colours painted by code from a seed: plaster, boards, cloth, rug. Each function gives sRGB bytes (rows, columns, 3), row 0 at the bottom."""
+"""Surface colours painted by code from a seed: plaster, boards, cloth, rug. Each function gives sRGB bytes (rows,
+columns, 3), row 0 at the bottom.
+"""
 
 from __future__ import annotations
 
@@ -49,10 +51,14 @@ def timber(rng: np.random.Generator, size: int, dark: Colour, light: Colour, rin
     return to_bytes(blend(light, dark, grain(rng, shape, rings)) * tone[..., None])
 
 
-def cloth(rng: np.random.Generator, size: int, threads: int, tone: Colour, depth: float = 0.35, slub: float = 0.05) -> np.ndarray:
+def cloth(
+    rng: np.random.Generator, size: int, threads: int, tone: Colour, depth: float = 0.35, slub: float = 0.05
+) -> np.ndarray:
     """Woven cloth with uneven threads."""
     crown = weave(rng, size, threads)
-    lines = cloud(rng, (size, size), 0.7, 3, threads * 2, (1, 8)) + cloud(rng, (size, size), 0.7, 3, threads * 2, (8, 1))
+    lines = cloud(rng, (size, size), 0.7, 3, threads * 2, (1, 8)) + cloud(
+        rng, (size, size), 0.7, 3, threads * 2, (8, 1)
+    )
     value = 1 - depth * (1 - np.clip(crown, 0, 1)) + slub * 0.6 * lines
     return to_bytes(np.array(tone) * value[..., None])
 
@@ -97,7 +103,7 @@ def leaf(rng: np.random.Generator, size: int) -> np.ndarray:
     """A broad leaf: midrib along v at u = 0.5, side veins, blotches."""
     y, x = np.mgrid[0:size, 0:size] / size
     side = np.abs(x - 0.5) * 2
-    vein = np.exp(-(((y * 14 - side * 4.5) % 1 - 0.5) / 0.07) ** 2) * smoothstep(0.03, 0.3, side)
+    vein = np.exp(-((((y * 14 - side * 4.5) % 1 - 0.5) / 0.07) ** 2)) * smoothstep(0.03, 0.3, side)
     rib = np.exp(-((side / 0.035) ** 2))
     blotch = 0.10 * cloud(rng, (size, size), 1.3, 2, 40)
     base = np.array([0.13, 0.30, 0.12]) * (1 + blotch)[..., None] * (1 - 0.2 * (1 - side))[..., None]

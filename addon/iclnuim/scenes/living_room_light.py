@@ -1,0 +1,44 @@
+"""The living room's light, and the settings its file opens with."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from . import lights, paintings
+from .living_room_measures import LAMPS, SPOTS, WINDOW, Y0, Z1
+from .materials import image
+
+
+def light(seed: int, detail: float) -> None:
+    """Sun, sky, daylight through the window, four ceiling spots, two lamps."""
+    warm, day = (1.0, 0.76, 0.48), (1.0, 0.93, 0.82)
+    lights.sun("sun", azimuth_deg=247, elevation_deg=34, strength=15.0, colour=day)
+    for k, (x, y) in enumerate(SPOTS, 1):
+        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 27.0, (1.0, 0.84, 0.62), 96.0, 0.8, 0.03)
+    for name, (x, y) in LAMPS.items():
+        lights.lamp(f"lamp_light_{name}", (x, y, 1.595), 6.0, warm, 0.03)
+    a, b, c, e = WINDOW
+    lights.portal("window_portal", ((a + b) / 2, Y0 - 0.10, (c + e) / 2), ((a + b) / 2, 0, (c + e) / 2), b - a, e - c)
+    outside, inside = ((a + b) / 2, Y0 - 0.35, (c + e) / 2 + 0.2), ((a + b) / 2 + 0.4, 0, 1.2)
+    lights.daylight("daylight", outside, inside, b - a, e - c, 165.0, (0.80, 0.90, 1.0))
+    size = max(32, int(512 * min(detail, 1.0)))
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 99]))
+    lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 1.8)
+
+
+def defaults() -> None:
+    """Render settings that the file opens with; a camera stands at the sofa's far side."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.view_settings.view_transform = "Standard"
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
+    scene.unit_settings.system = "METRIC"
+    camera = bpy.data.cameras.new("camera")
+    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 36.0, 481.2 * 36.0 / 640
+    camera.clip_start, camera.clip_end = 0.01, 200.0
+    obj = bpy.data.objects.new("camera", camera)
+    obj.location, obj.rotation_euler = (-1.55, 1.55, 1.55), (np.radians(78), 0.0, np.radians(214))
+    scene.collection.objects.link(obj)
+    scene.camera = obj
