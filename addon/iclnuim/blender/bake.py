@@ -12,7 +12,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -20,8 +20,9 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..lightmap import charts, denoise, filling, packing, texels
-from ..lightmap.surfaces import BACK, FRONT, Sides, Surfaces, select
+from ..lightmap import denoise, filling
+from ..lightmap.layout import Layout, lay_out
+from ..lightmap.surfaces import BACK, FRONT, Surfaces
 from . import baked_materials, compat, light_map, light_surfaces, light_view, lit_scene, scene_key
 from .light_points import irradiance, kept
 from .light_surfaces import Part
@@ -31,6 +32,8 @@ Report = Callable[[str], None]
 #: A frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
 RENDER_SETTINGS = {"max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16}
 _VIEWPOINTS = 64
+#: The back of a surface needs no light when this little of it is seen, compared with the front: cracks between walls.
+_GLIMPSE = 0.02
 
 
 @dataclass(frozen=True)
@@ -87,86 +90,70 @@ def apply_render_settings(scene: bpy.types.Scene) -> None:
 def _make(folder: Path, found: list[Part], depsgraph: bpy.types.Depsgraph, settings: BakeSettings, key: dict, report: Report) -> None:
     started = time.perf_counter()
     surfaces = light_surfaces.surfaces(found)
-    places = light_view.viewpoints(depsgraph, surfaces.corners_m.min(0), surfaces.corners_m.max(0), _VIEWPOINTS, settings.seed)
+    places = light_view.viewpoints(depsgraph, surfaces, _VIEWPOINTS, settings.seed)
     report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
-    wanted = _seen_sides(surfaces, _wanted_sides(found), places, settings)
-    corners = tuple(len(part.mesh.loops) for part in found)
-    coarse = _Map(surfaces, wanted, settings.coarse_size, corners)
+    wanted, exposure = _seen_sides(surfaces, found, places, settings)
+    coarse = lay_out(surfaces, wanted, settings.coarse_size, exposure)
     report(f"coarse pass: {coarse.summary()}, {settings.coarse_samples} samples")
-    light = coarse.bake(places, settings.coarse_samples, settings.seed)
+    light = _bake(coarse, places, settings.coarse_samples, settings.seed)
     with ExitStack() as stack:
-        lit = _show_copy(found, coarse.layout, light)
-        stack.callback(lit.revert)
-        fine = _Map(surfaces, wanted, settings.size, corners)
+        stack.callback(_show_copy(found, coarse, light).revert)
+        fine = lay_out(surfaces, wanted, settings.size, exposure)
         report(f"fine pass: {fine.summary()}, {settings.samples} samples")
         stack.enter_context(kept(bpy.context.scene.cycles, max_bounces=2, diffuse_bounces=1))
-        light = fine.bake(places, settings.samples, settings.seed + 1)
+        light = _bake(fine, places, settings.samples, settings.seed + 1)
     seconds = time.perf_counter() - started
     recipe = {"schema_version": 1, "key": key, "seconds": round(seconds, 1), "charts": len(fine.charts.size_m), "texels": len(fine.texels.index),
               "coverage": round(len(fine.texels.index) / settings.size**2, 4), "texels_per_metre": round(fine.packing.density, 2)}
-    light_map.store(folder, light, fine.layout, recipe)
+    light_map.store(folder, light, _map_layout(found, fine), recipe)
     report(f"light map: {seconds:.0f} s, {folder}")
 
 
-def _show_copy(found: list[Part], layout: MapLayout, light: np.ndarray) -> LitScene:
+def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
+    return MapLayout(*layout.uv(), tuple(len(part.mesh.loops) for part in found))
+
+
+def _show_copy(found: list[Part], layout: Layout, light: np.ndarray) -> LitScene:
     """Show the scene by a map in memory; the parts' own meshes stay free of it."""
-    copies = [Part(p.name, p.mesh.copy(), p.matrix, p.source, p.origin, p.single) for p in found]
-    return lit_scene.show(copies, layout, lit_scene.image_from_pixels(light))
+    copies = [replace(part, mesh=part.mesh.copy()) for part in found]
+    return lit_scene.show(copies, _map_layout(found, layout), lit_scene.image_from_pixels(light))
 
 
-def _wanted_sides(found: list[Part]) -> np.ndarray:
-    """(F, 2): sides of faces that a material shows diffuse light on, or lets light through from."""
+def _seen_sides(surfaces: Surfaces, found: list[Part], places: np.ndarray, settings: BakeSettings) -> tuple[np.ndarray, np.ndarray]:
+    """(F, 2) sides that need light, and (F, 2) how much of an image each may fill.
+
+    A side needs light when a camera in free space may see it; the far side of cloth that light passes through, too.
+    """
+    diffuse, translucent = _kinds(found)
+    both = np.repeat((diffuse | translucent)[:, None], 2, 1)
+    layout = lay_out(surfaces, both, settings.coarse_size)
+    light = light_view.seen(*layout.points(), places, 64, settings.seed)
+    exposure, share = layout.per_side(np.sqrt(light)) ** 2, layout.per_side(light > 0)  # the root: a lamp close by counts less
+    share[:, BACK] *= share[:, BACK] > _GLIMPSE * share[:, FRONT]
+    exposure = np.where(translucent[:, None], exposure.max(1, keepdims=True), exposure)
+    share = np.where(translucent[:, None], share.max(1, keepdims=True), share)
+    return both & (share > 0), exposure
+
+
+def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) faces that show diffuse light, (F,) faces that let light through."""
     rows = []
     for part in found:
         kinds = [baked_materials.kind(m) for m in part.mesh.materials] or [baked_materials.kind(None)]
-        shows = np.array([k.diffuse or k.translucent for k in kinds])
-        rows.append(shows[np.maximum(light_surfaces.material_of_face(part), 0)])
-    return np.repeat(np.concatenate(rows)[:, None], 2, 1)
+        table = np.array([(k.diffuse, k.translucent) for k in kinds])
+        rows.append(table[np.maximum(light_surfaces.material_of_face(part), 0)])
+    diffuse, translucent = np.concatenate(rows).T
+    return diffuse, translucent
 
 
-def _seen_sides(surfaces: Surfaces, wanted: np.ndarray, places: np.ndarray, settings: BakeSettings) -> np.ndarray:
-    """Those sides that a camera in free space may see, chart by chart."""
-    sides = select(surfaces, wanted)
-    laid = charts.chart(sides.surfaces)
-    packed = packing.pack(laid, max(settings.coarse_size, 512))
-    where = texels.texels(sides.surfaces, laid.chart, packing.map_coordinates(laid, packed, laid.chart[sides.surfaces.face_of_corner]), packed.size)
-    points, normals = where.points(sides.surfaces)
-    visible = light_view.seen(points, normals, places, 64, settings.seed)
-    chart_seen = np.bincount(where.chart, visible, len(laid.size_m)) > 0
-    result = np.zeros_like(wanted)
-    result[sides.face, sides.side] = chart_seen[laid.chart]
-    return result
-
-
-class _Map:
-    """One map over the wanted sides: its charts, where they lie, and the light in it."""
-
-    def __init__(self, surfaces: Surfaces, wanted: np.ndarray, size: int, part_corners: tuple[int, ...]) -> None:
-        self.sides: Sides = select(surfaces, wanted)
-        self.charts = charts.chart(self.sides.surfaces)
-        self.packing = packing.pack(self.charts, size)
-        corners = packing.map_coordinates(self.charts, self.packing, self.charts.chart[self.sides.surfaces.face_of_corner])
-        self.texels = texels.texels(self.sides.surfaces, self.charts.chart, corners, size)
-        uv, has = np.zeros((2, len(surfaces.corners_m), 2)), np.zeros((2, len(surfaces.corners_m)), bool)
-        side = np.repeat(self.sides.side, np.diff(self.sides.surfaces.face_start))
-        for which in (FRONT, BACK):
-            rows = side == which
-            uv[which, self.sides.corner[rows]] = corners[rows] / size
-            has[which, self.sides.corner[rows]] = True
-        self.layout = MapLayout(uv, has, part_corners)
-
-    def summary(self) -> str:
-        count = len(self.texels.index)
-        return f"{len(self.charts.size_m)} charts, {count} texels ({count / self.texels.size**2:.0%} of {self.texels.size} x {self.texels.size}), {1000 / self.packing.density:.1f} mm"
-
-    def bake(self, places: np.ndarray, samples: int, seed: int) -> np.ndarray:
-        """(size, size, 3): light at every texel, hidden texels and gutters filled, noise taken out."""
-        points, normals = self.texels.points(self.sides.surfaces)
-        visible = light_view.seen(points, normals, places, 32, seed)
-        halves = [irradiance(points, normals, max(1, samples // 2), 2 * seed + k) for k in (0, 1)]
-        chart = self.texels.image(self.texels.chart, -1)
-        known, facing = self.texels.image(visible, False), self.texels.image(normals.astype(np.float32))
-        light = denoise.denoise(*[self.texels.image(h) for h in halves], chart, facing, known)
-        filled, reached = filling.fill(light, known, chart, 2)
-        light = np.where(reached[..., None], filled, light)
-        return filling.fill(light, chart >= 0, chart, 2)[0].astype(np.float32)
+def _bake(layout: Layout, places: np.ndarray, samples: int, seed: int) -> np.ndarray:
+    """(size, size, 3): light at every texel, noise taken out, hidden texels and gutters filled."""
+    points, normals = layout.points()
+    image = layout.texels.image
+    known = image(light_view.seen(points, normals, places, 32, seed) > 0, False)
+    halves = [irradiance(points, normals, max(1, samples // 2), 2 * seed + k) for k in (0, 1)]
+    chart = image(layout.texels.chart, -1)
+    light = denoise.denoise(*[image(h) for h in halves], chart, image(normals.astype(np.float32)), known)
+    filled, reached = filling.fill(light, known, chart, 2)
+    light = np.where(reached[..., None], filled, light)
+    return filling.fill(light, chart >= 0, chart, 2)[0].astype(np.float32)

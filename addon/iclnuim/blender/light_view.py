@@ -9,37 +9,56 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ..lightmap.surfaces import Surfaces
 from .light_points import irradiance, kept
 
 #: A place counts as free when less than this share of its sight lines ends at the back of a surface.
 _BACKS = 0.1
+#: Of free places those are taken that are enclosed nearly as much as the most enclosed: inside rooms, if there are any.
+_ENCLOSED = 0.9
 _RAYS = 48
-_NEAREST_M = 0.03
+_NEAREST_M, _FARTHEST_M = 0.1, 4.0
+#: Test lamps outshine by far what glows in the scene, which baking cannot be told to leave out (W; radiance).
+_POWER, _GLOW = 1e9, 1e4
 
 
-def viewpoints(depsgraph: bpy.types.Depsgraph, low_m: np.ndarray, high_m: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """(up to count, 3) places spread over the free space of the box low_m..high_m: not inside solids, not behind walls."""
+def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int) -> np.ndarray:
+    """(up to count, 3) places in metres spread over the scene's free space: in rooms, not inside solids nor behind walls."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(_RAYS, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    candidates = rng.uniform(low_m, high_m, (count * 24, 3))
-    free = np.array([p for p in candidates if _is_free(depsgraph, p, directions)]).reshape(-1, 3)
+    places = [_place_before(depsgraph, surfaces, rng) for _ in range(count * 24)]
+    hits = np.array([_front_hits(depsgraph, p, directions) for p in places])
+    free = np.array(places)[(hits > 0) & (hits >= _ENCLOSED * hits.max())]
     return _spread(free, count)
 
 
-def _is_free(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> bool:
+def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator) -> np.ndarray:
+    """A place on a sight line from a triangle of an object, each object as likely as any other, before or behind it."""
+    faces = np.searchsorted(surfaces.face_object, [k := rng.integers(surfaces.face_object[-1] + 1), k + 1])
+    rows = np.searchsorted(surfaces.triangle_face, faces)
+    corners = surfaces.corners_m[surfaces.triangles[rng.integers(*rows)]]
+    ray = rng.normal(size=3)
+    ray /= np.linalg.norm(ray)
+    start = rng.dirichlet(np.ones(3)) @ corners + 1e-3 * ray
+    hit, location, *_ = depsgraph.scene.ray_cast(depsgraph, Vector(start), Vector(ray), distance=_FARTHEST_M)
+    reach = np.linalg.norm(np.array(location) - start) if hit else _FARTHEST_M
+    return start + rng.uniform(0.1, 0.9) * reach * ray
+
+
+def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:
+    """How many sight lines end at a front; 0 for a place that is not free."""
     scene, origin = depsgraph.scene, Vector(place)
-    backs = hits = 0
+    backs = fronts = 0
     for direction in directions:
         hit, location, normal, *_ = scene.ray_cast(depsgraph, origin, Vector(direction))
-        if hit:
-            if (location - origin).length < _NEAREST_M:
-                return False
-            hits += 1
-            backs += normal.dot(Vector(direction)) > 0
+        if hit and (location - origin).length < _NEAREST_M:
+            return 0
+        back = hit and normal.dot(Vector(direction)) > 0
+        backs, fronts = backs + back, fronts + (hit and not back)
         if backs > _BACKS * _RAYS:
-            return False
-    return hits > 0
+            return 0
+    return fronts
 
 
 def _spread(places: np.ndarray, count: int) -> np.ndarray:
@@ -54,22 +73,24 @@ def _spread(places: np.ndarray, count: int) -> np.ndarray:
 
 
 def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(n,) bool: whether a point lamp at one of the places reaches the front of each point, glass let through.
+    """(n,) light of a point lamp at each of the places on each point; 0 where none reaches its front, glass let through.
 
-    Each sample tries one of the lamps, so that a point which few places see may be missed.
+    Such light falls with distance and slant as the number of pixels does that cameras at those places spend on a surface. Each
+    sample tries one of the lamps, so that a point which few places see may be missed.
     """
     if not len(places_m):
-        return np.ones(len(points_m), bool)
+        return np.ones(len(points_m))
     scene = bpy.context.scene
     with _only_lamps(scene, places_m), kept(scene.cycles, max_bounces=0, use_light_tree=False, light_sampling_threshold=0.0):
-        return irradiance(points_m, normals, samples, seed).max(1) > 0
+        light = irradiance(points_m, normals, samples, seed).max(1)
+    return np.where(light > _GLOW, light, 0.0)
 
 
 @contextmanager
 def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
     """The scene lit by nothing but one point lamp at each place."""
     data = bpy.data.lights.new("light test", "POINT")
-    data.energy, data.shadow_soft_size = 1000.0, 0.0
+    data.energy, data.shadow_soft_size = _POWER, 0.0
     lamps = [bpy.data.objects.new("light test", data) for _ in places_m]
     with ExitStack() as stack:
         stack.enter_context(kept(scene, world=None))

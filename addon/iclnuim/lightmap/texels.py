@@ -47,12 +47,13 @@ def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size:
     low = np.clip(np.floor(triangles.min(1)).astype(int), 0, size - 1)
     high = np.clip(np.floor(triangles.max(1)).astype(int) + 1, 0, size - 1)
     counts = (high - low + 1).prod(1)
-    found = [_nearest(triangles, rim, rows, low, high, size) for rows in _batches(counts)]
+    found = [_nearest(triangles, rows, low, high, size) for rows in _batches(counts)]
     index, triangle, weights, distance = (np.concatenate([f[k] for f in found]) for k in range(4))
-    owner = chart[surfaces.triangle_face[triangle]]
     order = np.lexsort((distance, index))
     first = order[np.flatnonzero(np.diff(index[order], prepend=-1))]
-    return Texels(size, index[first], triangle[first], weights[first], owner[first])
+    index, triangle, weights = index[first], triangle[first], weights[first]
+    weights = _inwards(weights, triangles[triangle], rim[triangle])
+    return Texels(size, index, triangle, weights, chart[surfaces.triangle_face[triangle]])
 
 
 def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
@@ -72,7 +73,7 @@ def _batches(counts: np.ndarray) -> list[np.ndarray]:
     return np.split(np.arange(len(counts)), np.flatnonzero(np.diff(group)) + 1)
 
 
-def _nearest(triangles: np.ndarray, rim: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
+def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
     """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, distance in texels."""
     span = high[rows] - low[rows] + 1
     counts = span.prod(1)
@@ -80,29 +81,36 @@ def _nearest(triangles: np.ndarray, rim: np.ndarray, rows: np.ndarray, low: np.n
     k = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     width = np.repeat(span[:, 0], counts)
     column, row = low[triangle, 0] + k % width, low[triangle, 1] + k // width
-    weights = _closest(triangles[triangle], np.stack([column, row], -1).astype(float))
-    offset = np.abs(np.einsum("nk,nkj->nj", weights, triangles[triangle]) - np.stack([column, row], -1))
-    near = offset.max(1) < 1.0
-    weights, distance = weights[near], np.hypot(*offset[near].T)
-    weights = _inwards(weights, triangles[triangle[near]], rim[triangle[near]])
-    return row[near] * size + column[near], triangle[near], weights, distance
+    corners, texel = triangles[triangle], np.stack([column, row], -1).astype(float)
+    weights = _inside(corners, texel)
+    outside = np.flatnonzero((weights < 0).any(1))
+    weights[outside] = _on_rim(corners[outside], texel[outside])
+    offset = np.zeros_like(texel)
+    offset[outside] = np.einsum("nk,nkj->nj", weights[outside], corners[outside]) - texel[outside]
+    near = np.abs(offset).max(1) < 1.0
+    return row[near] * size + column[near], triangle[near], weights[near], np.hypot(*offset[near].T)
 
 
-def _closest(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Barycentric weights (n, 3) of the point of triangle corners (n, 3, 2) nearest to p (n, 2)."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    area = _cross(b - a, c - a)
-    safe = np.where(np.abs(area) > 1e-12, area, np.inf)
-    inside = np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], -1) / safe[:, None]
-    best, least = inside, np.where((inside >= 0).all(1) & np.isfinite(safe), 0.0, np.inf)
+def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2), one below 0 outside; all below 0 for a flat triangle."""
+    a, b, c = corners[:, 0] - p, corners[:, 1] - p, corners[:, 2] - p
+    parts = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], -1)
+    area = parts.sum(1, keepdims=True)
+    flat = np.abs(area) < 1e-12
+    return np.where(flat, -1.0, parts / np.where(flat, 1.0, area))
+
+
+def _on_rim(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Barycentric weights (n, 3) of the point on the triangle's edges nearest to p (n, 2)."""
+    best, least = np.zeros((len(p), 3)), np.full(len(p), np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         start, edge = corners[:, i], corners[:, j] - corners[:, i]
         t = np.clip(((p - start) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-12), 0, 1)
         distance = ((start + t[:, None] * edge - p) ** 2).sum(1)
-        on_edge = np.zeros_like(inside)
-        on_edge[:, i], on_edge[:, j] = 1 - t, t
-        best = np.where((distance < least)[:, None], on_edge, best)
-        least = np.minimum(distance, least)
+        rows = distance < least
+        best[rows] = 0.0
+        best[rows, i], best[rows, j] = 1 - t[rows], t[rows]
+        least[rows] = distance[rows]
     return best
 
 

@@ -1,0 +1,82 @@
+"""The layout of a light map: which sides of faces get texels, how densely, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .charts import Charts, chart
+from .packing import Packing, map_coordinates, pack
+from .surfaces import BACK, FRONT, Sides, Surfaces, select
+from .texels import Texels, texels
+
+#: Texels per metre may differ between charts by these factors from the usual.
+SPARSEST, DENSEST = 0.3, 1.6
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Charts of the sides of `surfaces` that have texels, packed into a square map."""
+
+    surfaces: Surfaces
+    sides: Sides
+    charts: Charts
+    packing: Packing
+    texels: Texels
+    corners_map: np.ndarray
+
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) points in metres and (N, 3) unit normals, one a texel."""
+        return self.texels.points(self.sides.surfaces)
+
+    def uv(self) -> tuple[np.ndarray, np.ndarray]:
+        """For the corners (C,) of all surfaces: (2, C, 2) place in the map, 0..1, of front and back; (2, C) whether there is one."""
+        count = len(self.surfaces.corners_m)
+        uv, has = np.zeros((2, count, 2)), np.zeros((2, count), bool)
+        side = self.sides.side[self.sides.surfaces.face_of_corner]
+        for which in (FRONT, BACK):
+            corner = self.sides.corner[side == which]
+            uv[which, corner] = self.corners_map[side == which] / self.packing.size
+            has[which, corner] = True
+        return uv, has
+
+    def per_side(self, values: np.ndarray) -> np.ndarray:
+        """(F, 2): the mean of texel values (N,) over the chart of each side; 0 for sides without texels."""
+        count = len(self.charts.size_m)
+        mean = np.bincount(self.texels.chart, values, count) / np.maximum(np.bincount(self.texels.chart, minlength=count), 1)
+        result = np.zeros((self.surfaces.faces, 2))
+        result[self.sides.face, self.sides.side] = mean[self.charts.chart]
+        return result
+
+    def summary(self) -> str:
+        """One line for people."""
+        count, size = len(self.texels.index), self.packing.size
+        return f"{len(self.charts.size_m)} charts, {count} texels ({count / size**2:.0%} of {size} x {size}), {1000 / self.packing.density:.1f} mm"
+
+
+def lay_out(surfaces: Surfaces, wanted: np.ndarray, size: int, exposure: np.ndarray | None = None) -> Layout:
+    """A map of size x size texels for the sides `wanted` (F, 2).
+
+    `exposure` (F, 2) says how much of a camera's image a square metre of each side may fill; texels are laid in proportion.
+    """
+    sides = select(surfaces, wanted)
+    charts = chart(sides.surfaces)
+    packing = pack(charts, size, None if exposure is None else _weight(charts, sides, exposure))
+    corners_map = map_coordinates(charts, packing, charts.chart[sides.surfaces.face_of_corner])
+    return Layout(surfaces, sides, charts, packing, texels(sides.surfaces, charts.chart, corners_map, size), corners_map)
+
+
+def _weight(charts: Charts, sides: Sides, exposure: np.ndarray) -> np.ndarray:
+    """(K,) relative density: the root of a chart's mean exposure, against the usual by area."""
+    area = np.linalg.norm(sides.surfaces.area_vectors(), axis=1) + 1e-12
+    count = len(charts.size_m)
+    total = np.bincount(charts.chart, area, count)
+    mean = np.bincount(charts.chart, area * exposure[sides.face, sides.side], count) / total
+    return np.clip(np.sqrt(mean / _weighted_median(mean, total)), SPARSEST, DENSEST)
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    place = np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)
+    return max(float(values[order[min(place, len(order) - 1)]]), 1e-12)
