@@ -17,7 +17,9 @@ from .console import Console
 
 #: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
 COMMANDS = {
+    "make": "all of it: bake, render, clean and noisy TUM sequence",
     "render": "render a sequence: EXR frames with RGB and exact depth",
+    "dataset": "EXR frames to a TUM sequence, with a sensor's noise",
     "evaluate": "trajectory error against ground truth: ATE, RPE",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",

@@ -22,12 +22,19 @@ from ..options import common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    add_job_options(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run; default: out/SEQUENCE/raw")
+    parser.add_argument("--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender")
+    common(parser, "iclnuim render kt2 --quick", json=False)
+
+
+def add_job_options(parser: argparse.ArgumentParser) -> None:
+    """What is rendered, and how: shared with `iclnuim make`."""
     parser.add_argument("sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)")
     parser.add_argument("--scene", metavar="NAME|FILE", help="another scene: living_room, office, or a .blend, .obj, .glb file")
     parser.add_argument("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
     parser.add_argument("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
     parser.add_argument("--quick", action="store_true", help="every 30th frame")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run; default: out/SEQUENCE/raw")
     parser.add_argument("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
     parser.add_argument("--light", choices=("baked", "path"), help="baked light map (default) or full path tracing")
     parser.add_argument("--samples", type=int, metavar="N", help="rays a pixel; default: 2 baked, 64 path-traced")
@@ -36,9 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
     parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
     parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 64")
-    parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
-    parser.add_argument("--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender")
-    common(parser, "iclnuim render kt2 --quick", json=False)
+    parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples, and of noise; default: 0")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -46,7 +51,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     out = out or Path("out") / job.sequence / "raw"
     if importlib.util.find_spec("bpy") is None:
         return _run_in_blender_binary(job, out, frames, args, console)
-    return _run_here(job, out, frames, args, console)
+    finished = render_here(usable_here(job, args, console), out, frames, console, args.blend)
+    return 0 if finished else 130
 
 
 def job_from(args: argparse.Namespace) -> jobs.RenderJob:
@@ -78,12 +84,20 @@ def _absolute(name: str | None) -> str | None:
     return str(Path(name).expanduser().resolve())
 
 
-def _run_here(job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namespace, console: Console) -> int:
-    from iclnuim.blender import compat, worker
+def usable_here(job: jobs.RenderJob, args: argparse.Namespace, console: Console) -> jobs.RenderJob:
+    """Denoising is the default of path tracing only where this Blender can."""
+    from iclnuim.blender import compat
 
     if job.denoise and args.denoise is None and not compat.has_denoiser():
         console.note("this Blender has no OpenImageDenoise: rendering without")
-        job = job.changed(denoise=False)
+        return job.changed(denoise=False)
+    return job
+
+
+def render_here(job: jobs.RenderJob, out: Path, frames: str | list[int], console: Console, blend: Path | None = None) -> bool:
+    """Render in this process with progress; False when a signal stopped it."""
+    from iclnuim.blender import worker
+
     progress, missing = None, 0
 
     def emit(event: dict) -> None:
@@ -99,10 +113,10 @@ def _run_here(job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namesp
             progress.advance()
 
     with stop_on_signals() as stopped:
-        finished = worker.render_run(job, out, frames, emit, stopped, args.blend)
+        finished = worker.render_run(job, out, frames, emit, stopped, blend)
     if not finished:
         console.note("stopped: the frames so far are valid; the same command goes on from here")
-    return 0 if finished else 130
+    return finished
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import platform
 import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -34,14 +34,16 @@ from . import bake, camera, compat, frames, lambertian, light_map, preflight, sc
 Emit = Callable[[dict], None]
 
 
-def render_run(job: RenderJob, out: Path, frames_asked: str, emit: Emit, should_stop: Callable[[], bool], blend: Path | None = None) -> bool:
+def render_run(
+    job: RenderJob, out: Path, frames_asked: str | Sequence[int], emit: Emit, should_stop: Callable[[], bool], blend: Path | None = None
+) -> bool:
     """Render the frames of `job` that are missing in `out`; True when all asked for are done, False when stopped.
 
-    `blend` keeps a copy of the prepared scene, camera keyed, to be played in Blender. Raises InputError, WorkError.
+    `frames_asked` is a slice as text or the frames' numbers. `blend` keeps a copy of the prepared scene, camera keyed, to be played in Blender. Raises InputError, WorkError.
     """
     compat.require_supported_version()
     trajectory = load_trajectory(job)
-    numbers = frame_slice(frames_asked, len(trajectory))
+    numbers = frame_slice(frames_asked, len(trajectory)) if isinstance(frames_asked, str) else frames_asked
     run = open_run(out, recipe(job), trajectory)
     work = _work_folder(run)
     try:

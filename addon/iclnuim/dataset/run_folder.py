@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,8 +66,9 @@ class RunFolder:
         size = (self.camera.height, self.camera.width)
         return all(name in channels and channels[name].shape == size for name in "RGBZ")
 
-    def missing(self, numbers: range) -> list[int]:
+    def missing(self, numbers: Iterable[int]) -> list[int]:
         """Those of `numbers` still to be rendered, in order."""
+        numbers = list(numbers)
         with ThreadPoolExecutor(4) as pool:
             finished = list(pool.map(self.is_finished, numbers))
         return [number for number, done in zip(numbers, finished, strict=True) if not done]
