@@ -2,6 +2,7 @@
 
 Edge-avoiding wavelets (Dammertz et al. 2010) steered by the noise itself (Schied et al. 2017): two independent halves of the
 samples tell the variance of each texel; neighbours count as far as their difference can be noise, and only within a chart.
+Each half is smoothed with weights from the other (Rousselle et al. 2012), so that a bright speck cannot vouch for itself.
 """
 
 from __future__ import annotations
@@ -15,25 +16,41 @@ _LEVELS = 5
 _SIGMAS = 2.0
 _KERNEL = {-1: 0.25, 0: 0.5, 1: 0.25}
 _NORMAL_POWER = 32
+#: A texel whose halves differ by more than this many times what is usual around it holds a rare bright path in one of them.
+_ODD = 6.0
 
 
 def denoise(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, normals: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """(h, w, 3) light from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
-    light = ((half_a + half_b) / 2).astype(np.float32)
+    half_a, half_b = _without_fireflies(half_a, half_b, chart)
     variance = _variance(half_a, half_b, chart, usable)
-    mask = usable & (chart >= 0)
+    spread = (variance, variance.copy())
+    halves = half_a.astype(np.float32), half_b.astype(np.float32)
+    mask, facing = usable & (chart >= 0), normals.astype(np.float32)
     for level in range(_LEVELS):
-        light, variance = _wavelet(light, variance, chart, normals.astype(np.float32), mask, 1 << level)
-    return light
+        smoothed = [_wavelet(halves[k], halves[1 - k], spread[k], chart, facing, mask, 1 << level) for k in (0, 1)]
+        halves, spread = zip(*smoothed, strict=True)
+    return (halves[0] + halves[1]) / 2
 
 
 def luminance(light: np.ndarray) -> np.ndarray:
     return light @ np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
+def _without_fireflies(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both halves as the darker one where they disagree far more than their eight neighbours do. Lit edges agree, and stay."""
+    a, b = luminance(half_a), luminance(half_b)
+    gap = np.abs(a - b).astype(np.float32)
+    around = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+    usual = np.median([np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in around], axis=0)
+    odd = (gap > _ODD * usual + 0.1 * np.minimum(a, b))[..., None]
+    darker = np.where((a < b)[..., None], half_a, half_b)
+    return np.where(odd, darker, half_a), np.where(odd, darker, half_b)
+
+
 def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Variance of the mean's luminance: (a - b)^2 / 4, averaged over the neighbourhood because one difference says little."""
-    raw = np.where(usable, luminance(half_a - half_b) ** 2 / 4, 0).astype(np.float32)
+    """Variance of one half's luminance: (a - b)^2 / 2, averaged over the neighbourhood because one difference says little."""
+    raw = np.where(usable, luminance(half_a - half_b) ** 2 / 2, 0).astype(np.float32)
     total, count = raw, usable.astype(np.float32)
     for step in (1, 2):
         for axis in ((1, 0), (0, 1)):
@@ -47,13 +64,15 @@ def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable:
     return total / np.maximum(count, 1)
 
 
-def _wavelet(light: np.ndarray, variance: np.ndarray, chart: np.ndarray, normals: np.ndarray, mask: np.ndarray, step: int) -> tuple:
-    """One level: nine neighbours `step` texels apart; returns light and its variance."""
+def _wavelet(
+    light: np.ndarray, guide: np.ndarray, variance: np.ndarray, chart: np.ndarray, normals: np.ndarray, mask: np.ndarray, step: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """One level: nine neighbours `step` texels apart, weighed by `guide`; returns light and its variance."""
     here = np.flatnonzero(mask)
     h, w = mask.shape
     row, column = here // w, here % w
     flat, spread, part, facing = light.reshape(-1, 3), variance.ravel(), np.where(mask, chart, -1).ravel(), normals.reshape(-1, 3)
-    bright = luminance(flat)
+    bright = luminance(guide.reshape(-1, 3))
     total, noise, weights = np.zeros((len(here), 3), np.float32), np.zeros(len(here), np.float32), np.zeros(len(here), np.float32)
     for dy, wy in _KERNEL.items():
         for dx, wx in _KERNEL.items():
