@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .bands import bands
 from .parameters import NoiseSettings, parameter
 from .randomness import gaussian
 from .transfer import srgb8
@@ -49,9 +50,16 @@ class PaperRgbNoise(NoiseSettings):
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
-        light = np.maximum(_exposed(light, self.exposure), np.float32(0), dtype=np.float32)
+        light = _exposed(light, self.exposure)
+        image = np.empty(light.shape, np.uint8)
+        for rows in bands(len(light)):
+            image[rows] = srgb8(self.noisy_light(np.maximum(light[rows], 0, dtype=np.float32), rng))
+        return image
+
+    def noisy_light(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """float32 light >= 0, any shape -> the same with read and shot noise."""
         sigma = np.sqrt(np.float32(self.sigma_c**2) + light * np.float32(self.sigma_s**2))
-        return srgb8(light + sigma * gaussian(rng, light.shape))
+        return light + sigma * gaussian(rng, light.shape)
 
 
 @dataclass(frozen=True)
@@ -74,9 +82,10 @@ class ReleasedRgbNoise(NoiseSettings):
         weights = self.neighbour_weights()
         for k in range(3):
             clean = image[..., k]
-            noise = _filtered_rows(gaussian(rng, (clean.shape[0], clean.shape[1] + 2)), weights)
-            values = np.floor(clean + sigma[k].take(clean) * noise)
-            noisy[..., k] = np.clip(values, 0, 255).astype(np.uint8)
+            for rows in bands(len(clean)):
+                noise = _filtered_rows(gaussian(rng, (len(clean[rows]), clean.shape[1] + 2)), weights)
+                values = np.floor(clean[rows] + sigma[k].take(clean[rows]) * noise)
+                noisy[rows, :, k] = np.clip(values, 0, 255).astype(np.uint8)
         return noisy
 
     def sigma_of_value(self) -> np.ndarray:

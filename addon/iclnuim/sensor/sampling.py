@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from .bands import bands
 
 
 def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
@@ -28,6 +29,25 @@ def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, e
     than `edge_share`, get no weight, so that neither holes nor what lies behind an edge mix in. Missing where the
     nearest is.
     """
+    result = np.empty_like(depth_z_m)
+    for rows in bands(len(depth_z_m)):
+        result[rows] = _within_surface(depth_z_m, u[rows], v[rows], edge_share)
+    return result
+
+
+def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Plain bilinear depth at (u, v), where missing pixels and all beyond the image count as 0 and mix in."""
+    height, width = depth_z_m.shape
+    framed = np.zeros((height + 3, width + 3), np.float32)
+    framed[1:-2, 1:-2] = depth_z_m
+    result = np.empty_like(depth_z_m)
+    for rows in bands(height):
+        corners = _corners(framed, np.clip(u[rows] + 1, 0, width + 1), np.clip(v[rows] + 1, 0, height + 1))
+        result[rows] = _blend(*corners)
+    return result
+
+
+def _within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float) -> np.ndarray:
     height, width = depth_z_m.shape
     corners, weights_u, weights_v = _corners(depth_z_m, np.clip(u, 0, width - 1), np.clip(v, 0, height - 1))
     result = _blend(corners, weights_u, weights_v)
@@ -37,18 +57,9 @@ def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, e
     if mixed.size:
         fu, fv = weights_u.ravel()[mixed], weights_v.ravel()[mixed]
         weights = np.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv])
-        result.ravel()[mixed] = _mean_of_nearest_surface(
-            np.stack([c.ravel()[mixed] for c in corners]), weights, edge_share
-        )
+        depths = np.stack([c.ravel()[mixed] for c in corners])
+        result.ravel()[mixed] = _mean_of_nearest_surface(depths, weights, edge_share)
     return result
-
-
-def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Plain bilinear depth at (u, v), where missing pixels and all beyond the image count as 0 and mix in."""
-    height, width = depth_z_m.shape
-    framed = np.zeros((height + 3, width + 3), np.float32)
-    framed[1:-2, 1:-2] = depth_z_m
-    return _blend(*_corners(framed, np.clip(u + 1, 0, width + 1), np.clip(v + 1, 0, height + 1)))
 
 
 def _corners(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:

@@ -39,8 +39,9 @@ def backward_normals(depth_z_m: np.ndarray, camera: PinholeCamera) -> Normals:
     """From each pixel's left and upper neighbour; where one of the three is missing or outside there is none."""
     inverse = _inverse(depth_z_m)
     du, dv = np.full_like(inverse, np.inf), np.full_like(inverse, np.inf)
-    du[:, 1:] = inverse[:, 1:] - inverse[:, :-1]
-    dv[1:] = inverse[1:] - inverse[:-1]
+    with np.errstate(invalid="ignore"):
+        du[:, 1:] = inverse[:, 1:] - inverse[:, :-1]
+        dv[1:] = inverse[1:] - inverse[:-1]
     return _normals(depth_z_m, du, dv, camera)
 
 

@@ -1,0 +1,150 @@
+"""The other depth noise models: each does what its source says, and all keep the same promises."""
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.sensor.depth_others import Kinect2012DepthNoise, RedwoodDepthNoise
+from iclnuim.sensor.depth_released import ReleasedDepthNoise
+from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from iclnuim.sensor.randomness import frame_generator
+from iclnuim.sensor.surface import backward_normals, surface_normals
+
+
+@pytest.mark.parametrize("name", DEPTH_MODELS)
+def test_every_model_gives_the_same_bytes_for_the_same_frame_and_others_for_others(camera, plane, name):
+    depth = plane(camera, 30, 2.0)
+    model = depth_model(name)
+    one, again = (model.apply(depth, camera, frame_generator(7, 3, 0)) for _ in range(2))
+    assert one.dtype == np.float32 and one.shape == depth.shape
+    assert one.tobytes() == again.tobytes()
+    if name != "none":
+        assert one.tobytes() != model.apply(depth, camera, frame_generator(7, 4, 0)).tobytes()
+        assert one.tobytes() != model.apply(depth, camera, frame_generator(8, 3, 0)).tobytes()
+
+
+@pytest.mark.parametrize("name", DEPTH_MODELS)
+def test_no_model_invents_depth_or_changes_its_input(camera, plane, name):
+    depth = plane(camera, 30, 2.0)
+    depth[:60], depth[60, :9] = 0, [np.nan, np.inf, -np.inf, -1, 1e10, 0, np.nan, -0.0, np.inf]
+    before = depth.tobytes()
+    noisy = depth_model(name).apply(depth, camera, frame_generator(1, 1, 0))
+    assert depth.tobytes() == before
+    assert np.isfinite(noisy).all() and (noisy >= 0).all()
+    assert (noisy[:52] == 0).all()
+    assert (noisy[80:-8, 8:-8] > 0).mean() > 0.98
+    nothing = np.zeros((240, 320), np.float32)
+    assert (depth_model(name).apply(nothing, camera, frame_generator(1, 1, 0)) == 0).all()
+
+
+def test_released_leaves_whole_millimetres_and_a_border_without_normals(camera, plane):
+    noisy = ReleasedDepthNoise().apply(plane(camera, 10, 2.0), camera, frame_generator(1, 1, 0))
+    millimetres = noisy.astype(float) * 1000
+    assert np.abs(millimetres - np.rint(millimetres)).max() < 1e-3
+    assert (noisy[0] == 0).mean() > 0.3 and (noisy[:, 0] == 0).mean() > 0.3
+
+
+def test_released_is_biased_towards_the_camera_by_half_a_step():
+    wall = np.full((240, 320), 3.5, np.float32)
+    noisy = ReleasedDepthNoise().apply(wall, PinholeCamera.parse("320x240"), frame_generator(1, 1, 0))
+    inner = noisy[8:-8, 8:-8].astype(float)
+    assert 351.3 / inner.mean() - 351.3 / 3.5 == pytest.approx(0.5, abs=0.25)
+
+
+@pytest.mark.parametrize("depth_m", [0.8, 1.5, 3.0])
+def test_kinect2012_has_the_axial_noise_of_its_formula_on_a_facing_wall(depth_m):
+    wall = np.full((240, 320), depth_m, np.float32)
+    noisy = Kinect2012DepthNoise().apply(
+        wall, PinholeCamera(320, 240, 1e4, 1e4, 159.5, 119.5), frame_generator(1, 1, 0)
+    )
+    assert noisy.astype(float).std() == pytest.approx(0.0012 + 0.0019 * (depth_m - 0.4) ** 2, rel=0.02)
+    assert noisy.astype(float).mean() == pytest.approx(depth_m, abs=1e-4)
+
+
+@pytest.mark.parametrize("angle_deg", [20, 50, 70])
+def test_kinect2012_shifts_by_its_lateral_sigma(plane, angle_deg):
+    camera = PinholeCamera(200, 200, 2000, 2000, 99.5, 99.5)
+    depth = plane(camera, angle_deg, 2.0)
+    model = Kinect2012DepthNoise(axial_m=0, axial_per_m=0, axial_angle=0)
+    noisy = model.apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
+    inverse = 1 / depth.astype(float)
+    shift = ((1 / noisy - inverse) / np.gradient(inverse, axis=1))[8:-8, 8:-8]
+    angle = np.radians(angle_deg)
+    assert shift.std() == pytest.approx(0.8 + 0.035 * angle / (np.pi / 2 - angle), rel=0.03)
+
+
+def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10_m(camera, plane):
+    depth = plane(camera, 40, 2.0)
+    noisy = RedwoodDepthNoise().apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
+    eighths = 35.130 / noisy * 8
+    assert np.abs(eighths - np.rint(eighths)).max() < 1e-3
+    quiet = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6).apply(depth, camera, frame_generator(1, 1, 0))
+    assert np.allclose(quiet[::2, ::2], depth[::2, ::2], rtol=1e-5)
+    assert np.array_equal(quiet[1::2, 1::2], quiet[::2, ::2])
+    far = np.full((240, 320), 10.0, np.float32)
+    assert (RedwoodDepthNoise().apply(far, camera, frame_generator(1, 1, 0)) == 0).all()
+
+
+def test_redwood_divides_by_a_distortion_map_over_image_and_depth(camera):
+    depth = np.full((240, 320), 2.0, np.float32)
+    layers = np.ones((5, 2, 4), np.float32)
+    layers[:, :, 2:] = np.linspace(1.0, 1.4, 5)[:, None, None]  # layers at 1, 3, 5, 7, 9 m: 1.05 at 2 m
+    model = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6)
+    bent = model.apply(depth, camera, frame_generator(1, 1, 0), multipliers=layers)
+    assert np.allclose(bent[:, :160], 2.0, rtol=1e-5) and np.allclose(bent[:, 160:], 2.0 / 1.05, rtol=1e-5)
+    with pytest.raises(InputError, match="distortion map"):
+        model.apply(depth, camera, frame_generator(1, 1, 0), multipliers=np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize("angle_deg", [0, 25, 60, 80])
+@pytest.mark.parametrize("normals", [backward_normals, surface_normals])
+def test_normals_of_planes_are_exact(camera, plane, normals, angle_deg):
+    found = normals(plane(camera, angle_deg, 2.0), camera)
+    rays = camera.rays()
+    normal = np.array([np.sin(np.radians(angle_deg)), 0, np.cos(np.radians(angle_deg))])
+    cosine = (rays @ normal) / np.linalg.norm(rays, axis=-1)
+    seen = (cosine > 0.05) & (np.arange(320) > 0) & (np.arange(240) > 0)[:, None]
+    assert np.abs(1 / found.secant - cosine)[seen].max() < 2e-3
+    direction = np.stack([found.x, found.y, found.z], -1)
+    with np.errstate(invalid="ignore"):
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    assert np.abs(direction @ normal - 1)[seen].max() < 1e-3
+
+
+def test_an_unknown_setting_model_or_value_is_one_line():
+    with pytest.raises(InputError, match="settings of the noise model 'paper'.*sigma_s_px.*found sigma_q"):
+        depth_model("paper", {"sigma_q": 1})
+    with pytest.raises(InputError, match="a depth noise model .none, paper, released, kinect2012, redwood."):
+        depth_model("gauss")
+    with pytest.raises(InputError, match="an RGB noise model|a RGB noise model"):
+        rgb_model("gauss")
+    for bad in ({"sigma_d": -1}, {"sigma_d": "a"}, {"sigma_d": True}, {"lateral": 1}, {"sigma_d": float("nan")}):
+        with pytest.raises(InputError, match="of the noise model 'paper'"):
+            depth_model("paper", bad)
+    with pytest.raises(InputError, match="variance of the noise model 'released' as 3 numbers"):
+        rgb_model("released", {"variance": [1, 2]})
+    with pytest.raises(InputError, match="at least 2 x 2"):
+        depth_model("paper").apply(np.zeros((1, 5)), PinholeCamera(5, 1), frame_generator(0, 0, 0))
+
+
+@pytest.mark.parametrize("models", [DEPTH_MODELS, RGB_MODELS])
+def test_every_setting_has_a_source_and_comes_back_from_its_dictionary(models):
+    from dataclasses import fields
+
+    for model in models.values():
+        assert all(f.metadata["source"] for f in fields(model))
+        assert model.from_dict(model().to_dict()) == model()
+
+
+def test_a_users_own_function_is_called_with_its_settings(tmp_path, monkeypatch, camera):
+    (tmp_path / "my_noise_of_test.py").write_text(
+        "def add(depth_z_m, camera, rng, amount=0.0):\n    return depth_z_m + amount\nvalue = 3\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    depth = np.ones((240, 320), np.float32)
+    model = depth_model("my_noise_of_test:add", {"amount": 0.25})
+    assert (model.apply(depth, camera, frame_generator(0, 0, 0)) == 1.25).all()
+    assert (model.name, model.to_dict()) == ("my_noise_of_test:add", {"amount": 0.25})
+    for wrong in ("no_such_module_at_all:f", "my_noise_of_test:absent", "my_noise_of_test:value"):
+        with pytest.raises(InputError, match="expected"):
+            depth_model(wrong)
