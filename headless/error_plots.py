@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from iclnuim.geometry.se3 import SE3
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .error_report import AbsoluteReport, RelativeReport, Report
+from .error_text import title
 
 REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
 #: A line is broken where stamps are this many usual steps apart, so that missing frames show.
 GAP_STEPS = 5.0
 
 
-def draw(report: Report, path: Path) -> None:
-    """One sheet of four charts, in the format that the file's ending names."""
+def error_figure(report: Report) -> Figure:
+    """One sheet of four charts."""
     figure = Figure(figsize=(11, 8), layout="constrained")
-    figure.suptitle(report.text().splitlines()[0])
+    figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
     if isinstance(report, AbsoluteReport):
         _draw_absolute(report, first, along, over_time, rotation)
     else:
         _draw_relative(report, first, along, over_time, rotation)
-    figure.savefig(path, dpi=110)
+    return figure
 
 
 def widest_plane(poses: SE3) -> tuple[int, int]:
@@ -95,7 +94,7 @@ def _series(chart: Axes, stamps_s: np.ndarray, errors: np.ndarray, label: str, c
     times_s, broken = _with_gaps(stamps_s, errors[:, None])
     chart.plot(times_s - stamps_s[0], broken[:, 0], color=colour, linewidth=0.9)
     chart.axhline(rmse, color="0.2", linestyle="--", linewidth=0.9, label=f"RMSE {rmse:.4g}")
-    chart.set(xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, None))
+    chart.set(xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, 1.08 * float(np.max(errors, initial=1e-9))))
     chart.grid(alpha=0.3)
     chart.legend()
 

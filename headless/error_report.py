@@ -1,4 +1,4 @@
-"""Trajectory errors for people and programs: a table of text, a dictionary for JSON, rows for CSV.
+"""Trajectory errors for programs: a dictionary for JSON (error_text.py makes the table of it), rows for CSV.
 
 JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, shares 0..1):
 
@@ -24,18 +24,15 @@ ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_d
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from iclnuim.evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from iclnuim.evaluation.align import Alignment, MirrorCheck
 from iclnuim.evaluation.relative_error import RelativeError, RelativeErrorSettings
-from iclnuim.evaluation.statistics import ErrorStatistics
 from iclnuim.formats.loaded import LoadedTrajectory
 
 ERRORS = "translation_error_m,rotation_error_deg"
-STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +44,6 @@ class Source:
 
     def to_dict(self) -> dict:
         return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.taken.sentence}
-
-    @property
-    def name(self) -> str:
-        return os.path.basename(os.path.normpath(self.path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +78,6 @@ class AbsoluteReport:
             },
             **_diagnostics(self),
         }
-
-    def text(self) -> str:
-        scores, alignment = self.result.completeness, self.result.alignment
-        how = "not aligned" if alignment.method == "none" else f"aligned by {alignment.method}"
-        how += f", scale {alignment.scale:.6g}" if alignment.method == "sim3" else ""
-        recall = ", ".join(f"{100 * share:.1f} % within {100 * bound:g} cm" for bound, share in scores.recall.items())
-        lines = [
-            f"ATE of {self.estimate.name} against {self.reference.name}, {how}",
-            *_error_table(self.result.translation_m, self.result.rotation_deg),
-            _pairs_line(self.result),
-            f"of all ground-truth frames: {100 * scores.coverage:.1f} % have an estimate, {recall}",
-            f"area under the error curve to 10 cm: {scores.area_under_curve:.4f}",
-        ]
-        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def csv(self) -> str:
         result, pairs = self.result, self.result.association
@@ -138,19 +117,6 @@ class RelativeReport:
             **_errors(self.result),
             **_diagnostics(self),
         }
-
-    def text(self) -> str:
-        stretch = self.settings.stretch
-        kind = "all pairs" if stretch.all_pairs else "end to end"
-        scale = f", scale {self.result.scale:.6g}" if self.settings.correct_scale else ""
-        unit = {"frames": "frames" if stretch.delta > 1 else "frame", "seconds": "s", "metres": "m"}[stretch.unit]
-        over = f"over {stretch.delta:g} {unit}, {kind}{scale}"
-        lines = [
-            f"RPE of {self.estimate.name} against {self.reference.name}, {over}",
-            *_error_table(self.result.translation_m, self.result.rotation_deg),
-            f"{len(self.result.start)} stretches; {_pairs_line(self.result)}",
-        ]
-        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def csv(self) -> str:
         result = self.result
@@ -202,19 +168,6 @@ def _turn_warning(alignment: Alignment) -> list[str]:
         f"the alignment is uncertain: the path's second extent is {extent}, less than the error of {error}, "
         "so the turn about the path's line follows the error; compare with --align origin or --align yaw"
     ]
-
-
-def _error_table(translation_m: ErrorStatistics, rotation_deg: ErrorStatistics) -> list[str]:
-    rows = [f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
-    for label, statistics in (("translation (m)", translation_m), ("rotation (deg)", rotation_deg)):
-        rows.append(f"{label:16}" + "".join(f"{getattr(statistics, name):11.6f}" for name in STATISTICS))
-    return rows
-
-
-def _pairs_line(result: AbsoluteError | RelativeError) -> str:
-    pairs = result.association
-    counts = f"{len(pairs)} pairs of {pairs.first_count} ground-truth and {pairs.second_count} estimated poses"
-    return f"{counts}, stamps at most {1000 * _largest_difference_s(result):.3f} ms apart"
 
 
 def _largest_difference_s(result: AbsoluteError | RelativeError) -> float:
