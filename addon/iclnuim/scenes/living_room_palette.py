@@ -77,7 +77,7 @@ def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Materia
 
 
 def _woods(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
-    walnut = paint("walnut", textures.timber, size["mid"], (0.16, 0.09, 0.055), (0.34, 0.21, 0.135))
+    walnut = paint("walnut", textures.timber, size["mid"], (0.19, 0.115, 0.07), (0.28, 0.175, 0.11))
     nut = paint("nut", textures.timber, size["mid"], (0.29, 0.18, 0.11), (0.50, 0.34, 0.22), 5)
     oak = paint("oak", textures.timber, size["mid"], (0.60, 0.42, 0.25), (0.76, 0.58, 0.39))
     return {

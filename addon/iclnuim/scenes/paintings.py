@@ -22,9 +22,9 @@ def _sky(
 ) -> np.ndarray:
     """Blue gradient and clouds lit from above; v (h,1) is 0 at the horizon and 1 at the top."""
     sky = blend(bottom, top, np.broadcast_to(np.clip(v, 0, 1) ** 0.7, shape))
-    puff = cloud(rng, shape, 1.9, 2, 120, (1.8, 1.0))
-    mass = smoothstep(cover, cover + 0.9, puff)
-    under = smoothstep(-0.4, 1.0, puff - np.roll(puff, -max(2, shape[0] // 40), 0))
+    puff = cloud(rng, shape, 1.75, 3, 120, (1.0, 2.0))
+    mass = 0.9 * smoothstep(cover, cover + 1.2, puff)
+    under = smoothstep(-0.4, 1.0, puff - np.roll(puff, max(2, shape[0] // 40), 0))
     lit = blend((0.58, 0.60, 0.66), (0.97, 0.96, 0.95), np.clip(1 - 0.7 * under, 0, 1))
     return sky * (1 - 0.95 * mass[..., None]) + lit * 0.95 * mass[..., None]
 
@@ -32,7 +32,7 @@ def _sky(
 def _mesa(rng: np.random.Generator, width: int, height: float, steep: float) -> np.ndarray:
     """A table mountain's skyline (width,), 0..height: flat tops, steep flanks."""
     line = cloud(rng, (1, 2 * width), 1.8, 1, 9)[0][:width]
-    rough = cloud(rng, (1, 2 * width), 1.1, 12, 300)[0][:width]
+    rough = cloud(rng, (1, 2 * width), 1.3, 8, 90)[0][:width]
     return (
         height * (smoothstep(-0.7, -0.7 + steep, line) * 0.75 + 0.25 * smoothstep(0.5, 0.5 + steep, line))
         + 0.006 * rough
@@ -44,17 +44,19 @@ def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
     out = _sky(rng, size, (y[:, :1] - 0.4) / 0.6, (0.20, 0.30, 0.50), (0.50, 0.58, 0.70), 0.75) * 0.92
-    for base, tall, tone, contrast in ((0.46, 0.05, (0.42, 0.48, 0.56), 0.1), (0.38, 0.20, (0.29, 0.285, 0.26), 0.36)):
+    for base, tall, tone, contrast in ((0.46, 0.05, (0.42, 0.48, 0.56), 0.05), (0.38, 0.20, (0.29, 0.285, 0.26), 0.26)):
         line = base + _mesa(rng, w, tall, 0.5)
-        rock = cloud(rng, size, 1.2, 3, 160, (0.45, 1.0))
-        light = rock - np.roll(rock, 3, 1)
-        strata = np.sin(90 * (y + 0.01 * rock) + 2 * rock)
+        rock = cloud(rng, size, 1.55, 3, 56, (0.6, 1.0))
+        light = rock - np.roll(rock, 5, 1)
+        strata = np.sin(60 * (y + 0.01 * rock) + 2 * rock)
         value = np.clip(1 + contrast * (0.45 * rock + 1.2 * light + 0.15 * strata), 0.3, 1.9)
         out = blend(out, np.array(tone) * value[..., None], smoothstep(-0.002, 0.002, line[None] - y))
-    bushes = cloud(rng, size, 1.0, 8, 160)
-    lit = bushes - np.roll(bushes, 2, 0)
-    green = np.array([0.20, 0.22, 0.15]) * np.clip(1 + 0.22 * bushes - 0.5 * lit, 0.3, 1.9)[..., None]
-    ground = smoothstep(0.0, 0.04, 0.33 + 0.06 * cloud(rng, (1, 2 * w), 1.5, 2)[0][:w][None] + 0.012 * bushes - y)
+    bushes = cloud(rng, size, 1.55, 4, 44)
+    lit = bushes - np.roll(bushes, 6, 0)
+    meadow = smoothstep(-0.6, 1.4, cloud(rng, size, 1.7, 1, 16, (2.0, 1.0)))
+    green = blend((0.13, 0.155, 0.10), (0.34, 0.33, 0.21), meadow)
+    green = green * np.clip(1 + 0.13 * bushes - 0.36 * lit, 0.35, 1.8)[..., None]
+    ground = smoothstep(0.0, 0.04, 0.33 + 0.06 * cloud(rng, (1, 2 * w), 1.8, 2, 60)[0][:w][None] + 0.008 * bushes - y)
     out = blend(out, green, ground)
     river = np.abs(x - (0.80 - 0.35 * y + 0.03 * np.sin(16 * y))) - 0.045 * (0.34 - y)
     water = smoothstep(0.004, -0.004, river) * (y < 0.28)
@@ -66,12 +68,12 @@ def coast(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
     out = _sky(rng, size, (y[:, :1] - 0.5) / 0.5, (0.30, 0.38, 0.52), (0.93, 0.74, 0.55), 0.25)
-    waves = cloud(rng, size, 0.9, 4, 300, (1.0, 6.0))
+    waves = cloud(rng, size, 1.0, 4, 110, (1.0, 5.0))
     glow = np.exp(-(((x - 0.62) / 0.10) ** 2)) * 0.35
     sea = blend((0.10, 0.20, 0.27), (0.45, 0.52, 0.55), np.clip((y / 0.5) ** 3 + 0.18 * waves + glow, 0, 1))
     out = blend(out, sea, (y < 0.5) * 1.0)
     dune = _ridge(rng, w, 0.19, 0.06, 1, 2.0)[None] - y
-    grass = cloud(rng, size, 0.7, 6, 300, (0.25, 1.0))
+    grass = cloud(rng, size, 0.9, 6, 110, (0.3, 1.0))
     sand = blend((0.62, 0.54, 0.40), (0.27, 0.30, 0.16), smoothstep(-0.2, 0.7, grass)) * (1 + 0.12 * grass)[..., None]
     return to_bytes(blend(out, sand, smoothstep(-0.004, 0.008, dune + 0.012 * grass)))
 
