@@ -31,6 +31,7 @@ def defaults() -> None:
     """Render settings that the file opens with; a camera stands at the sofa's far side."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
+    scene.render.filepath = "//"
     scene.view_settings.view_transform = "Standard"
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
     scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0

@@ -32,6 +32,8 @@ def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
         packed.pack()
     packed.name = name
     packed.filepath_raw = "//" + path.name
+    for part in packed.packed_files:  # no trace of the temporary folder in the saved file
+        part.filepath = packed.filepath_raw
     return packed
 
 
