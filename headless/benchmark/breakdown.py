@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bpy
 
-from iclnuim.blender import frames, session, worker
+from iclnuim.blender import frames, output, worker
 from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
 
@@ -90,7 +90,7 @@ def _rays(job: RenderJob, numbers: list[int], folder: Path, ticks: list[tuple[st
     black.node_tree.links.new(black.node_tree.nodes.new("ShaderNodeHoldout").outputs[0], output.inputs[0])
     scene.view_layers[0].material_override = black
     ticks.clear()
-    with session.blender_output_in(folder / "log"):
+    with output.blender_output_in(folder / "log"):
         for number in numbers:
             frames.render(number, folder / "black.exr")
     return _spans(ticks)[0][WARM_UP:]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from iclnuim.blender import output
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.exr import read_exr
@@ -43,13 +45,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _geometry(job: RenderJob, recipe: dict, console: Console) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        from iclnuim.blender import scene, session, surface
-    except ImportError:
-        raise WorkError("check-depth needs the bpy package and open3d; try: pip install bpy open3d-cpu") from None
-    if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
-        console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
-    with session.blender_output_in(Path("/dev/null")):
+    with output.blender_output_in(Path(os.devnull)):
+        try:
+            from iclnuim.blender import scene, surface
+        except ImportError:
+            raise WorkError("check-depth needs the bpy package and open3d; try: pip install bpy open3d-cpu") from None
+        if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
+            console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
         scene.open_scene(job.scene)
         found = surface.triangles()
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")

@@ -7,6 +7,7 @@ import os
 import tempfile
 from pathlib import Path
 
+from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write
 from iclnuim.scenes import SCENES, build_scene
@@ -62,7 +63,7 @@ def _build(args: argparse.Namespace, console: Console) -> int:
     out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
     if not out.parent.is_dir():
         raise InputError("a folder to write into", path=out.parent, found="nothing of that name", hint="--out FILE")
-    with session.blender_output_in(Path(os.devnull)):
+    with output.blender_output_in(Path(os.devnull)):
         session.reset()
         build_scene(args.name, seed=args.seed)
         from iclnuim.scenes import stage
@@ -108,16 +109,14 @@ def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
     """Yield (number, scene-linear RGB, planar Z) of the living room, path traced and denoised, one ray through each
     pixel centre.
     """
-    session, scene, camera, settings, frames, compat = (
-        _blender_room(n) for n in ("session", "scene", "camera", "settings", "frames", "compat")
-    )
+    scene, camera, settings, frames, compat = (_blender_room(n) for n in ("scene", "camera", "settings", "frames", "compat"))
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
 
     poses = read_trajectory(trajectory_file, "pov-matrix").trajectory.T_world_camera
     with tempfile.TemporaryDirectory() as folder:
-        with session.blender_output_in(Path(os.devnull)):
+        with output.blender_output_in(Path(os.devnull)):
             scene.open_scene("living_room")
             camera.keyframe(poses, PinholeCamera())
             settings.apply(
@@ -132,7 +131,7 @@ def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
             )
         for number in numbers:
             raw = Path(folder) / f"{number}.exr"
-            with session.blender_output_in(Path(os.devnull)):
+            with output.blender_output_in(Path(os.devnull)):
                 frames.render(number, raw)
             yield (number, *frames.read(raw, raw))
 

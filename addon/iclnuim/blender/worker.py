@@ -29,7 +29,7 @@ from ..formats.files import read_bytes, sha256
 from ..formats.trajectories import read_trajectory
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
-from . import bake, camera, compat, frames, lambertian, light_map, preflight, scene, session, settings
+from . import bake, camera, compat, frames, lambertian, light_map, output, preflight, scene, settings
 
 Emit = Callable[[dict], None]
 
@@ -52,7 +52,7 @@ def render_run(
         if not missing:
             return True
         run.check_space(len(missing))
-        with session.blender_output_in(work / "blender.log"):
+        with output.blender_output_in(work / "blender.log"):
             _prepare(job, trajectory, emit)
             if blend is not None:
                 bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()), copy=True, compress=True)
