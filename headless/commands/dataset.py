@@ -1,71 +1,55 @@
-"""`iclnuim dataset`: the EXR frames of a run to a TUM sequence, clean or with a sensor's noise."""
+"""`iclnuim dataset`: the EXR frames of a run to a sequence, clean or with a sensor's noise, in any dialect."""
 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
-from iclnuim.dataset import sequence as sequences
-from iclnuim.dataset.run_folder import RunFolder, read_run
-from iclnuim.errors import InputError
-from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS
+from iclnuim.dataset.dialects import DIALECTS
+from iclnuim.dataset.frames import FrameSource, run_frames
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, WrittenSequence
 
 from ..console import Console
 from ..options import common
+from ..sensor_options import add_sensor_options, sensor_from
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence")
+    parser.add_argument("--frames", default="::", metavar="A:B:S", help="as a Python slice (B excluded); default: all")
     add_sensor_options(parser, "none")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise; default: 0")
-    common(parser, "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released", json=False)
+    add_form_options(parser)
+    common(parser, "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released")
 
 
-def add_sensor_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """The noise models and their parameters: shared with `iclnuim make`."""
-    own = "or MODULE:FUNCTION"
-    parser.add_argument("--depth-noise", default=default, metavar="MODEL", help=f"{', '.join(DEPTH_MODELS)} {own}; default: {default}")
-    parser.add_argument("--rgb-noise", default=default, metavar="MODEL", help=f"{', '.join(RGB_MODELS)} {own}; default: {default}")
-    parser.add_argument("--depth-settings", default="{}", metavar="JSON", help='parameters of the model, such as {"sigma_d": 0.1}')
-    parser.add_argument("--rgb-settings", default="{}", metavar="JSON", help='parameters of the model, such as {"exposure": 0.5}')
+def add_form_options(parser: argparse.ArgumentParser) -> None:
+    """In which forms a sequence is written: shared with `iclnuim noise`."""
+    forms = f"{', '.join(DIALECTS)}; several go into a folder each; default: tum"
+    parser.add_argument("--dialect", action="append", choices=tuple(DIALECTS), metavar="FORM", help=forms)
+    parser.add_argument("--workers", type=int, metavar="N", help="threads; default: one a core")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    run_folder = read_run(args.raw)
-    numbers = run_folder.frame_numbers()
-    if not numbers:
-        raise InputError("a run with frames", path=args.raw, found="none", hint="iclnuim render")
-    fill(run_folder, args.out, sensor_from(args), numbers, console)
+    write(run_frames(args.raw, args.frames), sensor_from(args), args, console)
     return 0
 
 
-def sensor_from(args: argparse.Namespace) -> sequences.SensorSettings:
-    """The options' noise. Raises InputError for an unknown model or parameter."""
-    settings = sequences.SensorSettings(args.depth_noise, args.rgb_noise, _json(args.depth_settings), _json(args.rgb_settings), args.seed or 0)
-    settings.to_dict()
-    return settings
+def write(source: FrameSource, settings: SequenceSettings, args: argparse.Namespace, console: Console) -> None:
+    """Write the sequence args.out, telling of progress: shared with `iclnuim noise`."""
+    writer = SequenceWriter(source, {args.out: settings}, args.dialect or ("tum",))
+    console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
+    progress = console.progress(len(writer.missing), "dataset")
+    written = writer.write(args.workers, lambda number: progress.advance())
+    console.result(*_report(written[0]))
 
 
-def fill(run_folder: RunFolder, out: Path, settings: sequences.SensorSettings, numbers: list[int], console: Console) -> None:
-    """Write those of the frames that `out` does not hold yet, and the lists of all it holds."""
-    sequence = sequences.open_sequence(out, run_folder, settings)
-    size = (run_folder.camera.height, run_folder.camera.width)
-    missing = sorted(set(numbers) - set(sequence.finished(numbers, size)))
-    console.note(f"{out}: {len(missing)} of {len(numbers)} frames to write")
-    progress = console.progress(len(missing), out.name)
-    lost = sequences.write_frames(run_folder, sequence, settings, missing, lambda number: progress.advance())
+def _report(written: WrittenSequence) -> tuple[dict, str]:
+    folders = [str(folder) for folder in written.folders]
+    values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
+    lines = [f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"]
+    lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
     if lost:
-        console.note(f"{lost} depths beyond 13.107 m, infinite, negative or NaN became 0 (no measurement)")
-    sequences.write_lists(run_folder, sequence)
-
-
-def _json(text: str) -> dict:
-    try:
-        content = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError("noise parameters as JSON", found=f"{text} ({error.msg})") from None
-    if not isinstance(content, dict):
-        raise InputError("noise parameters as a JSON object", found=text)
-    return content
+        kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
+        lines.append(f"depths that became 0 (no measurement): {kinds}")
+    return values, "\n".join(lines)

@@ -5,28 +5,28 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from iclnuim.dataset import sequence as sequences
+from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import open_run
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter
 from iclnuim.errors import WorkError
 from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
 from ..options import common
-from . import dataset, render
-
-CLEAN = {"depth_noise": "none", "rgb_noise": "none"}
+from ..sensor_options import add_sensor_options, sensor_from
+from . import render
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     render.add_job_options(parser)
-    dataset.add_sensor_options(parser, "released")
+    add_sensor_options(parser, "released", seed=False)
     parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/")
     parser.add_argument("--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand")
     common(parser, "iclnuim make kt2 --quick", json=False)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    sensor, frames = dataset.sensor_from(args), render.frames_from(args)
+    sensor, frames = sensor_from(args), render.frames_from(args)
     try:
         from iclnuim.blender import worker
     except ImportError:
@@ -36,14 +36,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     trajectory = worker.load_trajectory(job)
     numbers = list(frame_slice(frames, len(trajectory)))
     raw = open_run(out / "raw", worker.recipe(job), trajectory)
-    wanted = {"clean": sequences.SensorSettings(**CLEAN, seed=sensor.seed), "noisy": sensor}
-    size = (job.camera.height, job.camera.width)
-    finished = [set(sequences.open_sequence(out / name, raw, settings).finished(numbers, size)) for name, settings in wanted.items()]
-    unfinished = sorted(set(numbers) - set.intersection(*finished))
-    if unfinished and not render.render_here(job, raw.path, unfinished, console):
+    variants = {out / "clean": SequenceSettings(seed=sensor.seed), out / "noisy": sensor}
+    writer = SequenceWriter(frames_of_run(raw, trajectory, numbers), variants)
+    if writer.missing and not render.render_here(job, raw.path, writer.missing, console):
         return 130
-    for name, settings in wanted.items():
-        dataset.fill(raw, out / name, settings, numbers, console)
+    progress = console.progress(len(writer.missing), "sequences")
+    writer.write(on_frame=lambda number: progress.advance())
     if not args.keep_raw:
         for number in numbers:
             raw.frame_file(number).unlink(missing_ok=True)

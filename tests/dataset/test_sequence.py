@@ -4,57 +4,57 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset import sequence as sequences
-from iclnuim.dataset.depth_units import depth16_from_metres, metres_from_depth16
-from iclnuim.dataset.run_folder import open_run
-from iclnuim.errors import InputError
+from iclnuim.dataset.depth_units import count_invalid, depth16_from_metres, metres_from_depth16
+from iclnuim.dataset.frames import run_frames
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
+from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import read_associations
-from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.formats.exr import read_exr, write_exr
+from iclnuim.sensor.models import depth_model, rgb_model
 
-NOISY = sequences.SensorSettings("released", "released", seed=7)
+NOISY = SequenceSettings(depth_model("released"), rgb_model("released"), seed=7)
 SIZE = (48, 64)
 
 
-@pytest.fixture
-def run(tmp_path):
-    """Four frames of a sloping floor and a colour ramp."""
-    camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5}
-    recipe = {"job": {"camera": camera, "samples": 1}, "trajectory_sha256": "a", "scene_sha256": "b", "blender": "none"}
-    poses = SE3.exp(np.linspace(0, 0.1, 24).reshape(4, 6))
-    run = open_run(tmp_path / "raw", recipe, Trajectory.at_rate(poses))
-    v, u = np.mgrid[0:48, 0:64]
-    for number in range(4):
-        run.write_frame(number, np.stack([u / 64, v / 48, (u + v) / 112], -1), 1.0 + number / 10 + v / 30 + u / 100)
-    return run
-
-
-def fill(run, out, settings, numbers):
-    sequence = sequences.open_sequence(out, run, settings)
-    sequences.write_frames(run, sequence, settings, numbers, lambda number: None)
-    sequences.write_lists(run, sequence)
-    return sequence
+def fill(run, out, settings=NOISY, frames="::", **options):
+    write_sequence(run_frames(run.path, frames), out, settings, **options)
+    return out
 
 
 def contents(path):
-    return {str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
+    """All files; of the journal, whose lines stand in the order of work, the lines in order."""
+    files = {str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
+    files["frames.jsonl"] = sorted(set(files["frames.jsonl"].splitlines()))
+    return files
 
 
 def test_the_same_bytes_alone_in_parts_backwards_or_at_once(run, tmp_path):
-    whole = fill(run, tmp_path / "whole", NOISY, range(4))
-    for numbers in ([3], [1, 0], [2]):
-        parts = fill(run, tmp_path / "parts", NOISY, numbers)
-    assert contents(parts.path) == contents(whole.path)
+    whole = fill(run, tmp_path / "whole")
+    for frames in ("3", "1::-1", "2"):
+        parts = fill(run, tmp_path / "parts", frames=frames, workers=1)
+    assert contents(parts) == contents(whole)
+    again = fill(run, tmp_path / "again", workers=7)
+    assert contents(again) == contents(whole)
+
+
+def test_clean_and_noisy_together_are_those_made_apart(run, tmp_path):
+    both = {tmp_path / "both/clean": SequenceSettings(), tmp_path / "both/noisy": NOISY}
+    writer = SequenceWriter(run_frames(run.path), both)
+    assert writer.missing == [0, 1, 2, 3]
+    writer.write()
+    assert contents(tmp_path / "both/clean") == contents(fill(run, tmp_path / "clean", SequenceSettings()))
+    assert contents(tmp_path / "both/noisy") == contents(fill(run, tmp_path / "noisy"))
 
 
 def test_another_seed_gives_other_noise_and_clean_depth_is_exact(run, tmp_path):
     cv2 = pytest.importorskip("cv2")
-    noisy = fill(run, tmp_path / "noisy", NOISY, range(4))
-    other = fill(run, tmp_path / "other", sequences.SensorSettings("released", "released", seed=8), range(4))
-    assert noisy.depth_file(2).read_bytes() != other.depth_file(2).read_bytes()
-    clean = fill(run, tmp_path / "clean", sequences.SensorSettings(), range(4))
+    noisy = fill(run, tmp_path / "noisy")
+    other = fill(run, tmp_path / "other", SequenceSettings(NOISY.depth, NOISY.rgb, seed=8))
+    for image in ("depth/000002.png", "rgb/000002.png"):
+        assert (noisy / image).read_bytes() != (other / image).read_bytes()
+    clean = fill(run, tmp_path / "clean", SequenceSettings())
     v, u = np.mgrid[0:48, 0:64]
-    depth = cv2.imread(str(clean.depth_file(2)), cv2.IMREAD_UNCHANGED)
+    depth = cv2.imread(str(clean / "depth/000002.png"), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.uint16
     assert np.abs(depth / 5000 - (1.2 + v / 30 + u / 100)).max() <= 0.5 / 5000 + 1e-6
 
@@ -62,46 +62,162 @@ def test_another_seed_gives_other_noise_and_clean_depth_is_exact(run, tmp_path):
 def test_independent_readers_pair_every_frame(run, tmp_path):
     file_interface = pytest.importorskip("evo.tools.file_interface")
     cv2 = pytest.importorskip("cv2")
-    sequence = fill(run, tmp_path / "out", NOISY, range(1, 4))
-    truth = file_interface.read_tum_trajectory_file(str(sequence.path / "groundtruth.txt"))
-    pairs = read_associations(sequence.path / "associations.txt")
+    out = fill(run, tmp_path / "out", frames="1:")
+    truth = file_interface.read_tum_trajectory_file(str(out / "groundtruth.txt"))
+    pairs = read_associations(out / "associations.txt")
     assert np.allclose(truth.timestamps, pairs.rgb.stamps_s) and len(pairs) == 3
     assert np.allclose(truth.timestamps, [1 / 30, 2 / 30, 3 / 30])
     for rgb, depth in zip(pairs.rgb.paths, pairs.depth.paths, strict=True):
-        assert cv2.imread(str(sequence.path / rgb)).shape == (48, 64, 3)
-        assert cv2.imread(str(sequence.path / depth), cv2.IMREAD_UNCHANGED).shape == SIZE
+        assert cv2.imread(str(out / rgb)).shape == (48, 64, 3)
+        assert cv2.imread(str(out / depth), cv2.IMREAD_UNCHANGED).shape == SIZE
 
 
-def test_damaged_images_count_as_missing(run, tmp_path):
-    sequence = fill(run, tmp_path / "out", NOISY, range(4))
-    assert sequence.finished(range(5), SIZE) == [0, 1, 2, 3]
-    data = sequence.rgb_file(1).read_bytes()
-    sequence.rgb_file(1).write_bytes(data[: len(data) // 2])
-    sequence.depth_file(2).unlink()
-    assert sequence.finished(range(4), SIZE) == [0, 3]
+def test_damaged_and_absent_images_are_made_again_and_whole_ones_are_not(run, tmp_path):
+    out = fill(run, tmp_path / "out")
+    before = contents(out)
+    (out / "rgb/000001.png").write_bytes(before["rgb/000001.png"][:500])
+    (out / "depth/000002.png").unlink()
+    untouched = (out / "rgb/000003.png").stat().st_mtime_ns
+    writer = SequenceWriter(run_frames(run.path), {out: NOISY})
+    assert writer.missing == [1, 2]
+    written = writer.write()[0]
+    assert (written.made, written.found) == (2, 2)
+    assert (out / "rgb/000003.png").stat().st_mtime_ns == untouched
+    assert contents(out) == before
+
+
+def test_a_journal_cut_by_a_crash_costs_one_frame(run, tmp_path):
+    out = fill(run, tmp_path / "out")
+    whole = contents(out)
+    journal = (out / "frames.jsonl").read_bytes()
+    (out / "frames.jsonl").write_bytes(journal[:-30])
+    assert len(SequenceWriter(run_frames(run.path), {out: NOISY}).missing) == 1
+    assert contents(fill(run, out)) == whole
 
 
 def test_a_folder_of_another_recipe_or_of_other_people_is_refused(run, tmp_path):
-    fill(run, tmp_path / "out", NOISY, [0])
+    fill(run, tmp_path / "out")
     with pytest.raises(InputError, match="seed 7 there, 9 asked"):
-        sequences.open_sequence(tmp_path / "out", run, sequences.SensorSettings("released", "released", seed=9))
+        fill(run, tmp_path / "out", SequenceSettings(NOISY.depth, NOISY.rgb, seed=9))
+    other = SequenceSettings(depth_model("released", {"sigma_d": 0.5}), NOISY.rgb, seed=7)
+    with pytest.raises(InputError, match="depth_noise sigma_d 0.16.* there, 0.5 asked"):
+        fill(run, tmp_path / "out", other)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/diary.txt").write_text("private")
     with pytest.raises(InputError, match="other files"):
-        sequences.open_sequence(tmp_path / "mine", run, NOISY)
+        fill(run, tmp_path / "mine")
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match="expected an empty folder.*found a file"):
+        fill(run, tmp_path / "file")
 
 
-def test_the_recipe_holds_every_parameter(run, tmp_path):
-    sequence = fill(run, tmp_path / "out", NOISY, [0])
-    recipe = json.loads((sequence.path / "recipe.json").read_text())
-    assert recipe["sensor"] == NOISY.to_dict()
-    assert recipe["run"] == run.recipe
-    assert recipe["schema_version"] == 1
+def test_the_recipe_holds_every_parameter_and_what_became_of_depth(run, tmp_path):
+    channels = read_exr(run.frame_file(2))
+    channels["Z"][0, :6] = [np.nan, np.inf, -np.inf, -1, 14, 0]
+    write_exr(run.frame_file(2), channels)
+    recipe = json.loads((fill(run, tmp_path / "out", SequenceSettings()) / "recipe.json").read_text())
+    settings = SequenceSettings().to_dict()
+    assert {key: recipe[key] for key in settings} == settings
+    assert recipe["source"]["run"] == run.recipe
+    assert recipe["schema_version"] == 1 and recipe["finished"] is True
+    assert recipe["frames"] == {"count": 4, "first": 0, "last": 3}
+    counted = {"background": 1, "nan": 1, "infinite": 2, "negative": 1, "beyond_range": 1}
+    assert recipe["invalid_depth_pixels"] == {**counted, "beyond_range_after_noise": 0}
+
+
+def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
+    channels = read_exr(run.frame_file(1))
+    channels["Z"][:2] = np.inf
+    write_exr(run.frame_file(1), channels)
+    fill(run, tmp_path / "out", frames=":2")
+    fill(run, tmp_path / "out")
+    recipe = json.loads((tmp_path / "out/recipe.json").read_text())
+    assert recipe["invalid_depth_pixels"]["infinite"] == 2 * 64
 
 
 def test_depth_that_does_not_fit_becomes_no_measurement_and_never_wraps():
-    metres = np.array([[0.0, 13.107, 13.1072, 65.0, np.inf, np.nan, -1.0, 0.0002, 1.0]])
-    units, lost = depth16_from_metres(metres)
+    metres = np.array([[0.0, 13.107, 13.1072, 65.0, np.inf, np.nan, -1.0, 0.0002, 1.0]], np.float32)
+    units = depth16_from_metres(metres)
     assert units.tolist() == [[0, 65535, 0, 0, 0, 0, 0, 1, 5000]]
-    assert lost == 5
+    assert count_invalid(metres) == {"background": 1, "nan": 1, "infinite": 1, "negative": 1, "beyond_range": 2}
     assert metres_from_depth16(units)[0, -1] == 1.0
+
+
+def _spoil(run, what):
+    """Make frame 2 unusable."""
+    file = run.frame_file(2)
+    data, channels = bytearray(file.read_bytes()), read_exr(file)
+    if what == "truncated":
+        file.write_bytes(data[: len(data) // 2])
+    elif what == "foreign":
+        file.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(200))
+    elif what == "no Z":
+        write_exr(file, {c: channels[c] for c in "RGB"})
+    elif what == "half Z":
+        write_exr(file, {**channels, "Z": channels["Z"].astype(np.float16)})
+    elif what == "size":
+        write_exr(file, {name: values[:-1] for name, values in channels.items()})
+    elif what == "terabyte":
+        place = data.index(b"box2i\0") + len(b"box2i\0") + 4
+        data[place : place + 16] = np.array([0, 0, 999999, 999999], "<i4").tobytes()
+        file.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("truncated", "000002.exr: expected a whole EXR image, found a truncated file"),
+        ("foreign", "000002.exr: expected an EXR image, found PNG"),
+        ("no Z", "000002.exr: expected channels R, G, B and Z, found no Z among B, G, R"),
+        ("half Z", "000002.exr: expected Z as 32-bit float"),
+        ("size", "000002.exr: expected 64 x 48 as camera.json has it, found 64 x 47"),
+        ("terabyte", "000002.exr: expected .* a header that claims 1000000 x 1000000"),
+    ],
+)
+def test_a_bad_frame_is_one_line_and_the_finished_ones_stay(run, tmp_path, what, message):
+    _spoil(run, what)
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=message) as error:
+        fill(run, out, workers=1)
+    assert "\n" not in str(error.value)
+    made = sorted(p.name for p in out.rglob("*.png"))
+    assert made[:4] == ["000000.png"] * 2 + ["000001.png"] * 2 and "000002.png" not in made
+    assert not list(out.rglob("*.tmp*"))
+    run.write_frame(2, np.full((48, 64, 3), 0.5), np.full((48, 64), 2.0))
+    writer = SequenceWriter(run_frames(run.path), {out: NOISY})
+    assert 2 in writer.missing and not {0, 1}.intersection(writer.missing)
+    writer.write()
+
+
+def test_a_full_disk_is_one_line_nothing_half_written_and_the_same_command_goes_on(run, tmp_path, file_size_limit):
+    out = tmp_path / "out"
+    with file_size_limit(3000), pytest.raises(WorkError, match="cannot write"):
+        fill(run, out, workers=1)
+    assert not list(out.rglob("*.tmp*"))
+    assert contents(fill(run, out)) == contents(fill(run, tmp_path / "never stopped"))
+
+
+def test_a_folder_that_is_no_run_is_named(run, tmp_path):
+    with pytest.raises(InputError, match="expected a run with frames exr/000000.exr"):
+        run_frames(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="at least one of the frames 0..3, found 9:"):
+        run_frames(run.path, "9:")
+    run.frame_file(3).rename(run.frame_file(9))
+    with pytest.raises(InputError, match="frames of the 4 poses in groundtruth.txt, found frame 9"):
+        run_frames(run.path)
+
+
+def test_a_users_own_noise_is_seeded_named_in_the_recipe_and_checked(run, tmp_path, monkeypatch):
+    (tmp_path / "noise_of_mine.py").write_text(
+        "def depth(depth_z_m, camera, rng):\n    return depth_z_m + 0.1 * rng.random(depth_z_m.shape, 'float32')\n"
+        "def wrong(depth_z_m, camera, rng):\n    return depth_z_m[:3]\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    own = SequenceSettings(depth_model("noise_of_mine:depth"), seed=3)
+    out = fill(run, tmp_path / "out", own)
+    assert contents(out) == contents(fill(run, tmp_path / "again", own))
+    assert json.loads((out / "recipe.json").read_text())["depth_noise"]["model"] == "noise_of_mine:depth"
+    with pytest.raises(
+        InputError, match="an array .48, 64. of float from the noise noise_of_mine:wrong, found .3, 64."
+    ):
+        fill(run, tmp_path / "wrong", SequenceSettings(depth_model("noise_of_mine:wrong")))

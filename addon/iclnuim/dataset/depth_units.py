@@ -1,25 +1,57 @@
-"""Metres to the 16-bit units of a TUM depth image, and back."""
+"""Depth in metres to the 16-bit units of a depth image, and what could not be said in them, counted."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
-#: Units of a depth PNG per metre (TUM, ICL-NUIM).
-UNITS_PER_METRE = 5000
+from ..errors import InputError
+
+#: Units a metre in TUM's and ICL-NUIM's depth images: the range ends at 13.107 m.
+UNITS_PER_METRE = 5000.0
+LARGEST_UNIT = 65535
+
+#: What a pixel of 0 can stand for; all but `background` are worth a look.
+KINDS = ("background", "nan", "infinite", "negative", "beyond_range", "beyond_range_after_noise")
 
 
-def depth16_from_metres(depth_z_m: np.ndarray) -> tuple[np.ndarray, int]:
-    """(h, w) planar metres -> (h, w) uint16, and how many values had no place in it.
-
-    Those beyond 13.107 m, negative, infinite or NaN become 0, which means "no measurement"; nothing wraps. 0 itself is not counted.
-    """
-    units = np.asarray(depth_z_m, float) * UNITS_PER_METRE + 0.5
-    with np.errstate(invalid="ignore"):
-        fits = (units >= 0.5) & (units < 65536)
-    lost = int((~fits).sum())
-    return np.where(fits, units, 0).astype(np.uint16), lost
+def depth16_from_metres(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:
+    """(h, w) planar metres -> uint16, rounded; what is not in 0..65535 units becomes 0 and never wraps."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        units = np.rint(depth_z_m * np.float32(units_per_metre))
+        return np.where((units > 0) & (units <= LARGEST_UNIT), units, 0).astype(np.uint16)
 
 
-def metres_from_depth16(depth: np.ndarray) -> np.ndarray:
-    """(h, w) uint16 -> float64 metres, 0 = no measurement."""
-    return depth / float(UNITS_PER_METRE)
+def metres_from_depth16(units: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:
+    """(h, w) uint16 -> float32 metres, 0 = no measurement."""
+    return units.astype(np.float32) / np.float32(units_per_metre)
+
+
+def check_units(units_per_metre: float) -> float:
+    """Raises InputError for a scale no depth image has."""
+    if not 1 <= units_per_metre <= 1e6:
+        raise InputError("1 to 1000000 depth units a metre", found=units_per_metre)
+    return float(units_per_metre)
+
+
+def count_invalid(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> dict[str, int]:
+    """How many pixels of depth become 0, by kind; {} where none does."""
+    limit_m = np.float32((LARGEST_UNIT + 0.5) / units_per_metre)
+    bad = depth_z_m[~((depth_z_m > 0) & (depth_z_m <= limit_m))]
+    if not bad.size:
+        return {}
+    counts = {
+        "background": bad == 0,
+        "nan": np.isnan(bad),
+        "infinite": np.isinf(bad),
+        "negative": (bad < 0) & np.isfinite(bad),
+        "beyond_range": (bad > limit_m) & np.isfinite(bad),
+    }
+    return {kind: int(which.sum()) for kind, which in counts.items() if which.any()}
+
+
+def total(counts: Iterable[dict[str, int]]) -> dict[str, int]:
+    """Sums by kind, every kind named."""
+    counts = list(counts)
+    return {kind: sum(c.get(kind, 0) for c in counts) for kind in KINDS}

@@ -1,162 +1,247 @@
-"""From the frames of a render run to a TUM sequence, clean or noisy; resumable, the same bytes in any order.
-
-    OUT/rgb/000000.png    8 bit                 OUT/rgb.txt, depth.txt      stamp path
-    OUT/depth/000000.png  16 bit, 5000 a metre  OUT/associations.txt        stamp rgb/... stamp depth/...
-    OUT/camera.json       pinhole camera        OUT/groundtruth.txt         a pose for every image
-    OUT/recipe.json       noise, seed, versions, and the recipe of the run the frames come from
-"""
+"""Frames -> noise -> a sequence on disk: in any order, on any number of threads, resumable, with its recipe."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..errors import InputError, WorkError
-from ..formats import exr, png
-from ..formats.associations import Associations, ImageList, write_associations, write_image_list
-from ..formats.files import read_json, write_json
-from ..formats.trajectories import read_trajectory, write_trajectory
-from ..geometry.trajectory import Trajectory
-from ..sensor.models import depth_model, rgb_model
+from ..formats.files import read_bytes, sha256
+from ..formats.png import write_png
+from ..geometry.camera import PinholeCamera
+from ..sensor.models import DepthNoise, RgbNoise, depth_model, rgb_model
 from ..sensor.randomness import DEPTH, RGB, frame_generator
-from .depth_units import depth16_from_metres
-from .run_folder import RunFolder
-
-SCHEMA_VERSION = 1
+from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, total
+from .dialects import Contents, Dialect, dialect
+from .frames import FrameSource
+from .journal import Journal, JournalEntry
+from .recipe import begin, finish
 
 
 @dataclass(frozen=True)
-class SensorSettings:
-    """Noise by name (sensor/models.py) with its parameters, and the seed; a frame's noise depends on (seed, frame, stream) alone."""
+class SequenceSettings:
+    """What decides the pixels of a sequence, given its frames. The seed also of a user's own noise."""
 
-    depth_noise: str = "none"
-    rgb_noise: str = "none"
-    depth_settings: dict[str, Any] = field(default_factory=dict)
-    rgb_settings: dict[str, Any] = field(default_factory=dict)
+    depth: DepthNoise = field(default_factory=lambda: depth_model("none"))
+    rgb: RgbNoise = field(default_factory=lambda: rgb_model("none"))
     seed: int = 0
+    depth_units_per_metre: float = UNITS_PER_METRE
 
     def __post_init__(self) -> None:
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
             raise InputError("a seed as a whole number from 0 up", found=self.seed)
+        check_units(self.depth_units_per_metre)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Effective parameters, every field of both models."""
-        depth, rgb = depth_model(self.depth_noise, self.depth_settings), rgb_model(self.rgb_noise, self.rgb_settings)
+    def to_dict(self) -> dict:
         return {
-            "depth_noise": {"model": self.depth_noise, **depth.to_dict()},
-            "rgb_noise": {"model": self.rgb_noise, **rgb.to_dict()},
+            "depth_noise": {"model": self.depth.name, **self.depth.to_dict()},
+            "rgb_noise": {"model": self.rgb.name, **self.rgb.to_dict()},
             "seed": self.seed,
+            "depth_units_per_metre": self.depth_units_per_metre,
         }
 
 
 @dataclass(frozen=True)
-class Sequence:
-    """A TUM sequence on disk."""
+class WrittenSequence:
+    """Folders (one a dialect), frames made now and found finished, and pixels without depth by kind."""
 
-    path: Path
-
-    def rgb_file(self, number: int) -> Path:
-        return self.path / "rgb" / f"{number:06}.png"
-
-    def depth_file(self, number: int) -> Path:
-        return self.path / "depth" / f"{number:06}.png"
-
-    def finished(self, numbers: Iterable[int], size: tuple[int, int]) -> list[int]:
-        """Those whose two images can be read to the end and have (height, width) `size`."""
-        numbers = list(numbers)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            good = list(pool.map(lambda number: self._is_whole(number, size), numbers))
-        return [number for number, fine in zip(numbers, good, strict=True) if fine]
-
-    def frame_numbers(self) -> list[int]:
-        """Numbers of the frames with both images, in order."""
-        both = [{p.stem for p in (self.path / kind).glob("[0-9]*.png")} for kind in ("rgb", "depth")]
-        return sorted(int(stem) for stem in both[0] & both[1] if stem.isdigit())
-
-    def _is_whole(self, number: int, size: tuple[int, int]) -> bool:
-        if not (self.rgb_file(number).is_file() and self.depth_file(number).is_file()):
-            return False
-        try:
-            return png.read_rgb8(self.rgb_file(number)).shape[:2] == size == png.read_depth16(self.depth_file(number)).shape
-        except InputError:
-            return False
+    folders: tuple[Path, ...]
+    made: int
+    found: int
+    invalid_depth: dict[str, int]
 
 
-def open_sequence(out: Path, run: RunFolder, settings: SensorSettings) -> Sequence:
-    """Make the folder with its recipe, or take up what was begun there with the same one.
+def noisy_images(
+    light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
+) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
+    """One frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and how many pixels of depth became 0, by kind.
 
-    Raises InputError where it holds another recipe or other files, WorkError where it cannot be written.
+    Nothing but the arguments decides the result. Raises InputError where a user's own noise returns something else.
     """
-    recipe = {"schema_version": SCHEMA_VERSION, "sensor": settings.to_dict(), "run": run.recipe, "iclnuim": __version__}
-    file = out / "recipe.json"
-    if file.is_file():
-        _refuse_other_recipe(file, read_json(file), recipe)
-    elif out.is_dir() and any(p.name not in ("rgb", "depth") and not p.name.startswith(".") for p in out.iterdir()):
-        raise InputError("an empty folder, or one of a sequence", path=out, found="other files", hint="another folder")
-    elif out.exists() and not out.is_dir():
-        raise InputError("a folder", path=out, found="a file", hint="another folder")
+    invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
+    image = settings.rgb.apply(light, frame_generator(settings.seed, number, RGB))
+    noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))
+    for what, array, shape, kind in (
+        (settings.rgb.name, image, light.shape, "u"),
+        (settings.depth.name, noisy_z_m, depth_z_m.shape, "f"),
+    ):
+        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype.kind != kind:
+            expected = f"an array {shape} of {'uint8' if kind == 'u' else 'float'} from the noise {what}"
+            raise InputError(expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}")
+    with np.errstate(invalid="ignore"):
+        beyond = int((noisy_z_m * np.float32(settings.depth_units_per_metre) > 65535.5).sum()) - invalid.get(
+            "beyond_range", 0
+        )
+    if beyond > 0 and settings.depth.name != "none":
+        invalid["beyond_range_after_noise"] = beyond
+    return image.astype(np.uint8, copy=False), depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+
+
+def write_sequence(
+    source: FrameSource,
+    out: Path,
+    settings: SequenceSettings | None = None,
+    dialects: Iterable[str] = ("tum",),
+    workers: int | None = None,
+    on_frame: Callable[[int], None] = lambda number: None,
+) -> WrittenSequence:
+    """Write `source` as a sequence into `out`, or go on with the one begun there. As SequenceWriter has it."""
+    writer = SequenceWriter(source, {Path(out): settings or SequenceSettings()}, dialects)
+    return writer.write(workers, on_frame)[0]
+
+
+class SequenceWriter:
+    """The same frames under one or several settings, folder -> settings (clean and noisy): each frame is read once.
+
+    With several dialects each has a folder of its own below. Frames that stand there whole, by their hash, are skipped.
+    Raises InputError where a folder holds other files or another sequence, WorkError where it cannot be made.
+    """
+
+    def __init__(
+        self, source: FrameSource, variants: Mapping[Path, SequenceSettings], dialects: Iterable[str] = ("tum",)
+    ) -> None:
+        forms = [dialect(name) for name in dict.fromkeys(dialects)]
+        self.source = source
+        self.targets = [_target(source, Path(out), settings, forms) for out, settings in variants.items()]
+        self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
+
+    def write(
+        self, workers: int | None = None, on_frame: Callable[[int], None] = lambda number: None
+    ) -> list[WrittenSequence]:
+        """Make the missing frames, then lists and recipe of all that are there. `on_frame(number)` after each.
+
+        The first error stops the work; finished frames stay. Raises InputError for a frame that cannot be read,
+        WorkError where one cannot be written.
+        """
+        for entries in _made_frames(self.source, self.missing, self.targets, workers or _cores()):
+            for target, entry in entries:
+                target.journal.add(entry)
+            on_frame(entries[0][1].frame)
+        return [target.completed(self.source) for target in self.targets]
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """One sequence being written: where its images go, what is there already."""
+
+    out: Path
+    settings: SequenceSettings
+    forms: list[Dialect]
+    recipe: dict
+    journal: Journal
+    places: dict[int, tuple[list[Path], list[Path]]]
+    finished: frozenset[int]
+
+    def make(self, number: int, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera) -> JournalEntry:
+        image, units, invalid = noisy_images(light, depth_z_m, camera, number, self.settings)
+        rgb, depth = self.places[number]
+        return JournalEntry(number, _write_image(rgb, image), _write_image(depth, units), invalid)
+
+    def completed(self, source: FrameSource) -> WrittenSequence:
+        """Text files and recipe, once all frames asked for are there."""
+        numbers = tuple(sorted(self.finished.union(source.numbers)))
+        contents = _contents(source, numbers, self.settings)
+        folders = _folders(self.out, self.forms)
+        for form, folder in zip(self.forms, folders, strict=True):
+            form.write_texts(folder, contents, form)
+        counts = total(self.journal.entries[n].invalid_depth for n in numbers)
+        finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
+        found = len(self.finished.intersection(source.numbers))
+        return WrittenSequence(folders, len(source.numbers) - found, found, counts)
+
+
+def _target(source: FrameSource, out: Path, settings: SequenceSettings, forms: list[Dialect]) -> _Target:
+    for form in forms:
+        form.check(_contents(source, source.numbers, settings))
+    recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in forms])
+    journal = Journal(out / "frames.jsonl")
+    folders = _folders(out, forms)
+    places = {n: _image_files(forms, folders, n, t) for n, t in source.stamps_s.items()}
+    finished = frozenset(n for n in places if _stands(journal, n, places[n]))
+    _make_folders(places[n] for n in source.numbers)
+    return _Target(out, settings, forms, recipe, journal, places, finished)
+
+
+def _folders(out: Path, forms: list[Dialect]) -> tuple[Path, ...]:
+    """One dialect lies in `out` itself, several in a folder each."""
+    return (out,) if len(forms) == 1 else tuple(out / form.name for form in forms)
+
+
+def _made_frames(
+    source: FrameSource, numbers: list[int], targets: list[_Target], workers: int
+) -> Iterator[list[tuple[_Target, JournalEntry]]]:
+    """What each target lacked of a frame, as frames are done, in any order."""
+
+    def make(number: int) -> list[tuple[_Target, JournalEntry]]:
+        light, depth_z_m = source.load(number)
+        lacking = [t for t in targets if number not in t.finished]
+        return [(t, t.make(number, light, depth_z_m, source.camera)) for t in lacking]
+
+    with ThreadPoolExecutor(max(1, workers)) as pool:
+        waiting = [pool.submit(make, number) for number in numbers]
+        try:
+            for done in as_completed(waiting):
+                yield done.result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _write_image(files: list[Path], image: np.ndarray) -> str:
+    """The same image under every name (one a dialect); its SHA-256."""
+    write_png(files[0], image)
+    for other in files[1:]:
+        other.unlink(missing_ok=True)
+        try:
+            os.link(files[0], other)
+        except OSError:  # a file system without links
+            write_png(other, image)
+    return sha256(read_bytes(files[0]))
+
+
+def _image_files(
+    forms: list[Dialect], folders: tuple[Path, ...], number: int, stamp_s: float
+) -> tuple[list[Path], list[Path]]:
+    """Colour and depth files of a frame, one a dialect."""
+    both = list(zip(forms, folders, strict=True))
+    return [folder / f.rgb(number, stamp_s) for f, folder in both], [
+        folder / f.depth(number, stamp_s) for f, folder in both
+    ]
+
+
+def _stands(journal: Journal, number: int, files: tuple[list[Path], list[Path]]) -> bool:
+    """Whether all images of a frame are there as the journal has them."""
+    entry = journal.entries.get(number)
+    if entry is None:
+        return False
+    digests = (entry.rgb_sha256, entry.depth_sha256)
+    return all(_is(path, digest) for paths, digest in zip(files, digests, strict=True) for path in paths)
+
+
+def _is(path: Path, digest: str) -> bool:
     try:
-        for kind in ("rgb", "depth"):
-            (out / kind).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{out}: cannot make the folder: {error.strerror or error}") from None
-    if not file.is_file():
-        write_json(file, recipe)
-    return Sequence(out)
+        return sha256(path.read_bytes()) == digest
+    except OSError:
+        return False
 
 
-def write_frames(run: RunFolder, sequence: Sequence, settings: SensorSettings, numbers: Iterable[int], done: Callable[[int], None]) -> int:
-    """Write both images of frames that the run holds; `done(number)` after each. Returns how many depths did not fit in 16 bits."""
-    depth_noise = depth_model(settings.depth_noise, settings.depth_settings)
-    rgb_noise = rgb_model(settings.rgb_noise, settings.rgb_settings)
-
-    def write(number: int) -> int:
-        channels = exr.read_exr(run.frame_file(number))
-        depth_z_m = depth_noise.apply(channels["Z"], run.camera, frame_generator(settings.seed, number, DEPTH))
-        light = np.stack([channels[c] for c in "RGB"], -1)
-        depth16, lost = depth16_from_metres(depth_z_m)
-        png.write_png(sequence.depth_file(number), depth16)
-        png.write_png(sequence.rgb_file(number), rgb_noise.apply(light, frame_generator(settings.seed, number, RGB)))
-        done(number)
-        return lost
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return sum(pool.map(write, list(numbers)))
+def _make_folders(places: Iterable[tuple[list[Path], list[Path]]]) -> None:
+    for folder in sorted({path.parent for files in places for paths in files for path in paths}):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
 
 
-def write_lists(run: RunFolder, sequence: Sequence) -> None:
-    """rgb.txt, depth.txt, associations.txt, groundtruth.txt and camera.json for the images that are there."""
-    numbers = sequence.frame_numbers()
-    trajectory = read_trajectory(run.path / "groundtruth.txt", "tum").trajectory
-    if not numbers or numbers[-1] >= len(trajectory):
-        raise InputError(f"images of the {len(trajectory)} frames of the run", path=sequence.path, found=f"{len(numbers)} images")
-    kept: Trajectory = trajectory[np.array(numbers)]
-    stamps = tuple(kept.stamps_s.tolist())
-    images = {kind: ImageList(stamps, tuple(f"{kind}/{number:06}.png" for number in numbers)) for kind in ("rgb", "depth")}
-    for kind, listed in images.items():
-        write_image_list(sequence.path / f"{kind}.txt", listed)
-    write_associations(sequence.path / "associations.txt", Associations(images["rgb"], images["depth"]))
-    write_trajectory(sequence.path / "groundtruth.txt", kept, "tum")
-    write_json(sequence.path / "camera.json", {**run.recipe["job"]["camera"], "depth_units_per_metre": 5000})
+def _contents(source: FrameSource, numbers: tuple[int, ...], settings: SequenceSettings) -> Contents:
+    stamps_s = tuple(source.stamps_s[n] for n in numbers)
+    return Contents(source.camera, numbers, stamps_s, source.truth_of(numbers), settings.depth_units_per_metre)
 
 
-def _refuse_other_recipe(file: Path, old: dict, new: dict) -> None:
-    """The run's own recipe counts by what decides its pixels; versions and machine may differ."""
-    a, b = _identity(old), _identity(new)
-    different = [f"{key} {a.get(key)} there, {b.get(key)} asked" for key in sorted({*a, *b}) if a.get(key) != b.get(key)]
-    if different:
-        raise InputError("the sequence that was begun there", path=file, found="; ".join(different), hint="another folder")
-
-
-def _identity(recipe: dict) -> dict:
-    run, sensor = recipe.get("run"), recipe.get("sensor")
-    if not isinstance(run, dict) or not isinstance(sensor, dict) or not isinstance(run.get("job"), dict):
-        return {}
-    return {**sensor, "frames": RunFolder(Path(), run).key}
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

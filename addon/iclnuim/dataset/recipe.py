@@ -1,0 +1,109 @@
+"""recipe.json of a sequence: what decided its pixels, what made it, what was counted. Same recipe, same bytes."""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..errors import InputError, WorkError
+from ..formats.files import read_json, write_json
+from ..formats.libraries import first_library
+from ..formats.png import BACKENDS
+from ..geometry.camera import PinholeCamera
+from ..shipped import source_commit
+from .run_folder import RunFolder
+
+SCHEMA_VERSION = 1
+#: Keys that decide the pixels; the others may differ between two starts.
+IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
+KEYS = ("kind", *IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
+
+
+def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, dialects: list[str]) -> dict:
+    """Make `out` with the recipe of a sequence not yet finished, or take up the one begun there.
+
+    Raises InputError where a file is in the way, where other files lie there, or a sequence of another recipe.
+    """
+    recipe = {
+        "schema_version": SCHEMA_VERSION,
+        "kind": "sequence",
+        "source": origin,
+        "camera": camera.to_dict(),
+        **settings,
+        "dialects": dialects,
+        "versions": _versions(),
+        "source_commit": source_commit(),
+        "finished": False,
+    }
+    file = out / "recipe.json"
+    if file.is_file():
+        _refuse_other(file, read_recipe(file), recipe)
+    elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
+        found = "other files" if out.is_dir() else "a file"
+        raise InputError("an empty folder, or a sequence begun there", path=out, found=found, hint="another folder")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{out}: cannot make the folder: {error.strerror or error}") from None
+    write_json(file, recipe)
+    return recipe
+
+
+def finish(folders: tuple[Path, ...], recipe: dict, numbers: tuple[int, ...], invalid: dict[str, int]) -> None:
+    """The recipe with its counts, beside every form of the sequence."""
+    frames = {"count": len(numbers), "first": numbers[0], "last": numbers[-1]}
+    for folder in folders:
+        write_json(
+            folder / "recipe.json", {**recipe, "finished": True, "frames": frames, "invalid_depth_pixels": invalid}
+        )
+
+
+def read_recipe(path: Path) -> dict:
+    """A sequence's recipe. Raises InputError for another kind, a newer schema or unknown keys."""
+    recipe = read_json(path)
+    version = recipe.get("schema_version")
+    if recipe.get("kind") != "sequence" or not isinstance(version, int):
+        raise InputError("the recipe of a sequence", path=path, found=recipe.get("kind", "another file"))
+    if version > SCHEMA_VERSION:
+        raise InputError(f"a recipe of schema {SCHEMA_VERSION} or older", path=path, found=version)
+    unknown = sorted(set(recipe) - set(KEYS))
+    if unknown:
+        raise InputError("the keys of a sequence's recipe", path=path, found=", ".join(unknown))
+    return recipe
+
+
+def _refuse_other(file: Path, old: dict, new: dict) -> None:
+    a, b = _identity(old), _identity(new)
+    different = [f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked" for key in b if a.get(key) != b[key]]
+    if different:
+        found = "; ".join(different)
+        raise InputError("the sequence that was begun there", path=file, found=found, hint="another folder")
+
+
+def _identity(recipe: dict) -> dict:
+    """What decides the pixels, noise settings one by one. Of a run's own recipe that is its key alone."""
+    identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
+    for key in IDENTITY:
+        value = recipe.get(key)
+        if key.endswith("_noise") and isinstance(value, dict):
+            identity.update({f"{key} {name}": setting for name, setting in value.items()})
+        else:
+            identity[key] = value
+    run = recipe.get("source", {}).get("run")
+    if isinstance(run, dict) and isinstance(run.get("job"), dict):
+        identity["source"] = RunFolder(Path(), run).key
+    return identity
+
+
+def _brief(value: object) -> str:
+    text = str(value)
+    return text if len(text) < 40 else "one"
+
+
+def _versions() -> dict:
+    name, module = first_library("PNG", *BACKENDS)
+    version = getattr(module, "__version__", None) or getattr(module, "VERSION_STRING", "")
+    return {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__, name: str(version)}
