@@ -13,6 +13,8 @@ from .error_text import title
 REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
 #: A line is broken where stamps are this many usual steps apart, so that missing frames show.
 GAP_STEPS = 5.0
+#: Up to this many values are marked one by one.
+FEW = 100
 
 
 def error_figure(report: Report) -> Figure:
@@ -92,9 +94,12 @@ def _errors_over_time(
 def _series(chart: Axes, stamps_s: np.ndarray, errors: np.ndarray, label: str, colour: str) -> None:
     rmse = float(np.sqrt(np.mean(np.square(errors))))
     times_s, broken = _with_gaps(stamps_s, errors[:, None])
-    chart.plot(times_s - stamps_s[0], broken[:, 0], color=colour, linewidth=0.9)
+    marker = "." if len(errors) <= FEW else None
+    chart.plot(times_s - stamps_s[0], broken[:, 0], color=colour, linewidth=0.9, marker=marker)
     chart.axhline(rmse, color="0.2", linestyle="--", linewidth=0.9, label=f"RMSE {rmse:.4g}")
-    chart.set(xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, 1.08 * float(np.max(errors, initial=1e-9))))
+    chart.set(
+        xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, 1.08 * float(np.max(errors, initial=1e-9)))
+    )
     chart.grid(alpha=0.3)
     chart.legend()
 

@@ -16,7 +16,9 @@ def error_text(values: dict) -> str:
 
 def title(values: dict) -> str:
     """One line: which error of which file against which, and how."""
-    names = " against ".join(os.path.basename(os.path.normpath(values[key]["path"])) for key in ("estimate", "reference"))
+    names = " against ".join(
+        os.path.basename(os.path.normpath(values[key]["path"])) for key in ("estimate", "reference")
+    )
     how = _stretches(values) if values["metric"] == "rpe" else _alignment(values)
     return f"{values['metric'].upper()} of {names}, {how}"
 
@@ -44,7 +46,9 @@ def _table(values: dict) -> list[str]:
 
 
 def _absolute(values: dict) -> list[str]:
-    recall = ", ".join(f"{100 * share:.1f} % within {bound}" for bound, share in values["recall"].items())
+    recall = ", ".join(
+        f"{100 * share:.1f} % within {bound.replace('cm', ' cm')}" for bound, share in values["recall"].items()
+    )
     return [
         _pairs(values),
         f"of all ground-truth frames: {100 * values['coverage']:.1f} % have an estimate, {recall}",

@@ -22,8 +22,8 @@ class PlainAlignment:
     def __init__(self, x: list[Vector], y: list[Vector], with_scale: bool) -> None:
         (mean_x, x), (mean_y, y) = centred(x), centred(y)
         self.extents_x_m, self.extents_y_m = extents(x), extents(y)
-        # the best quaternion belongs to the largest eigenvalue of N; the best reflection is minus the best rotation onto
-        # -y, whose N has the opposite sign, so it belongs to the smallest
+        # the best quaternion belongs to the largest eigenvalue of N; the best reflection is minus the best rotation
+        # onto -y, whose N has the opposite sign, so it belongs to the smallest
         values, vectors = eigen(horn_matrix(products(x, y)))
         largest, smallest = (pick(range(4), key=values.__getitem__) for pick in (max, min))
         square = sum(sum(map(mul, point, point)) for point in x) or 1.0
@@ -67,7 +67,7 @@ def extents(points: list[Vector]) -> list[float]:
 
 
 def eigen(symmetric: list[list[float]]) -> tuple[list[float], list[tuple[float, ...]]]:
-    """Eigenvalues and unit eigenvectors of a small symmetric matrix, by Jacobi's rotations (Golub and Van Loan, 8.5)."""
+    """Eigenvalues and unit eigenvectors of a small symmetric matrix, by Jacobi's rotations (Golub, Van Loan, 8.5)."""
     a, size = [row[:] for row in symmetric], len(symmetric)
     v = [[float(i == k) for k in range(size)] for i in range(size)]  # its rows become the eigenvectors
     cells = [(p, q) for p in range(size) for q in range(p + 1, size)]

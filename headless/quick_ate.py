@@ -3,8 +3,8 @@
 A short command pays for what it imports: numpy's import was 83 of the 155 ms of `iclnuim evaluate ate`, and a fifth of
 all that evo_ape takes. So the usual question (two TUM files, SE(3) or Sim(3)) is answered here, and whatever is out of
 the ordinary is left to the library by returning None: another form, frame numbers for stamps, a damaged line, a large
-file, no overlap in time, paths that hardly fix the alignment, a mirrored estimate. So the library alone words errors and
-warnings. A test holds both ways to the same figures.
+file, no overlap in time, paths that hardly fix the alignment, a mirrored estimate. So the library alone words errors
+and warnings. A test holds both ways to the same figures.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _poses(rows: list[list[float]]) -> Poses | None:
 
 
 def _pairs(first_s: list[float], second_s: list[float], limit_s: float) -> list[Pair]:
-    """Ordered by the ground truth: the TUM rule as a plain loop over sorted candidates. Empty where those are too many."""
+    """The TUM rule as a plain loop over sorted candidates, ordered by the truth. Empty where those are too many."""
     candidates, low = [], 0
     for i, stamp in enumerate(first_s):
         j = low = bisect_left(second_s, stamp - 1.1 * limit_s, low)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -50,9 +51,10 @@ def _read(args: argparse.Namespace, console: Console) -> tuple[Source, Source]:
     if args.plot:
         from .plots import ENDINGS
 
-        if args.plot.suffix.lower() not in ENDINGS:
-            found = args.plot.suffix or "no ending"
-            raise InputError(f"a picture's name ending in {', '.join(ENDINGS)}", path=args.plot, found=found)
+        ending = os.path.splitext(args.plot)[1].lower()
+        if ending not in ENDINGS:
+            expected = f"a picture's name ending in {', '.join(ENDINGS)}"
+            raise InputError(expected, path=args.plot, found=ending or "no ending")
     sources = []
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
         loaded = read_trajectory(path, format, rate_hz=args.rate)

@@ -16,6 +16,7 @@ from ..geometry.trajectory import Trajectory
 from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
 from .associate import Association, AssociationSettings
 from .pairs import Pairs, pair_up
+from .read_only import read_only
 from .statistics import Completeness, ErrorStatistics
 
 
@@ -76,6 +77,6 @@ def absolute_error_of_pairs(pairs: Pairs, settings: AlignmentSettings | None = N
         association=pairs.association,
         alignment=alignment,
         mirror=check_mirror(pairs.reference.translation, pairs.estimate.translation),
-        translation_error_m=np.linalg.norm(aligned.translation - pairs.reference.translation, axis=1),
-        rotation_error_rad=so3.angle(np.swapaxes(pairs.reference.rotation, -1, -2) @ aligned.rotation),
+        translation_error_m=read_only(np.linalg.norm(aligned.translation - pairs.reference.translation, axis=1)),
+        rotation_error_rad=read_only(so3.angle(np.swapaxes(pairs.reference.rotation, -1, -2) @ aligned.rotation)),
     )

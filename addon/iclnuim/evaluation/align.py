@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.se3 import SE3
+from .read_only import read_only
 
 METHODS = ("none", "origin", "yaw", "se3", "sim3")
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -136,16 +137,16 @@ def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck
 def principal_extents(positions_m: np.ndarray) -> np.ndarray:
     """(n, 3) -> (3,) standard deviations along the principal directions, longest first."""
     centred = positions_m - positions_m.mean(axis=0)
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred / len(centred))[::-1], 0.0))
+    return read_only(np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred / len(centred))[::-1], 0.0)))
 
 
 def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
     """Rotation about one axis, and translation: equation 40 in the plane, in closed form."""
     a, b = (up + 1) % 3, (up + 2) % 3
     flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
-    for name, extents_m in (("reference", principal_extents(flat_y)), ("estimate", principal_extents(flat_x))):
+    for name, extents_m in (("a reference", principal_extents(flat_y)), ("an estimated", principal_extents(flat_x))):
         if extents_m[0] <= LEAST_EXTENT_M:
-            expected = f"a {name} path that fixes a yaw alignment, moving across the {'xyz'[up]} axis"
+            expected = f"{name} path that fixes a yaw alignment, moving across the {'xyz'[up]} axis"
             raise InputError(expected, found=f"an extent of {1000 * extents_m[0]:.3g} mm", hint="--align origin")
     mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
     covariance = (y - mean_y).T @ (x - mean_x)
@@ -160,7 +161,7 @@ def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: 
     """Both paths need extents in two directions; the third may be missing (a path in a plane)."""
     # under Sim(3) the estimate's unit of length is open, so only its shape counts
     least_estimate_m = LEAST_EXTENT_M if method == "se3" else 0.0
-    paths = (("reference", reference_m, LEAST_EXTENT_M), ("estimate", estimate_m, least_estimate_m))
+    paths = (("a reference", reference_m, LEAST_EXTENT_M), ("an estimated", estimate_m, least_estimate_m))
     for what, extents_m, least_m in paths:
         if used < 3:
             how, hint = f"{used} pose{'s' * (used > 1)} where 3 are needed", "--align origin, or more poses"
@@ -171,7 +172,7 @@ def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: 
         else:
             continue
         sizes = ", ".join(f"{1000 * e:.3g}" for e in extents_m)
-        expected = f"a {what} path that fixes {'SE(3)' if method == 'se3' else 'Sim(3)'}"
+        expected = f"{what} path that fixes {'SE(3)' if method == 'se3' else 'Sim(3)'}"
         raise InputError(expected, found=f"{how} (extents {sizes} mm)", hint=hint)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .read_only import read_only
 
 METHODS = ("greedy", "nearest")
 #: A round of mutual choice that pairs fewer than 1 in this many leaves the rest to the heap: long chains go one pair
@@ -54,9 +55,7 @@ class Association:
 
     def __post_init__(self) -> None:
         for name in ("first", "second", "difference_s"):
-            array = np.array(getattr(self, name))
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def coverage(self) -> float:

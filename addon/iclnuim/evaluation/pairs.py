@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .associate import Association, AssociationSettings, associate
+from .read_only import read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class Pairs:
             raise InputError("as many estimated poses (n,) as reference poses", found=found)
         index = np.arange(len(reference))
         association = Association(index, index, np.zeros(len(index)), len(index), len(index))
-        return cls(reference, estimate, index / rate_hz, association)
+        return cls(reference, estimate, read_only(index / rate_hz), association)
 
 
 def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Pairs:
@@ -44,7 +45,7 @@ def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSe
     return Pairs(
         reference.T_world_camera[association.first],
         estimate.T_world_camera[association.second],
-        reference.stamps_s[association.first],
+        read_only(reference.stamps_s[association.first]),
         association,
     )
 
@@ -54,11 +55,11 @@ def _no_pairs(reference_s: np.ndarray, estimate_s: np.ndarray, settings: Associa
         return InputError("trajectories of at least one pose", found="an empty one")
     start_s, end_s = estimate_s[[0, -1]] + settings.offset_s
     if start_s > reference_s[-1] or end_s < reference_s[0]:
-        shift_s = reference_s[0] - estimate_s[0]
+        shift = f"{reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
         return InputError(
             f"stamps that overlap the ground truth's {_span(reference_s)}",
             found=f"no overlap in time: {_span(estimate_s + settings.offset_s)}",
-            hint=f"--offset {shift_s:.6f} if both start together, or --from tum-ids if these are frame numbers",
+            hint=f"--offset {shift} if both start together, or --from tum-ids if these are frame numbers",
         )
     return InputError(
         f"stamps within {settings.max_difference_s:g} s of the ground truth's {_span(reference_s)}",

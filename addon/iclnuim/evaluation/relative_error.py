@@ -17,6 +17,7 @@ from ..geometry.trajectory import Trajectory
 from .align import MirrorCheck, check_mirror, umeyama
 from .associate import Association, AssociationSettings
 from .pairs import Pairs, pair_up
+from .read_only import read_only
 from .statistics import ErrorStatistics
 from .stretches import StretchSettings, stretches
 
@@ -78,7 +79,15 @@ def relative_error_of_pairs(
     translation_m, rotation_rad = _errors(pairs.reference, estimate, start, end)
     mirror = check_mirror(reference_m, estimate_m)
     return RelativeError(
-        pairs.reference, start, end, pairs.stamps_s, pairs.association, scale, mirror, translation_m, rotation_rad
+        reference=pairs.reference,
+        start=read_only(start),
+        end=read_only(end),
+        stamps_s=pairs.stamps_s,
+        association=pairs.association,
+        scale=scale,
+        mirror=mirror,
+        translation_error_m=read_only(translation_m),
+        rotation_error_rad=read_only(rotation_rad),
     )
 
 
