@@ -1,8 +1,8 @@
 """Light baked once: find or make the light map of the open scene, and show the scene by it.
 
-The map holds irradiance, direct and indirect, without surface colour. It is made in two passes: a coarse one by path tracing, then
-a fine one whose rays end at the first surface and read the light there from the coarse map (final gathering). So a ray of
-the fine pass costs one bounce, and brings little noise.
+The map holds irradiance, direct and indirect, without surface colour. Direct light is sampled lamp by lamp. Indirect light comes
+by gathering: rays that end at the first surface and read the light there from a map. A coarse map is made so, bounce after bounce,
+and lights the last gathering, for the fine map. So no ray is longer than one bounce, and none of them finds its lamp by chance.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -23,8 +23,8 @@ from ..errors import InputError
 from ..lightmap import denoise, filling
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT, Surfaces
-from . import baked_materials, compat, light_map, light_surfaces, light_view, lit_scene, scene_key
-from .light_points import irradiance, kept
+from . import baked_materials, compat, light_map, light_passes, light_surfaces, light_view, lit_scene, scene_key
+from .light_passes import Halves
 from .light_surfaces import Part
 from .lit_scene import LitScene, MapLayout
 
@@ -34,16 +34,18 @@ RENDER_SETTINGS = {"max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, 
 _VIEWPOINTS = 64
 #: The back of a surface needs no light when this little of it is seen, compared with the front: cracks between walls.
 _GLIMPSE = 0.02
+_MOST_BOUNCES = 8
+_STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """size: of the square map, in texels; samples: a texel; coarse_size and coarse_samples: of the first pass; seed."""
+    """size: of the square map, in texels; samples: a texel and source of light; coarse_size, coarse_samples: of the map in between."""
 
     size: int = 2048
     samples: int = 64
     coarse_size: int = 512
-    coarse_samples: int = 256
+    coarse_samples: int = 64
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -92,31 +94,40 @@ def _make(folder: Path, found: list[Part], depsgraph: bpy.types.Depsgraph, setti
     surfaces = light_surfaces.surfaces(found)
     places = light_view.viewpoints(depsgraph, surfaces, _VIEWPOINTS, settings.seed)
     report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
+    both = _lit_sides(found)
     wanted, exposure = _seen_sides(surfaces, found, places, settings)
-    coarse = lay_out(surfaces, wanted, settings.coarse_size, exposure)
-    report(f"coarse pass: {coarse.summary()}, {settings.coarse_samples} samples")
-    light = _bake(coarse, places, settings.coarse_samples, settings.seed)
-    with ExitStack() as stack:
-        stack.callback(_show_copy(found, coarse, light).revert)
-        fine = lay_out(surfaces, wanted, settings.size, exposure)
-        report(f"fine pass: {fine.summary()}, {settings.samples} samples")
-        stack.enter_context(kept(bpy.context.scene.cycles, max_bounces=2, diffuse_bounces=1))
-        light = _bake(fine, places, settings.samples, settings.seed + 1)
+    coarse = _Points(lay_out(surfaces, both, settings.coarse_size, exposure), places, settings.coarse_samples, settings.seed)
+    fine = _Points(lay_out(surfaces, wanted, settings.size, exposure), places, settings.samples, settings.seed + 1)
+    report(f"coarse map: {coarse.layout.summary()}")
+    with _bounced(found, coarse):
+        report(f"fine map: {fine.layout.summary()}")
+        light = fine.map(fine.direct() + fine.gathered())
     seconds = time.perf_counter() - started
-    recipe = {"schema_version": 1, "key": key, "seconds": round(seconds, 1), "charts": len(fine.charts.size_m), "texels": len(fine.texels.index),
-              "coverage": round(len(fine.texels.index) / settings.size**2, 4), "texels_per_metre": round(fine.packing.density, 2)}
-    light_map.store(folder, light, _map_layout(found, fine), recipe)
+    recipe = {"schema_version": 1, "key": key, "seconds": round(seconds, 1), "charts": len(fine.layout.charts.size_m), "texels": len(fine.points_m),
+              "coverage": round(len(fine.points_m) / settings.size**2, 4), "texels_per_metre": round(fine.layout.packing.density, 2)}
+    light_map.store(folder, light, _map_layout(found, fine.layout), recipe)
     report(f"light map: {seconds:.0f} s, {folder}")
+
+
+@contextmanager
+def _bounced(found: list[Part], coarse: _Points) -> Iterator[None]:
+    """The scene lit by the coarse map with all bounces but the last."""
+    cycles = bpy.context.scene.cycles
+    first = coarse.direct()
+    image = lit_scene.image_from_pixels(coarse.map(first))
+    copies = [replace(part, mesh=part.mesh.copy()) for part in found]
+    lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image)
+    try:
+        for _ in range(min(cycles.max_bounces, cycles.diffuse_bounces, _MOST_BOUNCES) - 1):
+            lit_scene.set_pixels(image, coarse.map(first + coarse.gathered()))
+        yield
+    finally:
+        lit.revert()
+        bpy.data.images.remove(image)
 
 
 def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
     return MapLayout(*layout.uv(), tuple(len(part.mesh.loops) for part in found))
-
-
-def _show_copy(found: list[Part], layout: Layout, light: np.ndarray) -> LitScene:
-    """Show the scene by a map in memory; the parts' own meshes stay free of it."""
-    copies = [replace(part, mesh=part.mesh.copy()) for part in found]
-    return lit_scene.show(copies, _map_layout(found, layout), lit_scene.image_from_pixels(light))
 
 
 def _seen_sides(surfaces: Surfaces, found: list[Part], places: np.ndarray, settings: BakeSettings) -> tuple[np.ndarray, np.ndarray]:
@@ -124,15 +135,19 @@ def _seen_sides(surfaces: Surfaces, found: list[Part], places: np.ndarray, setti
 
     A side needs light when a camera in free space may see it; the far side of cloth that light passes through, too.
     """
-    diffuse, translucent = _kinds(found)
-    both = np.repeat((diffuse | translucent)[:, None], 2, 1)
+    both, translucent = _lit_sides(found), _kinds(found)[1]
     layout = lay_out(surfaces, both, settings.coarse_size)
-    light = light_view.seen(*layout.points(), places, 64, settings.seed)
+    light = light_view.seen(*layout.points(), places, settings.seed)
     exposure, share = layout.per_side(np.sqrt(light)) ** 2, layout.per_side(light > 0)  # the root: a lamp close by counts less
     share[:, BACK] *= share[:, BACK] > _GLIMPSE * share[:, FRONT]
     exposure = np.where(translucent[:, None], exposure.max(1, keepdims=True), exposure)
     share = np.where(translucent[:, None], share.max(1, keepdims=True), share)
     return both & (share > 0), exposure
+
+
+def _lit_sides(found: list[Part]) -> np.ndarray:
+    """(F, 2): both sides of all faces that show light. Those that no camera sees send light to others, too."""
+    return np.repeat(np.logical_or(*_kinds(found))[:, None], 2, 1)
 
 
 def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray]:
@@ -146,14 +161,43 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray]:
     return diffuse, translucent
 
 
-def _bake(layout: Layout, places: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(size, size, 3): light at every texel, noise taken out, hidden texels and gutters filled."""
-    points, normals = layout.points()
-    image = layout.texels.image
-    known = image(light_view.seen(points, normals, places, 32, seed) > 0, False)
-    halves = [irradiance(points, normals, max(1, samples // 2), 2 * seed + k) for k in (0, 1)]
-    chart = image(layout.texels.chart, -1)
-    light = denoise.denoise(*[image(h) for h in halves], chart, image(normals.astype(np.float32)), known)
-    filled, reached = filling.fill(light, known, chart, 2)
-    light = np.where(reached[..., None], filled, light)
-    return filling.fill(light, chart >= 0, chart, 2)[0].astype(np.float32)
+class _Points:
+    """The texels of one map: their points, which of them can be seen, and light on them."""
+
+    def __init__(self, layout: Layout, places: np.ndarray, samples: int, seed: int) -> None:
+        self.layout, self.samples, self.seed = layout, samples, seed
+        self.points_m, self.normals = layout.points()
+        image = layout.texels.image
+        self.chart, self.facing = image(layout.texels.chart, -1), image(self.normals.astype(np.float32))
+        self.visible = image(light_view.seen(self.points_m, self.normals, places, seed) > 0, False)
+        self._into_view(places)
+
+    def _into_view(self, places: np.ndarray) -> None:
+        """Hidden texels beside a seen one take the light of the last point that is seen on the way to it.
+
+        So light right up to a contact is the contact's own, not that of a texel farther on.
+        """
+        hidden, near = filling.beside_known(self.visible, self.chart)
+        hidden_row, near_row = (np.searchsorted(self.layout.texels.index, k) for k in (hidden, near))
+        share = np.array(_STEPS_INTO_VIEW)[:, None, None]
+        points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        seen = light_view.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed).reshape(points.shape[:2]) > 0
+        seen[-1] = True  # the seen texel itself
+        first = seen.argmax(0), np.arange(len(hidden))
+        self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
+        self.visible.ravel()[hidden] = True
+
+    def direct(self) -> Halves:
+        return light_passes.direct(self.points_m, self.normals, self.samples, self.seed, list(bpy.data.materials))
+
+    def gathered(self) -> Halves:
+        return light_passes.gathered(self.points_m, self.normals, self.samples, self.seed)
+
+    def map(self, light: Halves) -> np.ndarray:
+        """(size, size, 3): noise taken out, hidden texels next to seen ones and gutters filled."""
+        halves = [self.layout.texels.image(half) for half in (light.a, light.b)]
+        smooth = denoise.denoise(*halves, self.chart, self.facing, self.visible)
+        filled, reached = filling.fill(smooth, self.visible, self.chart, 2)
+        smooth = np.where(reached[..., None], filled, smooth)
+        return filling.fill(smooth, self.chart >= 0, self.chart, 2)[0].astype(np.float32)

@@ -17,23 +17,9 @@ from ..errors import WorkError
 #: Points lie this far in front of their surface, so that a ray from one cannot meet the surface itself.
 LIFT_M = 2e-4
 _TRIANGLE_M = 5e-5
-_AT_ONCE = 1 << 20
 _ROW = 1024
-
-
-def irradiance(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(n, 3): light on a white surface at points (n, 3) with unit normals (n, 3), as the radiance that it sends back.
-
-    Path tracing with the open scene's own bounces and clamps. Leaves the scene as it was. Raises WorkError where Cycles fails.
-    """
-    scene = bpy.context.scene
-    light = np.zeros((len(points_m), 3), np.float32)
-    with kept(scene.cycles, samples=samples, seed=seed, use_animated_seed=False, use_adaptive_sampling=False, sample_offset=0,
-              use_denoising=False), kept(scene.render, engine="CYCLES", use_persistent_data=False), _baking(scene):
-        for first in range(0, len(points_m), _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            light[part] = _bake(scene, points_m[part], normals[part])
-    return light
+#: As many points as one target takes: about 0.7 GB in Blender.
+AT_ONCE = 1 << 20
 
 
 @contextmanager
@@ -49,34 +35,49 @@ def kept(thing: object, **settings: object) -> Iterator[None]:
             setattr(thing, name, value)
 
 
-@contextmanager
-def _baking(scene: bpy.types.Scene) -> Iterator[None]:
-    bake = scene.render.bake
-    with kept(bake, use_pass_direct=True, use_pass_indirect=True, use_pass_color=False, margin=0, use_clear=True, target="IMAGE_TEXTURES",
-              use_selected_to_active=False, use_multires=False, use_split_materials=False, view_from="ABOVE_SURFACE"):
-        yield
+class Target:
+    """Points (n, 3) in metres with unit normals (n, 3), in the open scene for as long as the `with` block lasts."""
+
+    def __init__(self, points_m: np.ndarray, normals: np.ndarray) -> None:
+        self.count = len(points_m)
+        self.rows = -(-self.count // _ROW)
+        self.image = bpy.data.images.new("light points", _ROW, self.rows, float_buffer=True, is_data=True)
+        self.material = _white(self.image)
+        self.mesh = _target_mesh(points_m, normals, self.rows)
+        self.mesh.materials.append(self.material)
+        self.object = bpy.data.objects.new("light points", self.mesh)
+        for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+            setattr(self.object, f"visible_{ray}", False)  # camera rays may see it: baking sends none, and needs one kind that does
+
+    def __enter__(self) -> Target:
+        bpy.context.scene.collection.objects.link(self.object)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        bpy.data.objects.remove(self.object)
+        bpy.data.meshes.remove(self.mesh)
+        bpy.data.materials.remove(self.material)
+        bpy.data.images.remove(self.image)
+
+    def irradiance(self, samples: int, seed: int, max_bounces: int = 0) -> np.ndarray:
+        """(n, 3) light on a white surface at each point, as the radiance that it sends back: what lamps, world and glowing
+        surfaces give, and what comes by way of up to max_bounces others. Raises WorkError where Cycles fails.
+        """
+        scene = bpy.context.scene
+        with kept(scene.cycles, samples=samples, seed=seed, use_animated_seed=False, use_adaptive_sampling=False, sample_offset=0, time_limit=0.0,
+                  max_bounces=max_bounces, light_sampling_threshold=0.0, use_denoising=False), kept(
+                  scene.render, engine="CYCLES", use_persistent_data=False), kept(
+                  scene.render.bake, use_pass_direct=True, use_pass_indirect=True, use_pass_color=False, margin=0, use_clear=True,
+                  target="IMAGE_TEXTURES", use_selected_to_active=False, use_multires=False, use_split_materials=False, view_from="ABOVE_SURFACE"):
+            _run_bake(self.object)
+        pixels = np.empty(self.rows * _ROW * 4, np.float32)
+        self.image.pixels.foreach_get(pixels)
+        return pixels.reshape(-1, 4)[: self.count, :3]
 
 
-def _bake(scene: bpy.types.Scene, points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    rows = -(-len(points_m) // _ROW)
-    image = bpy.data.images.new("light points", _ROW, rows, float_buffer=True, is_data=True)
-    material = _white(image)
-    mesh = _target_mesh(points_m, normals, rows)
-    mesh.materials.append(material)
-    target = bpy.data.objects.new("light points", mesh)
-    for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
-        setattr(target, f"visible_{ray}", False)  # camera rays may see it: no baking ray is one, and without any it is not baked
-    try:
-        scene.collection.objects.link(target)
-        _run_bake(target)
-        pixels = np.empty(rows * _ROW * 4, np.float32)
-        image.pixels.foreach_get(pixels)
-    finally:
-        bpy.data.objects.remove(target)
-        bpy.data.meshes.remove(mesh)
-        bpy.data.materials.remove(material)
-        bpy.data.images.remove(image)
-    return pixels.reshape(-1, 4)[: len(points_m), :3]
+def batches(count: int) -> list[slice]:
+    """Slices of at most AT_ONCE points."""
+    return [slice(first, min(first + AT_ONCE, count)) for first in range(0, count, AT_ONCE)]
 
 
 def _run_bake(target: bpy.types.Object) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..lightmap.surfaces import Surfaces
-from .light_points import irradiance, kept
+from .light_points import Target, batches, kept
 
 #: A place counts as free when less than this share of its sight lines ends at the back of a surface.
 _BACKS = 0.1
@@ -72,18 +72,24 @@ def _spread(places: np.ndarray, count: int) -> np.ndarray:
     return places[taken]
 
 
-def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(n,) light of a point lamp at each of the places on each point; 0 where none reaches its front, glass let through.
+def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int, rounds: int = 3) -> np.ndarray:
+    """(n,) light of point lamps at the places on each point; 0 where none reaches its front, glass let through.
 
     Such light falls with distance and slant as the number of pixels does that cameras at those places spend on a surface. Each
-    sample tries one of the lamps, so that a point which few places see may be missed.
+    sample tries one of the lamps. Points still dark after a round are tried with four times as many, at last 4^rounds.
     """
+    light = np.zeros(len(points_m), np.float32)
     if not len(places_m):
-        return np.ones(len(points_m))
-    scene = bpy.context.scene
-    with _only_lamps(scene, places_m), kept(scene.cycles, max_bounces=0, use_light_tree=False, light_sampling_threshold=0.0):
-        light = irradiance(points_m, normals, samples, seed).max(1)
-    return np.where(light > _GLOW, light, 0.0)
+        return light + 1
+    with _only_lamps(bpy.context.scene, places_m):
+        for turn in range(rounds):
+            dark = np.flatnonzero(light == 0)
+            for part in batches(len(dark)):
+                rows = dark[part]
+                with Target(points_m[rows], normals[rows]) as target:
+                    light[rows] = target.irradiance(4 ** (turn + 1), seed + turn).max(1)
+            light[light < _GLOW] = 0.0
+    return light
 
 
 @contextmanager
@@ -94,6 +100,7 @@ def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
     lamps = [bpy.data.objects.new("light test", data) for _ in places_m]
     with ExitStack() as stack:
         stack.enter_context(kept(scene, world=None))
+        stack.enter_context(kept(scene.cycles, use_light_tree=False))
         for thing in scene.objects:
             if thing.type == "LIGHT":
                 stack.enter_context(kept(thing, hide_render=True))

@@ -60,13 +60,18 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image) -> LitSce
 
 
 def image_from_pixels(light: np.ndarray) -> bpy.types.Image:
-    """A new float image from (rows, columns, 3), row 0 at the bottom. Always new: changed pixels of one in use are not seen."""
+    """A new float image from (rows, columns, 3), row 0 at the bottom."""
+    image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
+    set_pixels(image, light)
+    return image
+
+
+def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
+    """New light in an image of the same size. A render with persistent data would not see it; baking does."""
     pixels = np.ones((*light.shape[:2], 4), np.float32)
     pixels[..., :3] = light
-    image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
     image.pixels.foreach_set(pixels.ravel())
     image.update()
-    return image
 
 
 def _hide(lit: LitScene, part: Part) -> None:

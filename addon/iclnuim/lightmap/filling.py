@@ -17,6 +17,17 @@ def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.nda
     return result
 
 
+def beside_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flat places of unknown texels inside charts that have a known one of their chart beside them, and of the nearest such."""
+    place = np.arange(known.size).reshape(known.shape)
+    nearest = np.full(known.shape, -1)
+    for dy, dx in sorted(_NEIGHBOURS, key=lambda step: abs(step[0]) + abs(step[1])):
+        usable = ~known & (nearest < 0) & shifted(known, dy, dx, False) & (shifted(chart, dy, dx, -2) == chart)
+        nearest[usable] = place[usable] + dy * known.shape[1] + dx
+    rows = np.flatnonzero((nearest >= 0) & (chart >= 0))
+    return rows, nearest.ravel()[rows]
+
+
 def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Unknown texels get the mean of their known neighbours in the same chart, `steps` rings deep.
 
