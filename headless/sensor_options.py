@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 
 from iclnuim.dataset.sequence import SequenceSettings
 from iclnuim.errors import InputError
@@ -25,6 +26,8 @@ def add_sensor_options(parser: argparse.ArgumentParser, default: str, seed: bool
 
 def sensor_from(args: argparse.Namespace) -> SequenceSettings:
     """The settings that the options name. Raises InputError for an unknown model or parameter."""
+    if ":" in args.depth_noise + args.rgb_noise and "" not in sys.path:
+        sys.path.insert(0, "")  # a user's own module lies in the working folder; the command's own path has it not
     depth = depth_model(args.depth_noise, _json(args.depth_settings))
     rgb = rgb_model(args.rgb_noise, _json(args.rgb_settings))
     return SequenceSettings(depth, rgb, args.seed or 0)

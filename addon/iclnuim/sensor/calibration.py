@@ -1,0 +1,171 @@
+"""Noise parameters of a real sensor, from a static scene under several exposures and from static walls.
+
+The inverse of the models `paper`: what they are given as sigmas comes back out of their images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from .disparity import KINECT_CM_PX
+from .transfer import light_from_srgb
+
+#: Values nearer than this to black or white may be clipped and tell nothing of response or noise.
+_DARKEST, _BRIGHTEST = 6.0, 244.0
+_BINS = 60
+
+
+@dataclass(frozen=True)
+class RgbCalibration:
+    """`response`: "linear", "srgb" or "gamma" (with its exponent), and the spread each leaves between exposures (share
+    of the light). sigma_c and sigma_s in shares of white: the settings of the RGB model `paper`.
+    """
+
+    response: str
+    gamma: float
+    spreads: dict[str, float]
+    sigma_c: float
+    sigma_s: float
+
+
+@dataclass(frozen=True)
+class DepthCalibration:
+    """sigma_d in disparity steps and sigma_s in pixels: the settings of the depth model `paper`. `fixed_sigma_s` says
+    that sigma_s was assumed, as walls of one slope cannot tell the two apart.
+    """
+
+    sigma_d: float
+    sigma_s_px: float
+    fixed_sigma_s: bool
+    frames: int
+
+
+def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> RgbCalibration:
+    """Response and noise line from `images[k]` (repeats, h, w, 3) uint8, taken at `exposures[k]` in any unit.
+
+    Raises InputError for fewer than two exposures, fewer than two repeats, or nothing between black and white.
+    """
+    exposures = np.asarray(exposures, float)
+    if len(exposures) < 2 or len(images) != len(exposures) or (exposures <= 0).any():
+        raise InputError("two or more exposures > 0, with images each", found=f"{len(exposures)}")
+    if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
+        raise InputError("two or more 8-bit images of each exposure", found="fewer")
+    means = np.stack([stack.mean(0, dtype=np.float64).ravel() for stack in images])
+    gamma = _gamma(exposures, means)
+    curves = {
+        "linear": lambda v: v / 255,
+        "srgb": lambda v: light_from_srgb(v / 255),
+        "gamma": lambda v: (v / 255) ** gamma,
+    }
+    spreads = {name: _spread(exposures, curve(means), means) for name, curve in curves.items()}
+    # the free exponent fits its own family best; a named curve that is hardly worse is the simpler word
+    best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
+    light, variance = _noise_points(images, curves[best](np.arange(256.0)))
+    sigma_c2, sigma_s2 = _line(light, variance)
+    return RgbCalibration(best, gamma, spreads, float(np.sqrt(sigma_c2)), float(np.sqrt(sigma_s2)))
+
+
+def calibrate_depth(
+    walls: Sequence[np.ndarray], disparity_cm: float = KINECT_CM_PX, sigma_s_px: float = 0.5
+) -> DepthCalibration:
+    """Disparity noise and pixel shift from `walls[k]` (frames, h, w) planar metres of a static flat wall, 0 = missing.
+
+    A plane is linear in disparity, so what is left of it is noise: variance = sigma_d^2 + sigma_s^2 g^2 + 1/12, g the
+    slope in steps a pixel, 1/12 the rounding's. Walls whose slopes differ tell both sigmas; otherwise `sigma_s_px` is
+    taken as given. Raises InputError where less than a tenth of a wall was measured.
+    """
+    rows = [_wall(np.asarray(wall, float), disparity_cm / 100) for wall in walls]
+    slope2, variance = (np.array(column) for column in zip(*rows, strict=True))
+    frames = sum(len(wall) for wall in walls)
+    variance = variance - 1 / 12
+    apart = len(rows) > 1 and slope2.max() > 4 * slope2.min() + 0.02
+    if apart:
+        design = np.column_stack([np.ones_like(slope2), slope2])
+        weights = 1 / np.maximum(variance + 1 / 12, 1e-6)
+        sigma_d2, sigma_s2 = np.linalg.lstsq(design * weights[:, None], variance * weights, rcond=None)[0]
+    else:
+        sigma_s2 = sigma_s_px**2
+        sigma_d2 = float(np.mean(variance - sigma_s2 * slope2))
+    sigma_d, sigma_s = (float(np.sqrt(max(value, 0))) for value in (sigma_d2, sigma_s2))
+    return DepthCalibration(sigma_d, sigma_s, not apart, frames)
+
+
+def _gamma(exposures: np.ndarray, means: np.ndarray) -> float:
+    """Of value = light^(1/gamma): the slope of log exposure over log value, all pixels pooled about their own mean."""
+    use = (means > _DARKEST) & (means < _BRIGHTEST)
+    use &= use.sum(0) >= 2
+    if not use.any():
+        raise InputError("pixels that are neither black nor white under two exposures", found="none")
+    weights = use.astype(float)
+    log_v, log_e = np.log(np.where(use, means, 1)), np.broadcast_to(np.log(exposures)[:, None], means.shape)
+    count = np.maximum(weights.sum(0), 1)
+    x, y = (values - (weights * values).sum(0) / count for values in (log_e, log_v))
+    slope = (weights * x * y).sum() / (weights * x * x).sum()
+    if not slope > 0.01:
+        raise InputError("images that get brighter with the exposure", found=f"a slope of {slope:.3g}")
+    return float(1 / slope)
+
+
+def _spread(exposures: np.ndarray, light: np.ndarray, means: np.ndarray) -> float:
+    """How far light / exposure of a pixel differs between exposures, as a share: 0 for the true response."""
+    use = (means > _DARKEST) & (means < _BRIGHTEST)
+    use &= use.sum(0) >= 2
+    scene = np.where(use, light / exposures[:, None], np.nan)[:, use.any(0)]
+    return float(np.mean(np.nanstd(scene, 0) / np.nanmean(scene, 0)))
+
+
+def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean light and variance over repeats, rounding to 8 bits taken out, for groups of pixels of like light."""
+    step = np.gradient(light_of_value)
+    light, variance = [], []
+    for stack in images:
+        mean_value = stack.mean(0, dtype=np.float64)
+        use = (mean_value > _DARKEST) & (mean_value < _BRIGHTEST)
+        samples = light_of_value[stack][:, use]
+        light.append(samples.mean(0))
+        variance.append(samples.var(0, ddof=1) - np.interp(mean_value[use], np.arange(256), step) ** 2 / 12)
+    light, variance = np.concatenate(light), np.concatenate(variance)
+    groups = np.array_split(np.argsort(light), min(_BINS, max(2, len(light) // 50)))
+    light, variance = (np.array([values[g].mean() for g in groups]) for values in (light, variance))
+    # nearer to black or white than this, clipping takes part of the variance away
+    whole = np.minimum(light, 1 - light) > 3.5 * np.sqrt(np.maximum(variance, 0))
+    if whole.sum() < 2:
+        raise InputError("pixels well between black and white, of two brightnesses", found=f"{whole.sum()} groups")
+    return light[whole], variance[whole]
+
+
+def _line(light: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
+    """(sigma_c^2, sigma_s^2) of variance = sigma_c^2 + light sigma_s^2; weighted by 1/variance."""
+    design = np.column_stack([np.ones_like(light), light])
+    weights = np.ones_like(light)
+    for _ in range(5):
+        line = np.linalg.lstsq(design * weights[:, None], variance * weights, rcond=None)[0]
+        weights = 1 / np.maximum(design @ line, 1e-12)
+    return max(float(line[0]), 0.0), max(float(line[1]), 0.0)
+
+
+def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
+    """(squared slope in steps a pixel, variance about the plane in steps^2) of one wall."""
+    frames, height, width = depth_z_m.shape
+    seen = depth_z_m > 0
+    if seen.mean() < 0.1:
+        raise InputError("a wall that fills the depth images", found=f"{100 * seen.mean():.0f} % measured")
+    v, u = np.mgrid[0:height, 0:width]
+    design = np.column_stack([np.ones(u.size), (u / width).ravel(), (v / height).ravel()])
+    disparity = np.divide(disparity_m, depth_z_m, out=np.zeros_like(depth_z_m), where=seen)
+    count = seen.sum(0).ravel()
+    mean = np.divide(disparity.sum(0).ravel(), count, out=np.zeros(count.size), where=count > 0)
+    keep = count > 0
+    for _ in range(4):  # what stands before the wall or lies behind it is left out
+        plane = np.linalg.lstsq(design[keep], mean[keep], rcond=None)[0]
+        off = mean - design @ plane
+        limit = 4 * 1.4826 * np.median(np.abs(off[keep])) + 0.5
+        keep = (count > 0) & (np.abs(off) < limit)
+    fitted = (design @ plane).reshape(height, width)
+    used = seen & keep.reshape(height, width)
+    error = (disparity - fitted)[used]
+    return float((plane[1] / width) ** 2 + (plane[2] / height) ** 2), float(np.mean(error**2) - np.mean(error) ** 2)
