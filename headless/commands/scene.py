@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import tempfile
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from iclnuim.blender import output
@@ -59,12 +61,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _build(args: argparse.Namespace, console: Console) -> int:
-    session = _blender_room("session")
     out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
     if not out.parent.is_dir():
         raise InputError("a folder to write into", path=out.parent, found="nothing of that name", hint="--out FILE")
-    with output.blender_output_in(Path(os.devnull)):
-        session.reset()
+    with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
+        _blender_room("session").reset()
         build_scene(args.name, seed=args.seed)
         from iclnuim.scenes import stage
 
@@ -78,8 +79,8 @@ def _build(args: argparse.Namespace, console: Console) -> int:
 def _save(path: Path) -> None:
     import bpy
 
-    bpy.ops.file.pack_all()
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
+    with redirect_stdout(io.StringIO()):  # the operator reports "Saved copy as ..." through Python's own stdout
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
 
 
 def _compare(args: argparse.Namespace, console: Console) -> int:
@@ -109,7 +110,8 @@ def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
     """Yield (number, scene-linear RGB, planar Z) of the living room, path traced and denoised, one ray through each
     pixel centre.
     """
-    scene, camera, settings, frames, compat = (_blender_room(n) for n in ("scene", "camera", "settings", "frames", "compat"))
+    with output.blender_output_in(Path(os.devnull)):
+        scene, camera, settings, frames, compat = map(_blender_room, ("scene", "camera", "settings", "frames", "compat"))
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob

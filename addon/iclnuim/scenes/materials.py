@@ -27,13 +27,13 @@ def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
         path = Path(folder) / (name + (".jpg" if photo else ".png"))
         made.filepath_raw = str(path)
         made.save(quality=88) if photo else made.save()
-        bpy.data.images.remove(made)
-        packed = bpy.data.images.load(str(path))
-        packed.pack()
-    packed.name = name
+        encoded = path.read_bytes()
+    bpy.data.images.remove(made)
+    packed = bpy.data.images.new(name, 1, 1)
+    # packed from memory, so that no temporary folder is named in the saved file
+    packed.pack(data=encoded, data_len=len(encoded))
+    packed.source = "FILE"
     packed.filepath_raw = "//" + path.name
-    for part in packed.packed_files:  # no trace of the temporary folder in the saved file
-        part.filepath = packed.filepath_raw
     return packed
 
 
