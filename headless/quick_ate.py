@@ -71,7 +71,8 @@ def _read(path: str) -> Poses | None:
         return None
     if len(text) > LARGEST_BYTES or path.lower().endswith(".gt.freiburg") or len(rows) < LEAST_PAIRS:
         return None
-    if any(len(row) != 8 for row in rows) or any("_" in line for line in lines):
+    # float() also takes 1_000 and the digits of other scripts, which the library refuses
+    if any(len(row) != 8 for row in rows) or any("_" in line or not line.isascii() for line in lines):
         return None
     return _poses(rows)
 

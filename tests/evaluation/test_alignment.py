@@ -150,6 +150,17 @@ def test_a_mirrored_estimate_is_recognised_and_an_honest_one_is_not(wander, meth
         assert not absolute_error_of_pairs(pairs, AlignmentSettings(method)).mirror.mirrored
 
 
+def test_a_nearly_flat_path_is_called_mirrored_only_where_its_height_stands_out_of_the_error(wander):
+    height_m = 0.02
+    for seed in range(60):
+        truth, rng = wander(seed, n=60).reference.translation, np.random.default_rng(seed)
+        flat_m = truth * [1, 1, 0] + rng.normal(0, height_m, (60, 1)) * [0, 0, 1]
+        for error_m, named in ((0.002, True), (0.02, False)):
+            upside_down_m = flat_m * [1, 1, -1] + rng.normal(0, error_m, (60, 3))
+            assert check_mirror(flat_m, upside_down_m).mirrored == named
+            assert not check_mirror(flat_m, flat_m + rng.normal(0, error_m, (60, 3))).mirrored
+
+
 def test_estimates_that_have_nothing_to_do_with_the_truth_are_not_called_mirrored(wander):
     for seed in range(300):
         a, b = wander(seed, n=30).reference, wander(seed + 1000, n=30).reference

@@ -74,6 +74,11 @@ def test_a_camera_that_rests_counts_its_first_pose_at_each_place():
     ]
 
 
+def test_of_two_poses_equally_far_from_delta_the_earlier_one_ends_the_stretch():
+    start, end = stretches(np.arange(4) / 4, np.zeros((4, 3)), StretchSettings(0.375, "seconds", tolerance=0.5))
+    assert list(zip(start.tolist(), end.tolist(), strict=True)) == [(0, 1), (1, 2), (2, 3)]
+
+
 def test_relative_error_does_not_depend_on_where_the_estimate_stands(wander):
     for seed in range(20):
         pairs = wander(seed)

@@ -102,6 +102,7 @@ def test_the_quick_way_leaves_what_is_out_of_the_ordinary_to_the_library(files, 
     "change",
     [
         lambda lines: [line.replace("0.03", "1_0.03", 1) for line in lines],  # Python's numbers, not a file's
+        lambda lines: [line.replace("3", "\u0663", 1) for line in lines],  # digits of another script
         lambda lines: lines[:5] + lines[4:],  # a stamp again
         lambda lines: [lines[0], *lines[:0:-1]],  # backwards
         lambda lines: lines[:5] + [lines[5] + " 1"] + lines[6:],  # nine columns
@@ -117,6 +118,45 @@ def test_the_quick_way_reads_no_file_in_which_something_is_odd(files, tmp_path, 
     assert quick_ate._read(str(tmp_path / "odd.txt")) is None
     shutil.copy(files / "truth.txt", tmp_path / "truth.gt.freiburg")
     assert quick_ate._read(str(tmp_path / "truth.gt.freiburg")) is None
+
+
+def test_what_the_quick_way_answers_of_damaged_files_is_what_the_library_answers(files, tmp_path, capsys):
+    rng, answered = np.random.default_rng(0), 0
+    whole = (files / "estimate.txt").read_text().splitlines()[:80]
+    pieces = [
+        "nan",
+        "inf",
+        "1_0",
+        "",
+        "#",
+        "1e400",
+        "-",
+        "1,5",
+        "\x0c",
+        "\x85",
+        " ",
+        "\t",
+        "+1",
+        ".5",
+        "\r",
+        "0",
+        "1e12",
+    ]
+    for _ in range(300):
+        lines, row = list(whole), int(rng.integers(len(whole)))
+        cut = int(rng.integers(len(lines[row]) + 1))
+        lines[row] = lines[row][:cut] + pieces[rng.integers(len(pieces))] + lines[row][cut:]
+        if rng.random() < 0.2:
+            lines = lines[: row + 1]
+        (tmp_path / "damaged.txt").write_bytes("\n".join(lines).encode())
+        names = str(files / "truth.txt"), str(tmp_path / "damaged.txt")
+        quick = quick_ate.quick_ate(*names)
+        code, out, err = call(capsys, "ate", *names, "--json", "--quiet", "--csv", tmp_path / "pairs.csv")
+        assert code in (0, 2) and len(err.splitlines()) == (code == 2)
+        if quick is not None:
+            answered += 1
+            assert_same(json.loads(out), quick)
+    assert 30 < answered < 270
 
 
 def test_the_usual_question_imports_neither_numpy_nor_more(files):
@@ -197,6 +237,23 @@ def test_a_mirrored_estimate_is_named_with_what_to_do_and_that_helps(files, caps
     assert "mirrored" in taken_left and "--from tum" in taken_left
     taken_right = call(capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "tum-ids")[1]
     assert "warning" not in taken_right and "0.000000" in taken_right
+
+
+def test_a_mirrored_estimate_of_a_nearly_flat_path_is_left_to_the_library_and_named(tmp_path, capsys):
+    t, rng = np.linspace(0, 6, 100), np.random.default_rng(0)
+    truth = SE3.exp(np.stack([np.sin(t), np.cos(2 * t), 0.03 * np.sin(5 * t), 0 * t, 0 * t, 0 * t], -1))
+    mirrored = SE3(truth.rotation, truth.translation * [1, 1, -1] + rng.normal(0, 0.001, (100, 3)))
+    for name, poses in (("truth.txt", truth), ("estimate.txt", mirrored)):
+        write_trajectory(tmp_path / name, Trajectory.at_rate(poses), "tum")
+    assert quick_ate.quick_ate(str(tmp_path / "truth.txt"), str(tmp_path / "estimate.txt")) is None
+    assert "is mirrored" in call(capsys, "ate", tmp_path / "truth.txt", tmp_path / "estimate.txt")[1]
+
+
+def test_the_time_difference_is_estimate_less_truth_with_the_offset(files, tmp_path, capsys):
+    names = (files / "truth.txt", files / "truth.txt")
+    call(capsys, "ate", *names, "--offset", "0.003", "--csv", tmp_path / "pairs.csv")
+    rows = list(csv.DictReader((tmp_path / "pairs.csv").read_text().splitlines()))
+    assert {round(float(row["time_difference_s"]), 6) for row in rows} == {0.003}
 
 
 def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_named(samples, capsys):
