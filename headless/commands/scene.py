@@ -111,7 +111,8 @@ def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
     pixel centre.
     """
     with output.blender_output_in(Path(os.devnull)):
-        scene, camera, settings, frames, compat = map(_blender_room, ("scene", "camera", "settings", "frames", "compat"))
+        rooms = map(_blender_room, ("scene", "camera", "settings", "frames", "compat"))
+        scene, camera, settings, frames, compat = rooms
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
