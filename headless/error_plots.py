@@ -72,7 +72,9 @@ def _path(
 
 
 def _coloured_path(chart: Axes, poses: SE3, plane: tuple[int, int], errors_m: np.ndarray) -> None:
-    dots = chart.scatter(*poses.translation[:, plane].T, c=errors_m, s=7, cmap="viridis", zorder=3)
+    dots = chart.scatter(
+        poses.translation[:, plane[0]], poses.translation[:, plane[1]], c=errors_m, s=7, cmap="viridis", zorder=3
+    )
     chart.figure.colorbar(dots, ax=chart, label="translation error (m)")
     _label_plane(chart, plane)
 
@@ -107,5 +109,6 @@ def _series(chart: Axes, stamps_s: np.ndarray, errors: np.ndarray, label: str, c
 def _with_gaps(stamps_s: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Stamps (n,) and values (n, k) with a row of NaN wherever frames are missing."""
     steps_s = np.diff(stamps_s)
-    gaps = np.flatnonzero(steps_s > GAP_STEPS * np.median(steps_s)) + 1 if len(steps_s) else []
+    usual_s = np.median(steps_s) if len(steps_s) else 0.0
+    gaps = np.flatnonzero(steps_s > GAP_STEPS * usual_s) + 1
     return np.insert(stamps_s, gaps, np.nan), np.insert(values, gaps, np.nan, axis=0)

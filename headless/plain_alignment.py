@@ -10,7 +10,7 @@ import math
 from operator import mul
 
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+Quaternion = tuple[float, ...]
 
 
 class PlainAlignment:

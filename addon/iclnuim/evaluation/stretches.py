@@ -110,8 +110,7 @@ def _by_steps(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.n
         if travelled_m >= delta_m:
             ends.append(index)
             travelled_m = 0.0
-    index = np.array(ends)
-    return index[:-1], index[1:]
+    return np.array(ends[:-1], int), np.array(ends[1:], int)
 
 
 def _travelled(positions_m: np.ndarray) -> np.ndarray:
