@@ -90,7 +90,7 @@ def _poses(rows: list[list[float]]) -> Poses | None:
     )
     if not usual:
         return None
-    quats = [(r[7] / n, r[4] / n, r[5] / n, r[6] / n) for r, n in zip(rows, lengths, strict=True)]
+    quats: list[Quaternion] = [(r[7] / n, r[4] / n, r[5] / n, r[6] / n) for r, n in zip(rows, lengths, strict=True)]
     return stamps_s, positions_m, quats
 
 
