@@ -21,6 +21,8 @@ COMMANDS = {
     "render": "render a sequence: EXR frames with RGB and exact depth",
     "dataset": "EXR frames to a TUM sequence, with a sensor's noise",
     "noise": "the same noise on a sequence that you have; noise calibrate fits it to a sensor",
+    "inspect": "what is wrong with a sequence that anyone made; preview pictures",
+    "pack": "the archive to publish: files, checksums, licence, preview, recipe",
     "evaluate": "trajectory error against ground truth: ATE, RPE",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",

@@ -7,7 +7,10 @@ from pathlib import Path
 
 from iclnuim.dataset.dialects import DIALECTS
 from iclnuim.dataset.frames import FrameSource, run_frames
+from iclnuim.dataset.klg import write_klg
+from iclnuim.dataset.rosbag import write_rosbag
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, WrittenSequence
+from iclnuim.errors import InputError
 
 from ..console import Console
 from ..options import common
@@ -27,6 +30,10 @@ def add_form_options(parser: argparse.ArgumentParser) -> None:
     """In which forms a sequence is written: shared with `iclnuim noise`."""
     forms = f"{', '.join(DIALECTS)}; several go into a folder each; default: tum"
     parser.add_argument("--dialect", action="append", choices=tuple(DIALECTS), metavar="FORM", help=forms)
+    parser.add_argument(
+        "--rosbag", action="store_true", help="also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), OUT.klg"
+    )
+    parser.add_argument("--klg", action="store_true", help="also OUT.klg, the log of ElasticFusion")
     parser.add_argument("--workers", type=int, metavar="N", help="threads; default: one a core")
 
 
@@ -41,11 +48,27 @@ def write(source: FrameSource, settings: SequenceSettings, args: argparse.Namesp
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())
-    console.result(*_report(written[0]))
+    logs = _logs(written[0].folders[0], args, console)
+    console.result(*_report(written[0], logs))
 
 
-def _report(written: WrittenSequence) -> tuple[dict, str]:
-    folders = [str(folder) for folder in written.folders]
+def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path]:
+    """Bags and logs beside the sequence, made of its images. Those that are there stay."""
+    beside = args.out.resolve()
+    klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
+    wanted = [(klg, write_klg, ())] * (args.klg or args.rosbag)
+    wanted += [(ros1, write_rosbag, (1,)), (ros2, write_rosbag, (2,))] * args.rosbag
+    missing = [(path, write, ros) for path, write, ros in wanted if not path.exists()]
+    if missing and not (folder / "rgb").is_dir():
+        raise InputError("the dialect tum or icl-nuim first, to make bags and logs of", found=", ".join(args.dialect))
+    for path, write, ros in missing:
+        console.note(f"{path} is written")
+        write(folder, path, *ros)
+    return [path for path, _, _ in wanted]
+
+
+def _report(written: WrittenSequence, logs: list[Path]) -> tuple[dict, str]:
+    folders = [str(path) for path in (*written.folders, *logs)]
     values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
     lines = [f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"]
     lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}

@@ -1,9 +1,9 @@
 """The folder of a render run: what belongs in it, which frames are done, and that no other recipe is mixed in.
 
-    OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0)
-    OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
-    OUT/camera.json          the pinhole camera
-    OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
+OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0)
+OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
+OUT/camera.json          the pinhole camera
+OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ class RunFolder:
         need = frames * self.camera.width * self.camera.height * BYTES_PER_PIXEL
         free = shutil.disk_usage(self.path).free
         if need > free:
-            raise WorkError(f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; try --frames or another --out")
+            raise WorkError(
+                f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; try --frames or another --out"
+            )
 
     def write_frame(self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray) -> None:
         """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing. Whole or not at all."""
@@ -125,7 +127,9 @@ def read_run(path: Path) -> RunFolder:
 def _is_unstarted(path: Path) -> bool:
     """A folder in which a run was killed before its recipe stood: only an empty exr/, camera.json and temporary files."""
     frames = any((path / "exr").iterdir()) if (path / "exr").is_dir() else False
-    return not frames and all(p.name in ("exr", "camera.json", "groundtruth.txt") or p.name.startswith(".") for p in path.iterdir())
+    return not frames and all(
+        p.name in ("exr", "camera.json", "groundtruth.txt") or p.name.startswith(".") for p in path.iterdir()
+    )
 
 
 def _identity(recipe: dict) -> dict:
@@ -136,7 +140,11 @@ def _identity(recipe: dict) -> dict:
 
 def _refuse_other_recipe(file: Path, old: dict, new: dict) -> None:
     a, b = _identity(old) if isinstance(old.get("job"), dict) else {}, _identity(new)
-    different = [f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked" for key in sorted({*a, *b}) if a.get(key) != b.get(key)]
+    different = [
+        f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked"
+        for key in sorted({*a, *b})
+        if a.get(key) != b.get(key)
+    ]
     if different:
         raise InputError("the run that was begun there", path=file, found="; ".join(different), hint="another --out")
 

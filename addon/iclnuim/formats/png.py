@@ -48,6 +48,11 @@ def png_header(path: str | os.PathLike[str]) -> PngHeader:
         return _header(path, read_bytes(path, "a PNG image"))
 
 
+def check_png(path: str | os.PathLike[str]) -> PngHeader:
+    """Read the whole file and check every chunk's checksum, without decoding. Raises InputError where it is broken."""
+    return _checked(path)[1]
+
+
 def read_rgb8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
     """(height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey repeated. Raises InputError otherwise."""
     data, header = _checked(path)

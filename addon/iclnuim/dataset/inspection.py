@@ -1,0 +1,213 @@
+"""What is wrong with a sequence that anyone made, in plain words."""
+
+from __future__ import annotations
+
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.png import PngHeader, check_png, read_depth16
+from ..geometry.trajectory import Trajectory, sample, statistics
+from .consistency import PoseFit, pose_fit
+from .depth_units import LARGEST_UNIT
+from .images import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
+
+#: Depth images looked into, and the share of a frame's time that a pose may be off.
+_SAMPLES, _SLACK = 24, 0.5
+
+
+@dataclass
+class Inspection:
+    """Figures by name, and findings: what is wrong, and what is only worth knowing."""
+
+    folder: Path
+    figures: dict[str, object] = field(default_factory=dict)
+    wrong: list[str] = field(default_factory=list)
+    odd: list[str] = field(default_factory=list)
+
+    def attempt(self, work: object, *arguments: object) -> object:
+        """The result, or None with the error's line among what is wrong."""
+        try:
+            return work(*arguments)  # type: ignore[operator]
+        except InputError as error:
+            self.wrong.append(str(error).removeprefix(f"{self.folder}/"))
+            return None
+
+
+def inspect_sequence(folder: Path) -> Inspection:
+    """Look through a sequence in TUM form or the original's. Never raises for what is in the files."""
+    folder = Path(folder)
+    result = Inspection(folder)
+    pairs = result.attempt(find_pairs, folder)
+    if pairs is None:
+        return result
+    _count(result, pairs)
+    _time(result, pairs)
+    headers = _images(result, pairs)
+    camera = result.attempt(read_camera, folder, pairs[0].rgb)
+    if camera is not None:
+        _camera(result, camera, headers)
+        depths = _depth(result, pairs, camera)
+    truth = result.attempt(read_truth, folder)
+    if truth is None:
+        if find_truth(folder) is None:
+            result.odd.append("no ground truth: neither groundtruth.txt nor *.gt.freiburg")
+        return result
+    _poses(result, pairs, truth)
+    if camera is not None and depths:
+        _handedness(result, depths, truth, camera)
+    return result
+
+
+def _count(result: Inspection, pairs: list[ImagePair]) -> None:
+    listed = {"rgb": {p.rgb.resolve() for p in pairs}, "depth": {p.depth.resolve() for p in pairs}}
+    result.figures["pairs"] = len(pairs)
+    for kind, paths in listed.items():
+        there = {p.resolve() for p in (result.folder / kind).glob("*.png")}
+        result.figures[f"{kind}_images"] = len(there)
+        _tell(result.wrong, sorted(paths - there), "{} images that the lists name are not there: {}")
+        _tell(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or stand in no list: {{}}")
+
+
+def _tell(where: list[str], paths: list[Path], sentence: str) -> None:
+    if paths:
+        names = ", ".join(p.name for p in paths[:3]) + (" ..." if len(paths) > 3 else "")
+        where.append(sentence.format(len(paths), names))
+
+
+def _time(result: Inspection, pairs: list[ImagePair]) -> None:
+    steps = np.diff([p.stamp_s for p in pairs])
+    if not len(steps):
+        return
+    usual = float(np.median(steps))
+    result.figures["rate_hz"] = round(1 / usual, 3) if usual > 0 else None
+    result.figures["duration_s"] = round(pairs[-1].stamp_s - pairs[0].stamp_s, 3)
+    back = int((steps <= 0).sum())
+    if back:
+        result.wrong.append(f"{back} stamps do not come after the one before")
+    gaps = np.flatnonzero(steps > 1.5 * usual)
+    if gaps.size:
+        where = pairs[int(gaps[0])].rgb.name
+        result.odd.append(f"{gaps.size} gaps in time, the longest {steps.max():.3f} s, the first after {where}")
+
+
+def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
+    """Headers of all images that are whole; every file is read and its checksums compared."""
+    kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if path.is_file()]
+    with ThreadPoolExecutor(4) as pool:
+        checked = list(pool.map(lambda row: _whole(row[1]), kinds))
+    broken = [str(error) for error in checked if isinstance(error, InputError)]
+    result.wrong += broken[:5] + ([f"{len(broken) - 5} more broken images"] if len(broken) > 5 else [])
+    headers = [(kind, c) for (kind, _), c in zip(kinds, checked, strict=True) if isinstance(c, PngHeader)]
+    for kind, expected in (("rgb", "8-bit RGB"), ("depth", "16-bit grey")):
+        forms = Counter(str(h) for k, h in headers if k == kind)
+        result.figures[f"{kind}_form"] = ", ".join(forms)
+        if len(forms) > 1:
+            result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {form}" for form, n in forms.items()))
+        wrong = [form for form in forms if not form.endswith(expected)]
+        if wrong:
+            where = result.wrong if kind == "depth" else result.odd
+            where.append(f"{kind} images are {wrong[0]}, not {expected}")
+    return [h for _, h in headers]
+
+
+def _whole(path: Path) -> PngHeader | InputError:
+    try:
+        return check_png(path)
+    except InputError as error:
+        return error
+
+
+def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]) -> None:
+    c = camera.pinhole
+    result.figures["camera"] = c.to_dict()
+    if not any((result.folder / name).is_file() for name in ("camera.json", "calibration.txt")):
+        result.odd.append("no camera.json: the benchmark's own camera is taken")
+    others = {(h.width, h.height) for h in headers} - {(c.width, c.height)}
+    if others:
+        sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
+        result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
+    if (c.cx, c.cy) == (c.width / 2, c.height / 2):
+        result.odd.append("principal point at half the size: half a pixel off, where pixel centres are whole numbers")
+
+
+def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -> list[tuple[float, np.ndarray]]:
+    """Range and gaps of depth in some frames; those frames with their stamps."""
+    depths = []
+    for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
+        try:
+            units = read_depth16(pairs[i].depth)
+        except InputError:
+            continue  # told already
+        depths.append((pairs[i].stamp_s, units))
+    seen = np.concatenate([units[units > 0] for _, units in depths]) if depths else np.zeros(0)
+    if not seen.size:
+        result.wrong.append("no depth at all in the images looked into")
+        return []
+    low, middle, high = np.percentile(seen, (0.1, 50, 99.9)) / camera.depth_units_per_metre
+    missing = 1 - seen.size / sum(units.size for _, units in depths)
+    result.figures["depth_m"] = {"nearest": round(low, 3), "median": round(middle, 3), "farthest": round(high, 3)}
+    result.figures["depth_missing_share"] = round(missing, 4)
+    _depth_findings(result, float(middle), float((seen == LARGEST_UNIT).mean()), missing, camera.depth_units_per_metre)
+    return [(stamp_s, units / camera.depth_units_per_metre) for stamp_s, units in depths]
+
+
+def _depth_findings(result: Inspection, median_m: float, at_end: float, missing: float, units: float) -> None:
+    if not 0.25 <= median_m <= 25:
+        likely = [u for u in (1000.0, 5000.0) if 0.25 <= median_m * units / u <= 25 and u != units]
+        guess = f": {likely[0]:g} units a metre would give {median_m * units / likely[0]:.2f} m" if likely else ""
+        result.wrong.append(f"median depth of {median_m:.3f} m with {units:g} units a metre{guess}")
+    if at_end > 1e-4:
+        result.wrong.append(f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range")
+    if missing > 0.5:
+        result.odd.append(f"{missing:.0%} of the depth is missing")
+
+
+def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> None:
+    stamps = np.array([p.stamp_s for p in pairs])
+    usual = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1 / 30
+    figures = statistics(truth)
+    result.figures["poses"], result.figures["length_m"] = figures.frames, round(figures.length_m, 3)
+    result.figures["max_speed_m_s"] = round(figures.max_speed, 3)
+    without = _far(stamps, truth.stamps_s, _SLACK * usual)
+    if without.size:
+        names = ", ".join(pairs[int(i)].rgb.name for i in without[:3])
+        result.odd.append(f"{without.size} frames without a pose: {names}{' ...' if without.size > 3 else ''}")
+    within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
+    idle = _far(truth.stamps_s[within], stamps, _SLACK * usual)
+    if idle.size and len(truth) <= 1.5 * len(pairs):  # a tracker's poses come faster than the frames
+        result.odd.append(f"{idle.size} poses without a frame")
+    if figures.max_speed > 5:
+        result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
+
+
+def _far(these: np.ndarray, those: np.ndarray, limit: float) -> np.ndarray:
+    """Indices of `these` with none of `those` (sorted) within the limit."""
+    right = np.searchsorted(those, these).clip(0, len(those) - 1)
+    left = (right - 1).clip(0)
+    return np.flatnonzero(np.minimum(np.abs(those[right] - these), np.abs(those[left] - these)) > limit + 1e-9)
+
+
+def _handedness(
+    result: Inspection, depths: list[tuple[float, np.ndarray]], truth: Trajectory, camera: SequenceCamera
+) -> None:
+    first, last = truth.stamps_s[[0, -1]]
+    depths = [(stamp_s, depth) for stamp_s, depth in depths if first <= stamp_s <= last]
+    if len(depths) < 2 or len(truth) < 2:
+        return
+    poses = sample(truth, np.array([stamp_s for stamp_s, _ in depths]))
+    fit: PoseFit = pose_fit([depth for _, depth in depths], poses, camera.pinhole)
+    if not np.isfinite([fit.as_read_m, fit.mirrored_m]).all():
+        return
+    result.figures["depth_fits_poses_mm"] = round(1000 * fit.as_read_m, 2)
+    result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * fit.mirrored_m, 2)
+    told = f"depth meets depth to {1000 * fit.as_read_m:.1f} mm by the poses as they are"
+    if fit.mirrored_m < 0.6 * fit.as_read_m and fit.as_read_m > 0.004:
+        mirrored = f"{1000 * fit.mirrored_m:.1f} mm by them mirrored in y"
+        result.wrong.append(f"{told}, to {mirrored}: they look left-handed; try --from gt.freiburg where they are read")
+    elif fit.as_read_m > 0.05:
+        result.wrong.append(f"{told}: poses, depth or camera do not belong together")

@@ -1,0 +1,99 @@
+"""The archive to publish: a sequence's files, checksums, licence, preview, recipe; the same bytes each time."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import tarfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..errors import InputError
+from ..formats.files import atomic_write, read_bytes, sha256
+from .recipe import read_recipe
+
+CHECKSUMS, LICENCE, ABOUT = "SHA256SUMS", "LICENSE.txt", "README.txt"
+#: Licences that data sets come under, by SPDX name.
+LICENCES = {
+    "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"),
+    "CC-BY-SA-4.0": (
+        "Creative Commons Attribution-ShareAlike 4.0 International",
+        "https://creativecommons.org/licenses/by-sa/4.0/",
+    ),
+    "CC0-1.0": ("CC0 1.0 Universal", "https://creativecommons.org/publicdomain/zero/1.0/"),
+}
+
+
+def pack(
+    folder: Path,
+    archive: Path,
+    licence: str = "CC-BY-4.0",
+    author: str = "",
+    extra: Mapping[str, bytes] | None = None,
+    on_file: Callable[[str], None] = lambda name: None,
+) -> int:
+    """Write `archive` (.tar.gz) with the files of `folder` below its name, and `extra` files by name; their number.
+
+    SHA256SUMS is of the form that `sha256sum -c` reads. Raises InputError for a folder without a finished recipe, or
+    an unknown licence, WorkError where the archive cannot be written.
+    """
+    folder = Path(folder)
+    check_packable(folder, licence)
+    extra = {**(extra or {}), LICENCE: _licence_text(folder.resolve().name, licence, author), ABOUT: _ABOUT.encode()}
+    names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
+    sums: list[str] = []
+
+    def write(temporary: Path) -> None:
+        with (
+            open(temporary, "wb") as raw,
+            gzip.GzipFile("", "wb", compresslevel=1, fileobj=raw, mtime=0) as packed,
+            tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar,
+        ):
+            for name in names:
+                data = extra[name] if name in extra else read_bytes(folder / name)
+                sums.append(f"{sha256(data)}  {name}\n")
+                _add(tar, f"{folder.resolve().name}/{name}", data)
+                on_file(name)
+            _add(tar, f"{folder.resolve().name}/{CHECKSUMS}", "".join(sums).encode())
+
+    atomic_write(archive, write)
+    return len(names) + 1
+
+
+def packed_names(folder: Path) -> list[str]:
+    """The files of a folder that pack takes."""
+    return sorted(p.relative_to(folder).as_posix() for p in Path(folder).rglob("*") if _belongs(p))
+
+
+def _belongs(path: Path) -> bool:
+    """No journal, nothing hidden or half-written."""
+    return path.is_file() and not path.name.startswith(".") and path.name != "frames.jsonl"
+
+
+def check_packable(folder: Path, licence: str) -> None:
+    """Raises InputError for a folder without a finished recipe, or an unknown licence."""
+    recipe = read_recipe(folder / "recipe.json")
+    if not recipe.get("finished"):
+        raise InputError("a finished sequence", path=folder / "recipe.json", hint="the command that began it, again")
+    if licence not in LICENCES:
+        raise InputError(f"a licence among {', '.join(LICENCES)}", found=licence)
+
+
+def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
+    """No owner, no date: the same files give the same archive."""
+    info = tarfile.TarInfo(name)
+    info.size, info.mode = len(data), 0o644
+    tar.addfile(info, io.BytesIO(data))
+
+
+def _licence_text(name: str, licence: str, author: str) -> bytes:
+    title, address = LICENCES[licence]
+    by = f" by {author}" if author else ""
+    return f"The data set {name}{by} is under {title} ({licence}).\n{address}\n".encode()
+
+
+_ABOUT = """An RGB-D sequence with exact ground truth, made with ICL-NUIM rebuilt (iclnuim).
+
+recipe.json says how: settings, seed, versions. The same recipe gives the same files.
+Check the files: sha256sum -c SHA256SUMS
+"""

@@ -1,0 +1,153 @@
+"""ROS 1 and ROS 2 bags of a sequence, through the optional package rosbags; no ROS needed.
+
+Topics: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info each, and with
+ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Every stamp is 1 s later
+than in the sequence, as ROS 1 takes stamp 0 for none.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, WorkError
+from ..formats.png import read_depth16, read_rgb8
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory
+from .depth_units import metres_from_depth16
+from .images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+
+FRAME, WORLD = "camera_rgb_optical_frame", "world"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+_OFFSET_S = 1.0
+
+
+def write_rosbag(folder: Path, out: Path, ros: int, on_frame: Callable[[int], None] = lambda number: None) -> int:
+    """The pairs of a sequence as a bag: `ros` 1 a file, `ros` 2 a folder (SQLite); their number.
+
+    Raises InputError where `out` exists already, WorkError without the package rosbags.
+    """
+    pairs = find_pairs(Path(folder))
+    camera, truth = read_camera(Path(folder), pairs[0].rgb), read_truth(Path(folder))
+    out = Path(out)
+    if out.exists():
+        raise InputError("a name that is free", path=out, found="a file or folder")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".bag-", dir=out.parent) as scratch:  # whole or absent
+            bag = _Bag(Path(scratch) / out.name, ros)
+            with bag.writer:
+                for pair in pairs:
+                    bag.pair(pair, camera)
+                    on_frame(pair.number)
+                if truth is not None:
+                    bag.truth(truth)
+            (Path(scratch) / out.name).rename(out)
+    except OSError as error:
+        raise WorkError(f"{out}: cannot write: {error.strerror or error}") from None
+    return len(pairs)
+
+
+class _Bag:
+    """A bag being written: message types and connections of either ROS."""
+
+    def __init__(self, path: Path, ros: int) -> None:
+        try:
+            from rosbags import rosbag1, rosbag2
+            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        except ImportError:
+            raise WorkError("bags need the package rosbags; try: pip install rosbags") from None
+        self.ros = ros
+        self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        if _TRANSFORMS not in self.store.types:  # the store of ROS 1 has it not
+            self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _TRANSFORMS))
+        self.writer: Any = rosbag1.Writer(path) if ros == 1 else rosbag2.Writer(path, version=8)
+        self.connections: dict[str, Any] = {}
+
+    def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
+        """Both images and their camera."""
+        self.image("/camera/rgb", "image_color", "rgb8", pair.stamp_s, read_rgb8(pair.rgb), camera.pinhole)
+        depth = metres_from_depth16(read_depth16(pair.depth), camera.depth_units_per_metre)
+        depth = np.where(depth > 0, depth, np.nan).astype("<f4")
+        self.image("/camera/depth", "image", "32FC1", pair.stamp_s, depth, camera.pinhole)
+
+    def image(
+        self, topic: str, name: str, encoding: str, stamp_s: float, pixels: np.ndarray, camera: PinholeCamera
+    ) -> None:
+        height, width = pixels.shape[:2]
+        data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
+        message = self._new(
+            "sensor_msgs/msg/Image",
+            header=self._header(stamp_s, FRAME),
+            height=height,
+            width=width,
+            encoding=encoding,
+            is_bigendian=0,
+            step=data.size // height,
+            data=data,
+        )
+        self._write(f"{topic}/{name}", message, stamp_s)
+        self._write(f"{topic}/camera_info", self._camera_info(stamp_s, camera), stamp_s)
+
+    def truth(self, truth: Trajectory) -> None:
+        """Poses, and the same as transforms."""
+        for stamp_s, T in zip(truth.stamps_s.tolist(), truth.T_world_camera, strict=True):
+            position, orientation = self._parts(T)
+            header = self._header(stamp_s, WORLD)
+            pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+            self._write(
+                "/ground_truth/pose", self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose), stamp_s
+            )
+            move = self._new("geometry_msgs/msg/Vector3", x=position.x, y=position.y, z=position.z)
+            transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=orientation)
+            stamped = self._new(
+                "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=FRAME, transform=transform
+            )
+            self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_s)
+
+    def _camera_info(self, stamp_s: float, c: PinholeCamera) -> Any:
+        roi = self._new("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+        k, d, r = c.K.ravel(), np.zeros(5), np.eye(3).ravel()
+        p = np.hstack([c.K, np.zeros((3, 1))]).ravel()
+        # ROS 1 writes the matrices' names in capitals
+        matrices = dict(zip("DKRP" if self.ros == 1 else "dkrp", (d, k, r, p), strict=True))
+        return self._new(
+            "sensor_msgs/msg/CameraInfo",
+            header=self._header(stamp_s, FRAME),
+            height=c.height,
+            width=c.width,
+            distortion_model="plumb_bob",
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **matrices,
+        )
+
+    def _header(self, stamp_s: float, frame: str) -> Any:
+        ns = self._nanoseconds(stamp_s)
+        stamp = self._new("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
+        return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **({"seq": 0} if self.ros == 1 else {}))
+
+    def _parts(self, T: SE3) -> tuple[Any, Any]:
+        x, y, z = T.translation.tolist()
+        qx, qy, qz, qw = T.quat_xyzw.tolist()
+        point = self._new("geometry_msgs/msg/Point", x=x, y=y, z=z)
+        return point, self._new("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw)
+
+    def _new(self, kind: str, **values: Any) -> Any:
+        return self.store.types[kind](**values)
+
+    def _write(self, topic: str, message: Any, stamp_s: float) -> None:
+        kind = message.__msgtype__
+        if topic not in self.connections:
+            self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+        serialize = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
+        self.writer.write(self.connections[topic], self._nanoseconds(stamp_s), serialize(message, kind))
+
+    @staticmethod
+    def _nanoseconds(stamp_s: float) -> int:
+        return round((stamp_s + _OFFSET_S) * 1e9)

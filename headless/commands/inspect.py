@@ -1,0 +1,43 @@
+"""`iclnuim inspect`: what is wrong with a sequence that anyone made; `--preview` draws it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from iclnuim.dataset.inspection import Inspection, inspect_sequence
+
+from ..console import Console
+from ..options import common
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM form, or in the original's")
+    text = "write preview.png (colour, depth, error) and preview.mp4 (or .gif) into FOLDER"
+    parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
+    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Exit code 2 where something is wrong, 0 where things are at most odd."""
+    found = inspect_sequence(args.folder)
+    values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
+    console.result(values, _text(found))
+    if args.preview is not None:
+        from ..preview import draw_preview
+
+        for path in draw_preview(args.folder, args.preview, console):
+            console.note(f"{path} written")
+    return 2 if found.wrong else 0
+
+
+def _text(found: Inspection) -> str:
+    lines = [f"{name.replace('_', ' ')}: {_plain(value)}" for name, value in found.figures.items()]
+    lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
+    return "\n".join(lines + ([] if found.wrong else ["nothing wrong found"]))
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
+    return str(value)
