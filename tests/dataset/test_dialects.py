@@ -1,0 +1,145 @@
+"""Every dialect against an independent reading of it."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from iclnuim.dataset.dialects import DIALECTS
+from iclnuim.dataset.frames import image_frames, run_frames
+from iclnuim.dataset.images import find_pairs
+from iclnuim.dataset.sequence import SequenceSettings, write_sequence
+from iclnuim.errors import InputError
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+
+
+@pytest.fixture
+def all_dialects(run, tmp_path):
+    write_sequence(run_frames(run.path), tmp_path / "out", dialects=tuple(DIALECTS))
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def truth(run):
+    return read_trajectory(run.path / "groundtruth.txt", "tum").trajectory
+
+
+def test_the_same_images_lie_in_every_dialect(all_dialects):
+    places = {
+        "tum": ("rgb/000002.png", "depth/000002.png"),
+        "icl-nuim": ("rgb/2.png", "depth/2.png"),
+        "euroc": ("mav0/cam0/data/66666667.png", "mav0/depth0/data/66666667.png"),
+        "nerf": ("images/000002.png", "depth/000002.png"),
+    }
+    for index in (0, 1):
+        assert len({(all_dialects / name / paths[index]).read_bytes() for name, paths in places.items()}) == 1
+    assert all((all_dialects / name / "recipe.json").is_file() for name in places)
+
+
+def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_image_0(all_dialects, truth):
+    folder = all_dialects / "icl-nuim"
+    assert (folder / "associations.txt").read_text().splitlines()[1] == "1 depth/1.png 1 rgb/1.png"
+    k = np.loadtxt(folder / "calibration.txt")
+    assert np.allclose(k, [[48, 0, 31.5], [0, -48, 23.5], [0, 0, 1]])
+    rows = np.loadtxt(folder / "groundtruth.gt.freiburg")
+    assert rows[:, 0].tolist() == [1, 2, 3]
+    assert np.allclose(rows[0, 1:], [0, 0, -2.25, 0, 0, 0, 1])
+    # T(i) = [I, (0, 0, -2.25)] T(1)^-1 T(i), y mirrored
+    from scipy.spatial.transform import Rotation
+
+    S = np.diag([1.0, -1, 1])
+    T = truth.T_world_camera.matrix
+    for row, i in zip(rows, (1, 2, 3), strict=True):
+        relative = np.linalg.inv(T[1]) @ T[i]
+        assert np.allclose(row[1:4], S @ relative[:3, 3] + [0, 0, -2.25], atol=1e-8)
+        assert np.allclose(Rotation.from_quat(row[4:]).as_matrix(), S @ relative[:3, :3] @ S, atol=1e-8)
+
+
+def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_dialects, truth):
+    mav = all_dialects / "euroc/mav0"
+    for sensor in ("cam0", "depth0"):
+        rows = list(csv.reader((mav / sensor / "data.csv").open()))[1:]
+        assert [int(row[0]) for row in rows] == [0, 33333333, 66666667, 100000000]
+        assert all((mav / sensor / "data" / row[1]).is_file() for row in rows)
+        assert "intrinsics: [48, 48, 31.5, 23.5]" in (mav / sensor / "sensor.yaml").read_text()
+    rows = np.loadtxt(mav / "state_groundtruth_estimate0/data.csv", delimiter=",")
+    assert np.allclose(rows[:, 1:4], truth.positions_m, atol=1e-8)
+    assert np.allclose(rows[:, 4:], truth.T_world_camera.quat_wxyz, atol=1e-8)
+
+
+def test_nerf_poses_project_as_the_cv_camera_does(all_dialects, truth):
+    content = json.loads((all_dialects / "nerf/transforms.json").read_text())
+    point = np.array([0.3, -0.2, 5.0])  # world
+    for i, frame in enumerate(content["frames"]):
+        x, y, z, _ = np.linalg.inv(np.array(frame["transform_matrix"])) @ [*point, 1]
+        u = content["fl_x"] * x / -z + content["cx"]  # an OpenGL camera looks along -z, pixel centres at +0.5
+        v = content["fl_y"] * -y / -z + content["cy"]
+        ours = PinholeCamera(64, 48, 48, 48, 31.5, 23.5).project(truth.T_world_camera[i].inverse().apply(point))
+        assert np.allclose([u - 0.5, v - 0.5], ours, atol=1e-6)
+        assert (all_dialects / "nerf" / frame["file_path"]).is_file()
+        assert (all_dialects / "nerf" / frame["depth_file_path"]).is_file()
+
+
+def test_orb_slam3_settings_are_read_by_opencv(all_dialects):
+    cv2 = pytest.importorskip("cv2")
+    storage = cv2.FileStorage(str(all_dialects / "tum/orb_slam3.yaml"), cv2.FILE_STORAGE_READ)
+    values = [storage.getNode(f"Camera1.{name}").real() for name in ("fx", "fy", "cx", "cy")]
+    assert values == [48, 48, 31.5, 23.5]
+    assert storage.getNode("RGBD.DepthMapFactor").real() == 5000
+    assert storage.getNode("Camera.type").string() == "PinHole"
+
+
+@pytest.mark.parametrize("name", ["tum", "icl-nuim"])
+def test_our_own_reader_takes_back_what_was_written(all_dialects, run, name):
+    source, frames = image_frames(all_dialects / name), run_frames(run.path)
+    assert source.numbers == frames.numbers
+    assert source.camera.to_dict() == pytest.approx(frames.camera.to_dict())
+    assert [source.stamps_s[n] for n in source.numbers] == pytest.approx([frames.stamps_s[n] for n in frames.numbers])
+    for number in frames.numbers:
+        (light, depth), (light_there, depth_there) = frames.load(number), source.load(number)
+        assert np.abs(depth - depth_there).max() <= 0.5 / 5000 + 1e-6
+        assert np.abs(light.astype(float) - light_there).max() < 0.006
+
+
+def test_one_dialect_lies_in_the_folder_itself_and_another_is_added_by_a_second_call(run, tmp_path):
+    write_sequence(run_frames(run.path), tmp_path / "out", dialects=("nerf",))
+    assert (tmp_path / "out/transforms.json").is_file() and (tmp_path / "out/images/000000.png").is_file()
+
+
+def test_what_a_dialect_cannot_say_is_refused_before_anything_is_written(run, tmp_path):
+    with pytest.raises(InputError, match="a dialect among tum, icl-nuim, euroc, nerf"):
+        write_sequence(run_frames(run.path), tmp_path / "out", dialects=("kitti",))
+    with pytest.raises(InputError, match="at least two poses for the dialect nerf"):
+        write_sequence(run_frames(run.path, "0"), tmp_path / "out", dialects=("nerf",))
+    assert not (tmp_path / "out").exists()
+
+
+def test_pairs_are_found_by_lists_by_stamps_or_by_name(run, tmp_path):
+    out = tmp_path / "out"
+    write_sequence(run_frames(run.path), out)
+    by_association = find_pairs(out)
+    (out / "associations.txt").unlink()
+    by_lists = find_pairs(out)
+    (out / "rgb.txt").unlink()
+    by_name = find_pairs(out)
+    for pairs in (by_lists, by_name):
+        assert [(p.number, p.rgb, p.depth) for p in pairs] == [(p.number, p.rgb, p.depth) for p in by_association]
+        assert np.allclose([p.stamp_s for p in pairs], [p.stamp_s for p in by_association])
+    with pytest.raises(InputError, match="pairs of colour and depth images.*found none"):
+        find_pairs(tmp_path)
+
+
+def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path):
+    from iclnuim.formats.png import read_rgb8
+    from iclnuim.sensor.models import depth_model, rgb_model
+
+    clean = write_sequence(run_frames(run.path), tmp_path / "clean").folders[0]
+    settings = SequenceSettings(depth_model("released"), rgb_model("released"), seed=7)
+    from_exr = write_sequence(run_frames(run.path), tmp_path / "a", settings).folders[0]
+    from_png = write_sequence(image_frames(clean), tmp_path / "b", settings).folders[0]
+    # the released RGB noise is added to the finished 8-bit values: the very same pixels either way
+    assert np.array_equal(read_rgb8(from_exr / "rgb/000001.png"), read_rgb8(from_png / "rgb/000001.png"))
+    unchanged = write_sequence(image_frames(clean), tmp_path / "c").folders[0]
+    for image in ("rgb/000003.png", "depth/000003.png"):
+        assert (clean / image).read_bytes() == (unchanged / image).read_bytes()

@@ -1,0 +1,100 @@
+"""Archives, ElasticFusion logs and ROS bags: complete, checked by others, the same each time."""
+
+import hashlib
+import struct
+import tarfile
+import zlib
+
+import numpy as np
+import pytest
+from iclnuim.dataset.frames import run_frames
+from iclnuim.dataset.klg import write_klg
+from iclnuim.dataset.packing import pack
+from iclnuim.dataset.rosbag import write_rosbag
+from iclnuim.dataset.sequence import write_sequence
+from iclnuim.errors import InputError
+from iclnuim.formats.png import read_depth16, read_rgb8
+
+
+@pytest.fixture
+def sequence(run, tmp_path):
+    return write_sequence(run_frames(run.path), tmp_path / "my_sequence").folders[0]
+
+
+def test_the_archive_holds_every_file_with_its_checksum_and_is_the_same_each_time(sequence, tmp_path):
+    count = pack(sequence, tmp_path / "a.tar.gz", author="N. N.", extra={"preview.png": b"picture"})
+    pack(sequence, tmp_path / "b.tar.gz", author="N. N.", extra={"preview.png": b"picture"})
+    assert (tmp_path / "a.tar.gz").read_bytes() == (tmp_path / "b.tar.gz").read_bytes()
+    with tarfile.open(tmp_path / "a.tar.gz") as tar:
+        files = {m.name.removeprefix("my_sequence/"): tar.extractfile(m).read() for m in tar.getmembers()}
+    assert len(files) == count
+    rows = [line.split("  ") for line in files["SHA256SUMS"].decode().splitlines()]
+    assert {name for _, name in rows} == set(files) - {"SHA256SUMS"}
+    assert all(hashlib.sha256(files[name]).hexdigest() == digest for digest, name in rows)
+    assert {"recipe.json", "groundtruth.txt", "rgb/000003.png", "preview.png", "README.txt"} <= set(files)
+    assert "frames.jsonl" not in files
+    assert "CC-BY-4.0" in files["LICENSE.txt"].decode() and "N. N." in files["LICENSE.txt"].decode()
+
+
+def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
+    with pytest.raises(InputError, match="a licence among"):
+        pack(sequence, tmp_path / "a.tar.gz", licence="mine")
+    recipe = (sequence / "recipe.json").read_text()
+    (sequence / "recipe.json").write_text(recipe.replace('"finished": true', '"finished": false'))
+    with pytest.raises(InputError, match="a finished sequence"):
+        pack(sequence, tmp_path / "a.tar.gz")
+    (sequence / "recipe.json").unlink()
+    with pytest.raises(InputError, match="recipe.json"):
+        pack(sequence, tmp_path / "a.tar.gz")
+    assert not (tmp_path / "a.tar.gz").exists()
+
+
+def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
+    assert write_klg(sequence, tmp_path / "s.klg") == 4
+    data = (tmp_path / "s.klg").read_bytes()
+    (frames,) = struct.unpack_from("<i", data)
+    place = 4
+    for i in range(frames):
+        stamp, depth_size, image_size = struct.unpack_from("<qii", data, place)
+        place += 16
+        depth = np.frombuffer(zlib.decompress(data[place : place + depth_size]), "<u2").reshape(48, 64)
+        image = np.frombuffer(data[place + depth_size : place + depth_size + image_size], np.uint8)
+        place += depth_size + image_size
+        assert stamp == round(i / 30 * 1e6) and image_size == 64 * 48 * 3
+        assert np.array_equal(image.reshape(48, 64, 3), read_rgb8(sequence / f"rgb/{i:06}.png"))
+        assert np.abs(depth - read_depth16(sequence / f"depth/{i:06}.png") / 5).max() <= 0.5
+    assert place == len(data)
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros):
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    out = tmp_path / ("s.bag" if ros == 1 else "s_ros2")
+    assert write_rosbag(sequence, out, ros) == 4
+    with highlevel.AnyReader([out]) as reader:
+        assert {c.topic: c.msgcount for c in reader.connections} == dict.fromkeys(
+            (
+                "/camera/rgb/image_color",
+                "/camera/rgb/camera_info",
+                "/camera/depth/image",
+                "/camera/depth/camera_info",
+                "/ground_truth/pose",
+                "/tf",
+            ),
+            4,
+        )
+        messages = {}
+        for connection, stamp, raw in reader.messages():
+            messages.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
+    stamp, depth = messages["/camera/depth/image"][2]
+    assert stamp == round((1 + 2 / 30) * 1e9) == depth.header.stamp.sec * 10**9 + depth.header.stamp.nanosec
+    metres = np.nan_to_num(depth.data.view("<f4").reshape(48, 64))
+    assert np.abs(metres - read_depth16(sequence / "depth/000002.png") / 5000).max() < 1e-6
+    colour = messages["/camera/rgb/image_color"][2][1]
+    assert np.array_equal(colour.data.reshape(48, 64, 3), read_rgb8(sequence / "rgb/000002.png"))
+    pose = messages["/ground_truth/pose"][3][1].pose
+    row = np.loadtxt(sequence / "groundtruth.txt")[3]
+    assert np.allclose([pose.position.x, pose.position.y, pose.position.z, pose.orientation.w], row[[1, 2, 3, 7]])
+    with pytest.raises(InputError, match="a name that is free"):
+        write_rosbag(sequence, out, ros)
+    assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []

@@ -1,0 +1,129 @@
+"""The commands dataset, noise, inspect and pack as a user types them; postprocess as a script calls it."""
+
+import json
+
+import numpy as np
+import pytest
+from iclnuim import postprocess
+from iclnuim.dataset.run_folder import open_run
+from iclnuim.formats.png import read_depth16, write_png
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim_bench.cli import main
+
+
+@pytest.fixture
+def raw(tmp_path):
+    """Three frames, 64 x 48."""
+    camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5}
+    recipe = {"job": {"camera": camera}, "trajectory_sha256": "a", "scene_sha256": "b", "blender": "none"}
+    run = open_run(
+        tmp_path / "raw", recipe, Trajectory.at_rate(SE3.exp(np.random.default_rng(1).normal(0, 0.05, (3, 6))))
+    )
+    v, u = np.mgrid[0:48, 0:64]
+    for number in range(3):
+        run.write_frame(number, np.stack([u / 64, v / 48, (u + v) / 112], -1), 1.0 + v / 30 + u / 100)
+    return run.path
+
+
+def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, capsys):
+    command = ["dataset", str(raw), str(tmp_path / "out"), "--depth-noise", "paper", "--rgb-noise", "paper", "--json"]
+    assert main([*command, "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["made"] == 3
+    assert main([*command, "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["found"] == 3
+    assert main([*command, "--seed", "5"]) == 2
+    error = capsys.readouterr().err.strip()
+    assert "seed 0 there, 5 asked" in error and "\n" not in error
+    assert main(["dataset", str(tmp_path / "nowhere"), str(tmp_path / "x")]) == 2
+    assert main([*command[:2], str(tmp_path / "y"), "--depth-noise", "paper", "--depth-settings", '{"a": 1}']) == 2
+    assert "settings of the noise model 'paper'" in capsys.readouterr().err
+
+
+def test_bags_and_logs_come_with_it(raw, tmp_path, capsys):
+    pytest.importorskip("rosbags")
+    command = ["dataset", str(raw), str(tmp_path / "out"), "--rosbag", "--quiet"]
+    assert main(command) == 0 and main(command) == 0
+    assert {"out.klg", "out.bag", "out_ros2"} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_path, capsys):
+    clean, noisy = str(tmp_path / "clean"), str(tmp_path / "noisy")
+    assert main(["dataset", str(raw), clean, "--quiet"]) == 0
+    assert main(["noise", clean, noisy, "--depth-noise", "kinect2012", "--rgb-noise", "released", "--quiet"]) == 0
+    assert main(["inspect", noisy, "--json"]) == 0
+    out = capsys.readouterr().out
+    found = json.loads(out[out.index('{\n  "folder": ') :])
+    assert found["wrong"] == [] and found["figures"]["pairs"] == 3
+    (tmp_path / "noisy/rgb/000001.png").write_bytes(b"")
+    assert main(["inspect", noisy]) == 2
+    assert "WRONG: " in capsys.readouterr().out
+    assert main(["noise", clean, str(tmp_path / "x")]) == 2
+    assert "expected a noise" in capsys.readouterr().err
+
+
+def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys):
+    wall = np.tile(np.linspace(1.5, 2.5, 64, dtype=np.float32), (48, 1))
+    (tmp_path / "sensor/depth").mkdir(parents=True)
+    for frame in range(20):
+        noisy = postprocess.noisy_depth(1 / wall, "paper", seed=1, frame=frame, settings={"lateral": False})
+        write_png(tmp_path / f"sensor/depth/{frame}.png", np.rint(noisy * 5000).astype(np.uint16))
+    assert main(["noise", "calibrate", str(tmp_path / "sensor"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["depth"]
+    assert found["frames"] == 20 and found["fixed_sigma_s"]
+    assert main(["noise", "calibrate", str(tmp_path / "sensor")]) == 0
+    settings = capsys.readouterr().out.split("--depth-settings '")[1].split("'")[0]
+    assert set(json.loads(settings)) == {"sigma_d", "sigma_s_px"}
+    assert main(["noise", "calibrate", str(tmp_path)]) == 2
+
+
+def test_preview_and_pack(raw, tmp_path, capsys):
+    cv2 = pytest.importorskip("cv2")
+    out = tmp_path / "sequence"
+    assert main(["dataset", str(raw), str(out), "--depth-noise", "released", "--quiet"]) == 0
+    assert main(["inspect", str(out), "--preview", str(tmp_path / "pictures"), "--quiet"]) == 0
+    sheet = cv2.imread(str(tmp_path / "pictures/preview.png"))
+    assert sheet.shape == (3 * 24, 3 * 32, 3) and sheet.std() > 20
+    film = next((tmp_path / "pictures").glob("preview.[mg]*"))
+    assert cv2.VideoCapture(str(film)).read()[1].shape == (24, 64, 3)
+    assert main(["pack", str(out), "--author", "N. N.", "--quiet"]) == 0
+    assert (tmp_path / "sequence.tar.gz").is_file()
+    assert main(["pack", str(raw)]) == 2
+
+
+def test_postprocess_is_the_commands_without_the_command_line(raw, tmp_path):
+    written = postprocess.make_sequence(raw, tmp_path / "a", "released", "released", seed=2)
+    assert written.made == 3
+    main(
+        [
+            "dataset",
+            str(raw),
+            str(tmp_path / "b"),
+            "--depth-noise",
+            "released",
+            "--rgb-noise",
+            "released",
+            "--seed",
+            "2",
+        ]
+    )
+    for image in ("rgb/000001.png", "depth/000002.png"):
+        assert (tmp_path / "a" / image).read_bytes() == (tmp_path / "b" / image).read_bytes()
+    clean = postprocess.make_sequence(raw, tmp_path / "clean").folders[0]
+    depth = read_depth16(clean / "depth/000000.png") / np.float32(5000)
+    assert postprocess.noisy_depth(depth).shape == (48, 64)
+    assert postprocess.noisy_rgb(np.full((48, 64, 3), 0.5)).dtype == np.uint8
+    truth = clean / "groundtruth.txt"
+    assert postprocess.absolute_trajectory_error(truth, truth).translation_m.rmse == pytest.approx(0, abs=1e-9)
+
+
+def test_a_users_own_noise_lies_in_the_working_folder(raw, tmp_path, monkeypatch, capsys):
+    (tmp_path / "dust_of_test.py").write_text(
+        "def specks(depth_z_m, camera, rng):\n    return depth_z_m * (rng.random(depth_z_m.shape) > 0.1)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["dataset", str(raw), "out", "--depth-noise", "dust_of_test:specks", "--quiet"]) == 0
+    depth = read_depth16(tmp_path / "out/depth/000000.png")
+    assert 0.07 < (depth == 0).mean() < 0.13
+    assert main(["dataset", str(raw), "out2", "--depth-noise", "dust_of_test:absent", "--quiet"]) == 2
+    assert "a function absent in the module dust_of_test" in capsys.readouterr().err
