@@ -21,7 +21,9 @@ def subcommands(parser: argparse.ArgumentParser, title: str = "ACTION") -> argpa
     return parser.add_subparsers(metavar=title, required=True, dest="action")
 
 
-def action(actions: argparse._SubParsersAction, name: str, help: str, example: str, run: Callable, json: bool = True) -> argparse.ArgumentParser:
+def action(
+    actions: argparse._SubParsersAction, name: str, help: str, example: str, run: Callable, json: bool = True
+) -> argparse.ArgumentParser:
     """One action with its own options; `args.run(args, console)` does the work."""
     parser = actions.add_parser(name, help=help, description=help)
     parser.set_defaults(run=run)

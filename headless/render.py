@@ -18,7 +18,9 @@ def main() -> int:
     if sys.path and Path(sys.path[0] or ".").resolve() == HEADLESS:
         del sys.path[0]  # the modules beside this script are a package, not top-level names
     sys.path.insert(0, str(HEADLESS.parent / "addon"))
-    spec = importlib.util.spec_from_file_location("iclnuim_bench", HEADLESS / "__init__.py", submodule_search_locations=[str(HEADLESS)])
+    spec = importlib.util.spec_from_file_location(
+        "iclnuim_bench", HEADLESS / "__init__.py", submodule_search_locations=[str(HEADLESS)]
+    )
     sys.modules["iclnuim_bench"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(sys.modules["iclnuim_bench"])
     from iclnuim_bench import cli

@@ -21,8 +21,33 @@ MAY_IMPORT = {
     "postprocess": {"errors", "geometry", "formats", "sensor", "evaluation", "dataset"},
     "lightmap": {"errors", "geometry"},
     "scenes": {"errors", "shipped", "geometry", "formats"},
-    "blender": {"errors", "job", "shipped", "geometry", "formats", "sensor", "evaluation", "dataset", "scenes", "lightmap", ""},
-    "ui": {"errors", "job", "shipped", "geometry", "formats", "sensor", "evaluation", "dataset", "scenes", "blender", "postprocess", ""},
+    "blender": {
+        "errors",
+        "job",
+        "shipped",
+        "geometry",
+        "formats",
+        "sensor",
+        "evaluation",
+        "dataset",
+        "scenes",
+        "lightmap",
+        "",
+    },
+    "ui": {
+        "errors",
+        "job",
+        "shipped",
+        "geometry",
+        "formats",
+        "sensor",
+        "evaluation",
+        "dataset",
+        "scenes",
+        "blender",
+        "postprocess",
+        "",
+    },
 }
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}
@@ -42,7 +67,11 @@ def own_imports(path, package):
     depth_of_file = len(path.relative_to(package).parts)
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.level == depth_of_file:
-            yield from [node.module.split(".")[0]] if node.module else [alias.name for alias in node.names if not alias.name.startswith("__")]
+            yield from (
+                [node.module.split(".")[0]]
+                if node.module
+                else [alias.name for alias in node.names if not alias.name.startswith("__")]
+            )
         if isinstance(node, ast.ImportFrom) and node.level > depth_of_file:
             yield "outside the package"
 
@@ -52,7 +81,11 @@ def test_imports_point_one_way(repository):
     wrong = []
     for path in modules(repository):
         room = room_of(path, package)
-        wrong += [f"{path.relative_to(package)} imports {other}" for other in own_imports(path, package) if other != room and other not in MAY_IMPORT[room]]
+        wrong += [
+            f"{path.relative_to(package)} imports {other}"
+            for other in own_imports(path, package)
+            if other != room and other not in MAY_IMPORT[room]
+        ]
     assert wrong == []
 
 
@@ -65,8 +98,16 @@ def test_pure_rooms_import_numpy_only(repository, room):
     wrong = []
     for path in (repository / "addon/iclnuim" / room).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
-            wrong += [f"{path.name}: {n}" for n in names if n.split(".")[0] not in PURE[room] | set(sys.stdlib_module_names)]
+            names = (
+                [a.name for a in node.names]
+                if isinstance(node, ast.Import)
+                else [node.module]
+                if isinstance(node, ast.ImportFrom) and not node.level
+                else []
+            )
+            wrong += [
+                f"{path.name}: {n}" for n in names if n.split(".")[0] not in PURE[room] | set(sys.stdlib_module_names)
+            ]
     assert wrong == []
 
 
@@ -78,14 +119,22 @@ def test_no_global_random_state(repository):
             for node in ast.walk(ast.parse(path.read_text())):
                 if isinstance(node, ast.Import) and any(a.name == "random" for a in node.names):
                     wrong.append(f"{path}: the random module")
-                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Attribute) and node.value.attr == "random" and node.attr not in allowed:
+                if (
+                    isinstance(node, ast.Attribute)
+                    and isinstance(node.value, ast.Attribute)
+                    and node.value.attr == "random"
+                    and node.attr not in allowed
+                ):
                     wrong.append(f"{path}:{node.lineno}: random.{node.attr}")
     assert wrong == []
 
 
 def test_import_is_quick_and_light():
     program = "import sys, iclnuim; print([m for m in ('bpy', 'scipy', 'matplotlib', 'cv2', 'open3d', 'numpy') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    assert (
+        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
+        == "[]"
+    )
 
 
 def test_only_the_console_and_the_command_line_print(repository):
@@ -93,7 +142,11 @@ def test_only_the_console_and_the_command_line_print(repository):
     wrong = []
     for folder in ("addon", "headless"):
         for path in (repository / folder).rglob("*.py"):
-            calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id == "print"]
+            calls = [
+                n
+                for n in ast.walk(ast.parse(path.read_text()))
+                if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id == "print"
+            ]
             if calls and path.name not in printing:
                 wrong.append(str(path.relative_to(repository)))
     assert wrong == []
@@ -107,7 +160,11 @@ def test_every_package_folder_is_in_the_wheel(repository):
         name = package.replace(".", "/")
         root = max((p for p in places if name == p or name.startswith(p + "/")), key=len)
         listed.add(places[root] + name[len(root) :])
-    folders = {str(p.parent.relative_to(repository)) for top in ("addon/iclnuim", "headless") for p in (repository / top).rglob("*.py")}
+    folders = {
+        str(p.parent.relative_to(repository))
+        for top in ("addon/iclnuim", "headless")
+        for p in (repository / top).rglob("*.py")
+    }
     assert folders - listed == set()
 
 

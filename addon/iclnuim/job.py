@@ -45,7 +45,12 @@ class RenderJob:
         for name, value in LIGHT_DEFAULTS[self.light].items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
-        for name, least, most in (("samples", 1, 65536), ("map_size", 16, 16384), ("map_samples", 1, 65536), ("seed", 0, 2**31 - 1)):
+        for name, least, most in (
+            ("samples", 1, 65536),
+            ("map_size", 16, 16384),
+            ("map_samples", 1, 65536),
+            ("seed", 0, 2**31 - 1),
+        ):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise InputError(f"{name} as a whole number of {least}..{most}", found=value)
@@ -108,7 +113,11 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
         job = RenderJob.from_dict(content)
     except InputError as error:
         raise InputError(error.expected, path=path, found=error.found, hint=error.hint) from None
-    return replace(job, scene=_inside(path, job.scene, shipped.SCENE_NAMES), trajectory=_inside(path, job.trajectory, shipped.sequence_names()))
+    return replace(
+        job,
+        scene=_inside(path, job.scene, shipped.SCENE_NAMES),
+        trajectory=_inside(path, job.trajectory, shipped.sequence_names()),
+    )
 
 
 def _inside(recipe: Path, name: str, shipped_names: object) -> str:
@@ -118,5 +127,7 @@ def _inside(recipe: Path, name: str, shipped_names: object) -> str:
     folder = recipe.resolve().parent
     target = (folder / name).resolve()
     if not target.is_relative_to(folder):
-        raise InputError("paths inside the recipe's own folder", path=recipe, found=name, hint="moving the file beside the recipe")
+        raise InputError(
+            "paths inside the recipe's own folder", path=recipe, found=name, hint="moving the file beside the recipe"
+        )
     return str(target)

@@ -22,7 +22,12 @@ def folder(name: str) -> Path:
 
 def sequence_names() -> list[str]:
     """`living_room/kt0` and so on: what is there to be rendered."""
-    return [f"{scene}/{kt}" for scene in SCENE_NAMES for kt in TRAJECTORY_NAMES if (folder("trajectories") / scene / f"{kt}.txt").is_file()]
+    return [
+        f"{scene}/{kt}"
+        for scene in SCENE_NAMES
+        for kt in TRAJECTORY_NAMES
+        if (folder("trajectories") / scene / f"{kt}.txt").is_file()
+    ]
 
 
 def full_name(sequence: str) -> str:
@@ -30,7 +35,9 @@ def full_name(sequence: str) -> str:
     name = sequence if "/" in sequence else f"living_room/{sequence}"
     known = sequence_names()
     if name not in known:
-        raise InputError("a sequence: " + ", ".join(known), found=sequence, hint="a recipe file, or --scene and --trajectory")
+        raise InputError(
+            "a sequence: " + ", ".join(known), found=sequence, hint="a recipe file, or --scene and --trajectory"
+        )
     return name
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
-
 from iclnuim.blender import frames, output, worker
 from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
@@ -86,8 +85,8 @@ def _rays(job: RenderJob, numbers: list[int], folder: Path, ticks: list[tuple[st
     black = bpy.data.materials.new("black")
     black.use_nodes = True
     black.node_tree.nodes.clear()
-    output = black.node_tree.nodes.new("ShaderNodeOutputMaterial")
-    black.node_tree.links.new(black.node_tree.nodes.new("ShaderNodeHoldout").outputs[0], output.inputs[0])
+    surface = black.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    black.node_tree.links.new(black.node_tree.nodes.new("ShaderNodeHoldout").outputs[0], surface.inputs[0])
     scene.view_layers[0].material_override = black
     ticks.clear()
     with output.blender_output_in(folder / "log"):

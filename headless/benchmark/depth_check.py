@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
@@ -41,7 +40,9 @@ class RayCaster:
         self._scene = open3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(self._tensor(vertices.astype(np.float32)), self._tensor(triangles.astype(np.uint32)))
 
-    def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    def depth(
+        self, camera: PinholeCamera, T_world_camera: SE3, offset_px: tuple[float, float] = (0.0, 0.0)
+    ) -> np.ndarray:
         """(h, w) planar Z in metres, 0 where a ray meets nothing. Rays have z = 1, so the ray parameter is Z itself."""
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
         directions = rays @ T_world_camera.rotation.T

@@ -14,9 +14,13 @@ from ..options import action, subcommands
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
-    render = action(actions, "render", "time and error of rendered frames", "iclnuim bench render kt2 --breakdown", _render)
+    render = action(
+        actions, "render", "time and error of rendered frames", "iclnuim bench render kt2 --breakdown", _render
+    )
     render.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
-    render.add_argument("--breakdown", action="store_true", help="where a frame's time goes: rays, shading, EXR, overhead")
+    render.add_argument(
+        "--breakdown", action="store_true", help="where a frame's time goes: rays, shading, EXR, overhead"
+    )
     render.add_argument("--frames", default="::30", metavar="A:B:S", help="default: every 30th")
     render.add_argument("--light", choices=("baked", "path"), default="baked")
     render.add_argument("--samples", type=int, metavar="N")

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-
 from iclnuim.blender import output
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
@@ -23,7 +22,9 @@ from ..options import common
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` makes it")
-    parser.add_argument("--most", type=int, default=20, metavar="N", help="frames to look at, spread over the run; default: 20")
+    parser.add_argument(
+        "--most", type=int, default=20, metavar="N", help="frames to look at, spread over the run; default: 20"
+    )
     common(parser, "iclnuim check-depth out/living_room/kt2/raw")
 
 
@@ -32,12 +33,16 @@ def run(args: argparse.Namespace, console: Console) -> int:
     numbers = frames.frame_numbers()
     if not numbers or args.most < 1:
         raise InputError("a run with at least one frame, and --most of at least 1", path=args.folder)
-    picked = sorted({numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.most, len(numbers))).round().astype(int)})
+    picked = sorted(
+        {numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.most, len(numbers))).round().astype(int)}
+    )
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
     caster = depth_check.RayCaster(*_geometry(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console))
     progress, errors = console.progress(len(picked), "check-depth"), []
     for number in picked:
-        errors.append(depth_check.compare(read_exr(frames.frame_file(number))["Z"], caster, frames.camera, poses[number]))
+        errors.append(
+            depth_check.compare(read_exr(frames.frame_file(number))["Z"], caster, frames.camera, poses[number])
+        )
         progress.advance()
     result = depth_check.summary(errors)
     console.result({"frames": picked, **asdict(result)}, _table(len(picked), result))

@@ -55,7 +55,12 @@ def examine() -> list[Finding]:
         *(_package(name, module, needed, what) for name, module, needed, what in PACKAGES),
         _scenes(),
         _slurm(),
-        Finding("cores", str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()), True, False),
+        Finding(
+            "cores",
+            str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+            True,
+            False,
+        ),
     ]
 
 
@@ -92,7 +97,11 @@ def _bpy() -> Finding:
     if version:
         return Finding("bpy", version[1], True, False)
     library = re.search(r"(lib\S+\.so\S*): cannot open", done.stderr)
-    words = f"needs the system library {library[1]}" if library else (done.stderr.strip().splitlines() or ["does not start"])[-1]
+    words = (
+        f"needs the system library {library[1]}"
+        if library
+        else (done.stderr.strip().splitlines() or ["does not start"])[-1]
+    )
     return Finding("bpy", words, False, False, "./setup.sh installs the system libraries that it needs")
 
 
@@ -113,7 +122,9 @@ def _denoiser(has_bpy: bool) -> Finding:
     program = "import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
     good = "denoiser True" in done.stdout
-    return Finding("denoiser", "OpenImageDenoise" if good else "none", good, False, "a Blender from blender.org or the bpy package")
+    return Finding(
+        "denoiser", "OpenImageDenoise" if good else "none", good, False, "a Blender from blender.org or the bpy package"
+    )
 
 
 def _package(name: str, module: str, needed: bool, what: str) -> Finding:
@@ -136,4 +147,10 @@ def _scenes() -> Finding:
 
 def _slurm() -> Finding:
     path = shutil.which("sbatch")
-    return Finding("Slurm", path or "no sbatch on the PATH", path is not None, False, "a login node of your cluster; the local farm needs none")
+    return Finding(
+        "Slurm",
+        path or "no sbatch on the PATH",
+        path is not None,
+        False,
+        "a login node of your cluster; the local farm needs none",
+    )

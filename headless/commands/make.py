@@ -20,8 +20,12 @@ from . import render
 def configure(parser: argparse.ArgumentParser) -> None:
     render.add_job_options(parser)
     add_sensor_options(parser, "released", seed=False)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/")
-    parser.add_argument("--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/"
+    )
+    parser.add_argument(
+        "--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand"
+    )
     common(parser, "iclnuim make kt2 --quick", json=False)
 
 

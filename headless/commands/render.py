@@ -24,22 +24,36 @@ from ..options import common
 def configure(parser: argparse.ArgumentParser) -> None:
     add_job_options(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run; default: out/SEQUENCE/raw")
-    parser.add_argument("--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender")
+    parser.add_argument(
+        "--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender"
+    )
     common(parser, "iclnuim render kt2 --quick", json=False)
 
 
 def add_job_options(parser: argparse.ArgumentParser) -> None:
     """What is rendered, and how: shared with `iclnuim make`."""
-    parser.add_argument("sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)")
-    parser.add_argument("--scene", metavar="NAME|FILE", help="another scene: living_room, office, or a .blend, .obj, .glb file")
-    parser.add_argument("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
+    parser.add_argument(
+        "sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)"
+    )
+    parser.add_argument(
+        "--scene", metavar="NAME|FILE", help="another scene: living_room, office, or a .blend, .obj, .glb file"
+    )
+    parser.add_argument(
+        "--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads"
+    )
     parser.add_argument("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
     parser.add_argument("--quick", action="store_true", help="every 30th frame")
-    parser.add_argument("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
+    parser.add_argument(
+        "--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K"
+    )
     parser.add_argument("--light", choices=("baked", "path"), help="baked light map (default) or full path tracing")
     parser.add_argument("--samples", type=int, metavar="N", help="rays a pixel; default: 2 baked, 64 path-traced")
-    parser.add_argument("--denoise", action=argparse.BooleanOptionalAction, help="OpenImageDenoise; default: for path tracing")
-    parser.add_argument("--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes")
+    parser.add_argument(
+        "--denoise", action=argparse.BooleanOptionalAction, help="OpenImageDenoise; default: for path tracing"
+    )
+    parser.add_argument(
+        "--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes"
+    )
     parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
     parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
     parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 64")
@@ -66,7 +80,10 @@ def job_from(args: argparse.Namespace) -> jobs.RenderJob:
         job = jobs.read_recipe(args.sequence) if args.sequence.endswith(".json") else jobs.shipped_job(args.sequence)
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     files = {name: _absolute(getattr(args, name)) for name in ("scene", "trajectory")}
-    plain = {name: getattr(args, name) for name in ("light", "samples", "denoise", "antialias", "lambertian", "map_size", "map_samples", "seed")}
+    plain = {
+        name: getattr(args, name)
+        for name in ("light", "samples", "denoise", "antialias", "lambertian", "map_size", "map_samples", "seed")
+    }
     return job.changed(camera=camera, **files, **plain)
 
 
@@ -94,7 +111,9 @@ def usable_here(job: jobs.RenderJob, args: argparse.Namespace, console: Console)
     return job
 
 
-def render_here(job: jobs.RenderJob, out: Path, frames: str | list[int], console: Console, blend: Path | None = None) -> bool:
+def render_here(
+    job: jobs.RenderJob, out: Path, frames: str | list[int], console: Console, blend: Path | None = None
+) -> bool:
     """Render in this process with progress; False when a signal stopped it."""
     from iclnuim.blender import worker
 
@@ -137,9 +156,15 @@ def stop_on_signals() -> Iterator:
             signal.signal(number, handler or signal.SIG_DFL)
 
 
-def _run_in_blender_binary(job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namespace, console: Console) -> int:
+def _run_in_blender_binary(
+    job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namespace, console: Console
+) -> int:
     blender = shutil.which("blender")
     if blender is None:
-        raise WorkError("neither the bpy package nor a blender binary is there; try: pip install bpy, or `iclnuim doctor`")
+        raise WorkError(
+            "neither the bpy package nor a blender binary is there; try: pip install bpy, or `iclnuim doctor`"
+        )
     script = Path(__file__).resolve().parents[1] / "render.py"
-    return subprocess.run([blender, "-b", "--python-exit-code", "3", "-P", str(script), "--", *sys.argv[2:]], check=False).returncode
+    return subprocess.run(
+        [blender, "-b", "--python-exit-code", "3", "-P", str(script), "--", *sys.argv[2:]], check=False
+    ).returncode

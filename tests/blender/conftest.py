@@ -52,10 +52,27 @@ def forward_path(tmp_path_factory) -> Path:
 def render(cornered_room, forward_path):
     """`render(out, *options)` runs the script as a user would, small and path-traced; returns the finished process."""
 
-    def run(out: Path, *options: str, scene=cornered_room, trajectory=forward_path, base=("--light", "path", "--samples", "2", "--no-denoise")):
-        return subprocess.run(command(out, *options, scene=scene, trajectory=trajectory, base=base), capture_output=True, text=True, timeout=300)
+    def run(
+        out: Path,
+        *options: str,
+        scene=cornered_room,
+        trajectory=forward_path,
+        base=("--light", "path", "--samples", "2", "--no-denoise"),
+    ):
+        return subprocess.run(
+            command(out, *options, scene=scene, trajectory=trajectory, base=base),
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
 
-    def command(out, *options, scene=cornered_room, trajectory=forward_path, base=("--light", "path", "--samples", "2", "--no-denoise")):
+    def command(
+        out,
+        *options,
+        scene=cornered_room,
+        trajectory=forward_path,
+        base=("--light", "path", "--samples", "2", "--no-denoise"),
+    ):
         size = () if "--camera" in options else ("--camera", "64x48")
         fixed = ["--scene", str(scene), "--trajectory", str(trajectory), "--out", str(out), *size, *base]
         return [sys.executable, str(REPOSITORY / "headless/render.py"), *fixed, *options]

@@ -108,7 +108,11 @@ def test_background_is_zero(render, tmp_path, forward_path):
 
 
 def start(render, out):
-    return subprocess.Popen(render.command(out, "--samples", "64", "--camera", "160x120"), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    return subprocess.Popen(
+        render.command(out, "--samples", "64", "--camera", "160x120"),
+        stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+    )
 
 
 def wait_for_frames(out, count, process, seconds=120):
@@ -193,7 +197,11 @@ def test_refusals_are_one_line_and_exit_code_2(render, whole_run, case):
 def test_scene_files_that_cannot_be_opened_are_refused(render, tmp_path):
     broken = tmp_path / "broken.blend"
     broken.write_bytes(b"BLENDER-v405 and no more")
-    for scene, words in ((broken, "broken.blend"), (tmp_path / "absent.glb", "nothing of that name"), (tmp_path / "room.xyz", ".blend")):
+    for scene, words in (
+        (broken, "broken.blend"),
+        (tmp_path / "absent.glb", "nothing of that name"),
+        (tmp_path / "room.xyz", ".blend"),
+    ):
         done = render(tmp_path / "out", scene=scene)
         assert done.returncode == 2, done.stderr
         assert words in done.stderr and "Traceback" not in done.stderr

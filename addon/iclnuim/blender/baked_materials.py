@@ -72,10 +72,18 @@ def _node_types(tree: bpy.types.NodeTree) -> set[str]:
 def _bake_tree(tree: bpy.types.NodeTree, image: bpy.types.Image, two_sided: bool) -> None:
     light = None
     for node in list(tree.nodes):
-        if node.type == "GROUP" and node.node_tree and _node_types(node.node_tree) & {*_DIFFUSE, "BSDF_TRANSLUCENT", "BSDF_PRINCIPLED"}:
+        if (
+            node.type == "GROUP"
+            and node.node_tree
+            and _node_types(node.node_tree) & {*_DIFFUSE, "BSDF_TRANSLUCENT", "BSDF_PRINCIPLED"}
+        ):
             node.node_tree = node.node_tree.copy()
             _bake_tree(node.node_tree, image, two_sided)
-        elif node.type in _DIFFUSE or node.type == "BSDF_TRANSLUCENT" or (node.type == "BSDF_PRINCIPLED" and has_diffuse(node)):
+        elif (
+            node.type in _DIFFUSE
+            or node.type == "BSDF_TRANSLUCENT"
+            or (node.type == "BSDF_PRINCIPLED" and has_diffuse(node))
+        ):
             light = light or _light_sockets(tree, image, two_sided)
             if node.type == "BSDF_PRINCIPLED":
                 _bake_principled(tree, node, light[0])
@@ -100,7 +108,9 @@ def _map_socket(tree: bpy.types.NodeTree, image: bpy.types.Image, uv_name: str) 
     return texture.outputs["Color"]
 
 
-def _blend(tree: bpy.types.NodeTree, share: bpy.types.NodeSocket, a: bpy.types.NodeSocket, b: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+def _blend(
+    tree: bpy.types.NodeTree, share: bpy.types.NodeSocket, a: bpy.types.NodeSocket, b: bpy.types.NodeSocket
+) -> bpy.types.NodeSocket:
     mix = tree.nodes.new("ShaderNodeMix")
     mix.data_type, mix.factor_mode = "VECTOR", "UNIFORM"
     inputs = [s for s in mix.inputs if s.enabled]
@@ -135,7 +145,9 @@ def _same_source(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket, target:
     if source.is_linked:
         tree.links.new(source.links[0].from_socket, target)
     elif isinstance(source.default_value, float):
-        target.default_value = source.default_value if isinstance(target.default_value, float) else (source.default_value,) * 3
+        target.default_value = (
+            source.default_value if isinstance(target.default_value, float) else (source.default_value,) * 3
+        )
     else:
         target.default_value = tuple(source.default_value)[: len(target.default_value)]
 
@@ -213,7 +225,9 @@ def _diffuse_share(tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.
     """
     fresnel = tree.nodes.new("ShaderNodeFresnel")
     for name in ("IOR", "Normal"):
-        _same_source_any(tree, node.inputs[name], fresnel.inputs[name]) if node.inputs[name].is_linked or name == "IOR" else None
+        _same_source_any(tree, node.inputs[name], fresnel.inputs[name]) if node.inputs[
+            name
+        ].is_linked or name == "IOR" else None
     share = _minus(tree, None, fresnel.outputs[0])
     for name in ("Metallic", "Transmission Weight"):
         if _constant(node.inputs[name]) != 0.0:
@@ -223,7 +237,9 @@ def _diffuse_share(tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.
     return share
 
 
-def _minus(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket | None, output: bpy.types.NodeSocket | None) -> bpy.types.NodeSocket:
+def _minus(
+    tree: bpy.types.NodeTree, source: bpy.types.NodeSocket | None, output: bpy.types.NodeSocket | None
+) -> bpy.types.NodeSocket:
     """1 - x, for an input socket's source or an output."""
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = "SUBTRACT"
@@ -235,7 +251,9 @@ def _minus(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket | None, output
     return node.outputs[0]
 
 
-def _multiply(tree: bpy.types.NodeTree, output: bpy.types.NodeSocket, other: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+def _multiply(
+    tree: bpy.types.NodeTree, output: bpy.types.NodeSocket, other: bpy.types.NodeSocket
+) -> bpy.types.NodeSocket:
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = "MULTIPLY"
     tree.links.new(output, node.inputs[0])

@@ -35,7 +35,11 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
 def set_intrinsics(scene: bpy.types.Scene, lens: bpy.types.Camera, settings: BlenderCamera) -> None:
     """The exact view of a K, without depth of field, clipping from 1 mm to 10 km."""
     render = scene.render
-    render.resolution_x, render.resolution_y, render.resolution_percentage = settings.resolution_x, settings.resolution_y, 100
+    render.resolution_x, render.resolution_y, render.resolution_percentage = (
+        settings.resolution_x,
+        settings.resolution_y,
+        100,
+    )
     render.pixel_aspect_x, render.pixel_aspect_y = settings.pixel_aspect_x, settings.pixel_aspect_y
     lens.type, lens.lens_unit, lens.sensor_fit = "PERSP", "MILLIMETERS", settings.sensor_fit
     lens.sensor_width, lens.lens = settings.sensor_width, settings.lens

@@ -38,7 +38,12 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
     try:
         channels = {name: light[::-1, :, k].astype(np.float16) for k, name in enumerate("RGB")}
         write_exr(temporary / MAP, channels)
-        np.savez_compressed(temporary / LAYOUT, uv=layout.uv.astype(np.float32), has=layout.has, part_corners=np.array(layout.part_corners))
+        np.savez_compressed(
+            temporary / LAYOUT,
+            uv=layout.uv.astype(np.float32),
+            has=layout.has,
+            part_corners=np.array(layout.part_corners),
+        )
         (temporary / RECIPE).write_text(json.dumps(recipe, indent=2) + "\n", encoding="utf-8")
         _move_into_place(temporary, folder)
     finally:
@@ -62,7 +67,9 @@ def load_layout(folder: Path) -> MapLayout:
         with np.load(folder / LAYOUT) as stored:
             return MapLayout(stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"]))
     except (OSError, ValueError, KeyError) as error:
-        raise WorkError(f"{folder}: the light map cannot be read ({error}); delete this folder and bake again") from None
+        raise WorkError(
+            f"{folder}: the light map cannot be read ({error}); delete this folder and bake again"
+        ) from None
 
 
 def load_image(folder: Path) -> bpy.types.Image:

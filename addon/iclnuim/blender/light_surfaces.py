@@ -61,7 +61,9 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
             continue
         _own_materials(mesh, thing)
         origin = instance.parent.original if instance.is_instance else thing.original
-        found.append(Part(thing.name, mesh, instance.matrix_world.copy(), thing.original, origin, not instance.is_instance))
+        found.append(
+            Part(thing.name, mesh, instance.matrix_world.copy(), thing.original, origin, not instance.is_instance)
+        )
     return found
 
 

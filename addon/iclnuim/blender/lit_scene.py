@@ -12,8 +12,18 @@ from ..lightmap.surfaces import BACK, FRONT
 from . import baked_materials, light_surfaces
 from .light_surfaces import Part
 
-_OBJECT_SETTINGS = ("pass_index", "color", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter",
-                    "visible_shadow", "is_holdout", "is_shadow_catcher")
+_OBJECT_SETTINGS = (
+    "pass_index",
+    "color",
+    "visible_camera",
+    "visible_diffuse",
+    "visible_glossy",
+    "visible_transmission",
+    "visible_volume_scatter",
+    "visible_shadow",
+    "is_holdout",
+    "is_shadow_catcher",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +58,9 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image) -> LitSce
     """Show the parts lit by `image`. Takes over the parts' meshes. Raises WorkError where the layout is for another scene."""
     corners = tuple(len(part.mesh.loops) for part in found)
     if corners != layout.part_corners:
-        raise WorkError(f"light map: expected a scene of {len(layout.part_corners)} parts as it was baked, found {len(found)} of another shape")
+        raise WorkError(
+            f"light map: expected a scene of {len(layout.part_corners)} parts as it was baked, found {len(found)} of another shape"
+        )
     lit, materials = LitScene(), {}
     starts = np.cumsum((0, *corners))
     _keep_instanced_lamps(lit, {p.origin for p in found if not p.single})
@@ -83,7 +95,9 @@ def _hide(lit: LitScene, part: Part) -> None:
         part.origin.name = part.name + ".unlit"
 
 
-def _show_part(lit: LitScene, part: Part, layout: MapLayout, corners: slice, image: bpy.types.Image, materials: dict) -> None:
+def _show_part(
+    lit: LitScene, part: Part, layout: MapLayout, corners: slice, image: bpy.types.Image, materials: dict
+) -> None:
     mesh = part.mesh
     two_sided = bool(layout.has[BACK, corners].any())
     for side, name in ((FRONT, baked_materials.FRONT_UV), (BACK, baked_materials.BACK_UV))[: 1 + two_sided]:
@@ -149,5 +163,7 @@ def _keep_instanced_lamps(lit: LitScene, instancers: set[bpy.types.Object]) -> N
 
 
 def _remove(block: bpy.types.ID) -> None:
-    collection = {"Object": bpy.data.objects, "Mesh": bpy.data.meshes, "Material": bpy.data.materials}[block.bl_rna.identifier]
+    collection = {"Object": bpy.data.objects, "Mesh": bpy.data.meshes, "Material": bpy.data.materials}[
+        block.bl_rna.identifier
+    ]
     collection.remove(block)

@@ -20,14 +20,23 @@ def _camera(scene: bpy.types.Scene) -> list[str]:
     if scene.render.use_motion_blur:
         found.append("motion blur is on in the scene: switched off here (it moves Z by millimetres)")
     if scene.camera and scene.camera.type == "CAMERA" and scene.camera.data.dof.use_dof:
-        found.append("depth of field is on in the scene's camera: the sequence is rendered without (it moves Z by millimetres)")
+        found.append(
+            "depth of field is on in the scene's camera: the sequence is rendered without (it moves Z by millimetres)"
+        )
     return found
 
 
 def _look(scene: bpy.types.Scene) -> list[str]:
     view = scene.view_settings
-    if view.view_transform not in ("Standard", "Raw") or view.look not in ("None", "") or view.exposure != 0 or view.gamma != 1:
-        return [f"view transform {view.view_transform}, exposure {view.exposure:g}, gamma {view.gamma:g}: not applied, frames hold scene-linear RGB"]
+    if (
+        view.view_transform not in ("Standard", "Raw")
+        or view.look not in ("None", "")
+        or view.exposure != 0
+        or view.gamma != 1
+    ):
+        return [
+            f"view transform {view.view_transform}, exposure {view.exposure:g}, gamma {view.gamma:g}: not applied, frames hold scene-linear RGB"
+        ]
     return []
 
 
@@ -46,7 +55,9 @@ def _surfaces() -> list[str]:
     if glass:
         found.append(f"glass ({', '.join(sorted(glass))[:120]}): Z is the depth of the pane")
     if mixed:
-        found.append(f"partly transparent surfaces ({', '.join(sorted(mixed))[:120]}): Z is that of the nearest one, seen or not")
+        found.append(
+            f"partly transparent surfaces ({', '.join(sorted(mixed))[:120]}): Z is that of the nearest one, seen or not"
+        )
     return found
 
 
@@ -65,12 +76,23 @@ def _motion(scene: bpy.types.Scene, baked: bool) -> list[str]:
     moving = sorted(o.name for o in scene.objects if o.type != "CAMERA" and _moves(o))
     if not moving:
         return []
-    consequence = "baked light would be wrong there: render with --light path" if baked else "each frame shows them at its own time"
+    consequence = (
+        "baked light would be wrong there: render with --light path"
+        if baked
+        else "each frame shows them at its own time"
+    )
     return [f"objects or lights that move ({', '.join(moving)[:120]}): {consequence}"]
 
 
 def _moves(thing: bpy.types.Object) -> bool:
     """Animated by itself, its data, its shape keys or its simulation."""
     data = [thing, thing.data, getattr(thing.data, "shape_keys", None), getattr(thing.data, "node_tree", None)]
-    animated = any(d is not None and getattr(d, "animation_data", None) and (d.animation_data.action or d.animation_data.drivers) for d in data)
-    return animated or thing.rigid_body is not None or any(m.type in {"CLOTH", "SOFT_BODY", "FLUID", "ARMATURE"} for m in thing.modifiers)
+    animated = any(
+        d is not None and getattr(d, "animation_data", None) and (d.animation_data.action or d.animation_data.drivers)
+        for d in data
+    )
+    return (
+        animated
+        or thing.rigid_body is not None
+        or any(m.type in {"CLOTH", "SOFT_BODY", "FLUID", "ARMATURE"} for m in thing.modifiers)
+    )

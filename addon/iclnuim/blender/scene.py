@@ -31,7 +31,9 @@ def open_scene(name: str) -> list[str]:
         else:
             IMPORTERS[path.suffix.lower()](str(path))
     except RuntimeError as error:
-        raise InputError("a scene that Blender can open", path=path, found=str(error).strip().splitlines()[-1]) from None
+        raise InputError(
+            "a scene that Blender can open", path=path, found=str(error).strip().splitlines()[-1]
+        ) from None
     if not any(o.type in {"MESH", "CURVE", "SURFACE", "META", "FONT"} for o in bpy.context.scene.objects):
         raise InputError("a scene with at least one surface", path=path, found="none")
     return _add_light_where_there_is_none()

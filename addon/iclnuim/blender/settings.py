@@ -12,7 +12,13 @@ from ..job import RenderJob
 from . import compat
 
 #: Bounces of a path-traced frame; more change these rooms by less than the noise.
-PATH_BOUNCES = {"max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8, "transparent_max_bounces": 16}
+PATH_BOUNCES = {
+    "max_bounces": 8,
+    "diffuse_bounces": 4,
+    "glossy_bounces": 4,
+    "transmission_bounces": 8,
+    "transparent_max_bounces": 16,
+}
 
 #: Cycles' first ray, from which Z comes, misses the pixel centre by half a step of the filter's table: 8e-5 px with the narrow
 #: filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide whatever its width says.
@@ -22,7 +28,9 @@ CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
 def apply(job: RenderJob) -> None:
     """Cycles on the CPU for `job`, linear 32-bit multilayer EXR with Z. Raises WorkError for a denoiser that is not there."""
     if job.denoise and not compat.has_denoiser():
-        raise WorkError("this Blender has no OpenImageDenoise; try --no-denoise with more --samples, or the bpy package")
+        raise WorkError(
+            "this Blender has no OpenImageDenoise; try --no-denoise with more --samples, or the bpy package"
+        )
     scene = bpy.context.scene
     _sampling(scene, job)
     _film(scene, job)

@@ -35,7 +35,12 @@ Emit = Callable[[dict], None]
 
 
 def render_run(
-    job: RenderJob, out: Path, frames_asked: str | Sequence[int], emit: Emit, should_stop: Callable[[], bool], blend: Path | None = None
+    job: RenderJob,
+    out: Path,
+    frames_asked: str | Sequence[int],
+    emit: Emit,
+    should_stop: Callable[[], bool],
+    blend: Path | None = None,
 ) -> bool:
     """Render the frames of `job` that are missing in `out`; True when all asked for are done, False when stopped.
 
@@ -143,7 +148,9 @@ def _finish(closing: Future | None, emit: Emit) -> None:
 
 
 def _trajectory_file(job: RenderJob) -> Path:
-    return shipped.trajectory_file(job.trajectory) if job.trajectory in shipped.sequence_names() else Path(job.trajectory)
+    return (
+        shipped.trajectory_file(job.trajectory) if job.trajectory in shipped.sequence_names() else Path(job.trajectory)
+    )
 
 
 def _work_folder(run: RunFolder) -> Path:

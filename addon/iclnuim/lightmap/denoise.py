@@ -20,7 +20,9 @@ _NORMAL_POWER = 32
 _ODD = 6.0
 
 
-def denoise(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, normals: np.ndarray, usable: np.ndarray) -> np.ndarray:
+def denoise(
+    half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, normals: np.ndarray, usable: np.ndarray
+) -> np.ndarray:
     """(h, w, 3) light from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
     half_a, half_b = _without_fireflies(half_a, half_b, chart)
     variance = _variance(half_a, half_b, chart, usable)
@@ -42,7 +44,9 @@ def _without_fireflies(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
     around = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-    usual = np.median([np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in around], axis=0)
+    usual = np.median(
+        [np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in around], axis=0
+    )
     odd = (gap > _ODD * usual + 0.1 * np.minimum(a, b))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
     return np.where(odd, darker, half_a), np.where(odd, darker, half_b)
@@ -65,15 +69,30 @@ def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable:
 
 
 def _wavelet(
-    light: np.ndarray, guide: np.ndarray, variance: np.ndarray, chart: np.ndarray, normals: np.ndarray, mask: np.ndarray, step: int
+    light: np.ndarray,
+    guide: np.ndarray,
+    variance: np.ndarray,
+    chart: np.ndarray,
+    normals: np.ndarray,
+    mask: np.ndarray,
+    step: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """One level: nine neighbours `step` texels apart, weighed by `guide`; returns light and its variance."""
     here = np.flatnonzero(mask)
     h, w = mask.shape
     row, column = here // w, here % w
-    flat, spread, part, facing = light.reshape(-1, 3), variance.ravel(), np.where(mask, chart, -1).ravel(), normals.reshape(-1, 3)
+    flat, spread, part, facing = (
+        light.reshape(-1, 3),
+        variance.ravel(),
+        np.where(mask, chart, -1).ravel(),
+        normals.reshape(-1, 3),
+    )
     bright = luminance(guide.reshape(-1, 3))
-    total, noise, weights = np.zeros((len(here), 3), np.float32), np.zeros(len(here), np.float32), np.zeros(len(here), np.float32)
+    total, noise, weights = (
+        np.zeros((len(here), 3), np.float32),
+        np.zeros(len(here), np.float32),
+        np.zeros(len(here), np.float32),
+    )
     for dy, wy in _KERNEL.items():
         for dx, wx in _KERNEL.items():
             y, x = row + dy * step, column + dx * step

@@ -64,7 +64,9 @@ def join(parts: list[Surfaces]) -> Surfaces:
         corners_m=np.concatenate([p.corners_m for p in parts]),
         normals=np.concatenate([p.normals for p in parts]),
         vertex=np.concatenate([p.vertex + v for p, v in zip(parts, vertices, strict=False)]),
-        face_start=np.concatenate([p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)] + [corners[-1:]]),
+        face_start=np.concatenate(
+            [p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)] + [corners[-1:]]
+        ),
         triangles=np.concatenate([p.triangles + c for p, c in zip(parts, corners, strict=False)]),
         triangle_face=np.concatenate([p.triangle_face + f for p, f in zip(parts, faces, strict=False)]),
         face_object=np.repeat(np.arange(len(parts)), [p.faces for p in parts]),
@@ -84,7 +86,8 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     chosen = Surfaces(
         corners_m=surfaces.corners_m[corner],
         normals=surfaces.normals[corner] * sign,
-        vertex=surfaces.vertex[corner] + np.where(np.repeat(side, count) == BACK, int(surfaces.vertex.max(initial=0)) + 1, 0),
+        vertex=surfaces.vertex[corner]
+        + np.where(np.repeat(side, count) == BACK, int(surfaces.vertex.max(initial=0)) + 1, 0),
         face_start=start,
         triangles=triangles,
         triangle_face=triangle_face,
@@ -93,7 +96,9 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     return Sides(chosen, face, side, corner)
 
 
-def _selected_triangles(surfaces: Surfaces, face: np.ndarray, side: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _selected_triangles(
+    surfaces: Surfaces, face: np.ndarray, side: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of the chosen sides; those of backs are turned over."""
     triangles, owners = [], []
     for which in (FRONT, BACK):
