@@ -18,7 +18,7 @@ def raw(tmp_path):
     camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5}
     recipe = {"job": {"camera": camera}, "trajectory_sha256": "a", "scene_sha256": "b", "blender": "none"}
     run = open_run(
-        tmp_path / "raw", recipe, Trajectory.at_rate(SE3.exp(np.random.default_rng(1).normal(0, 0.05, (3, 6))))
+        tmp_path / "raw", recipe, Trajectory.at_rate(SE3.exp(np.random.default_rng(1).normal(0, 0.001, (3, 6))))
     )
     v, u = np.mgrid[0:48, 0:64]
     for number in range(3):
