@@ -22,7 +22,11 @@ class SceneEntry:
 
 
 SCENES: dict[str, SceneEntry] = {
-    entry.name: entry for entry in (SceneEntry("living_room", ".living_room", "living room, 4.94 x 5.02 x 2.50 m"),)
+    entry.name: entry
+    for entry in (
+        SceneEntry("living_room", ".living_room", "living room, 4.94 x 5.02 x 2.50 m"),
+        SceneEntry("office", ".office", "office, 5.0 x 7.4 x 2.40 m"),
+    )
 }
 
 

@@ -1,0 +1,113 @@
+"""Every material of the office, by name; the textures are painted from the seed."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from . import office_textures as tex
+from . import paintings, textures
+from .materials import glossy, glow, image, matte, metal
+from .office_storage import BINDER_CELLS, BOOK_CELLS
+
+
+class _Painter:
+    """Paints images one after the other, each from its own stream of the seed, smaller for a coarse room."""
+
+    def __init__(self, seed: int, detail: float) -> None:
+        self.seed, self.detail, self.stream = seed, detail, 0
+
+    def size(self, full: int) -> int:
+        return max(64, int(round(full * min(self.detail, 1.0))))
+
+    def __call__(self, name: str, paint, *args) -> bpy.types.Image:
+        self.stream += 1
+        rng = np.random.default_rng(np.random.SeedSequence([self.seed, 177, self.stream]))
+        return image("office." + name, paint(rng, *args))
+
+
+def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
+    """Materials by short name; Blender names carry the prefix `office.`."""
+    paint = _Painter(seed, detail)
+    made = {**_shell(paint), **_furniture(paint), **_prints(paint), **_plain()}
+    for name, material in made.items():
+        material.name = "office." + name
+    return made
+
+
+def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
+    size = paint.size
+    brown = paint("skirting", textures.timber, size(512), (0.30, 0.19, 0.11), (0.42, 0.28, 0.17))
+    return {
+        "wall": matte("wall", paint("paint", tex.paint, size(1536), (0.790, 0.785, 0.745))),
+        "floor": matte("floor", paint("carpet", tex.carpet, size(2048), (0.40, 0.395, 0.395))),
+        "ceiling": matte("ceiling", paint("mineral", tex.mineral, size(1536), (0.715, 0.70, 0.655))),
+        "rail": glossy("rail", (0.62, 0.61, 0.56), 0.35),
+        "skirting": glossy("skirting", brown, 0.30),
+        "louver": glow("louver", (1.0, 0.99, 0.93), 0.80),
+        "tube light": glow("tube light", (1.0, 0.99, 0.94), 1.6),
+    }
+
+
+def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
+    size = paint.size
+    red = paint("laminate", textures.timber, size(1024), (0.33, 0.21, 0.16), (0.52, 0.36, 0.28), 8)
+    beech = paint("beech", textures.timber, size(1024), (0.55, 0.40, 0.26), (0.70, 0.54, 0.37))
+    ochre = paint("ochre", tex.worn_paint, size(768), (0.66, 0.53, 0.30))
+    return {
+        "laminate": glossy("laminate", red, 0.16),
+        "beech": glossy("beech", beech, 0.25),
+        "ochre": glossy("ochre", ochre, 0.30),
+        "grey case": glossy("grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60)), 0.30),
+        "cloth": matte("cloth", paint("cloth", textures.cloth, size(512), 60, (0.20, 0.24, 0.34), 0.35)),
+        "cork": matte("cork", paint("cork", tex.cork, size(512))),
+        "cream": glossy("cream", paint("cream", tex.worn_paint, size(512), (0.80, 0.77, 0.67)), 0.32),
+        "door": glossy("door", paint("door", textures.timber, size(768), (0.50, 0.36, 0.24), (0.60, 0.45, 0.31)), 0.22),
+    }
+
+
+def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
+    n = paint.size(768)
+    shapes = {"landscape": paintings.landscape, "coast": paintings.coast, "still life": tex.still_life}
+    made = {k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n)), 0.04) for k, f in shapes.items()}
+    backs = paint("spines", tex.spines, (n, paint.size(1024)), BOOK_CELLS, BINDER_CELLS)
+    return {
+        **made,
+        "spines": glossy("spines", backs, 0.35),
+        "pages": matte("pages", paint("pages", tex.pages, paint.size(1024))),
+        "labels": matte("labels", paint("labels", tex.labels, paint.size(56))),
+        "dial": glossy("dial", paint("dial", tex.dial, paint.size(512)), 0.05),
+        "lit screen": glow("lit screen", paint("spreadsheet", tex.spreadsheet, (paint.size(480), paint.size(640))), 0.55),
+    }
+
+
+def _plain() -> dict[str, bpy.types.Material]:
+    return {
+        "mat": glossy("mat", (0.66, 0.66, 0.64), 0.05),
+        "black": glossy("black", (0.022, 0.022, 0.024), 0.30),
+        "dark": glossy("dark", (0.035, 0.033, 0.030), 0.45),
+        "screen": glossy("screen", (0.008, 0.009, 0.010), 0.03, 1.5),
+        "steel paint": glossy("steel paint", (0.24, 0.245, 0.24), 0.32),
+        "steel": metal("steel", (0.50, 0.50, 0.49), 0.30),
+        "chrome": metal("chrome", (0.62, 0.62, 0.60), 0.10),
+        "blue board": glossy("blue board", (0.040, 0.075, 0.135), 0.35),
+        "blue plastic": glossy("blue plastic", (0.035, 0.19, 0.30), 0.22),
+        "red plastic": glossy("red plastic", (0.26, 0.05, 0.04), 0.22),
+        "red card": matte("red card", (0.48, 0.07, 0.05)),
+        "green card": matte("green card", (0.10, 0.28, 0.16)),
+        "buff card": matte("buff card", (0.62, 0.48, 0.28)),
+        "white plastic": glossy("white plastic", (0.62, 0.62, 0.58), 0.25),
+        "white metal": glossy("white metal", (0.55, 0.55, 0.52), 0.30),
+        "grey keys": glossy("grey keys", (0.36, 0.35, 0.31), 0.38),
+        "key": glossy("key", (0.60, 0.57, 0.48), 0.38),
+        "yellow": glossy("yellow", (0.70, 0.42, 0.03), 0.25),
+        "green glass": glossy("green glass", (0.16, 0.26, 0.21), 0.06),
+        "glaze": glossy("glaze", (0.70, 0.69, 0.65), 0.08),
+        "coffee": glossy("coffee", (0.02, 0.011, 0.006), 0.05),
+        "paper": matte("paper", (0.70, 0.68, 0.62)),
+        "bulb": glossy("bulb", (0.75, 0.75, 0.72), 0.10),
+        "phone": glossy("phone", (0.10, 0.105, 0.11), 0.28),
+        "umbrella": matte("umbrella", (0.02, 0.022, 0.035)),
+        "leaf": glossy("leaf", (0.05, 0.14, 0.04), 0.30),
+        "terracotta": matte("terracotta", (0.40, 0.17, 0.09)),
+    }
