@@ -13,7 +13,7 @@ from .geometry.camera import PinholeCamera
 
 SCHEMA_VERSION = 1
 #: Effective settings where a job names none. Few samples do for baked light: only reflections and glass are sampled.
-LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples": 2, "denoise": False}}
+LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples": 1, "denoise": False}}
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class RenderJob:
     antialias: bool = False
     lambertian: bool = False
     map_size: int = 2048
-    map_samples: int = 64
+    map_samples: int = 32
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -1,17 +1,12 @@
-"""How like the official frames our living room's are, in what an odometer feeds on: corners, gradients, depth."""
+"""How like the official frames ours are, in what an odometer feeds on: corners, gradients, depth."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
-from iclnuim.errors import InputError
 
-#: Official frames with both picture and depth, by number in lr_kt0.
-FRAMES = (0, 1, 50)
-TRAJECTORY = "trajectories/lr_kt0_Tpov_cam_3x4.txt"
 DEPTH_SHARES = (10, 25, 50, 75, 90)
 
 
@@ -42,16 +37,6 @@ def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
     return Likeness(
         *counts, float(np.median(np.hypot(dx, dy))), float(grey.mean() / 255), tuple(float(q) for q in quantiles)
     )
-
-
-def official(samples: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frame `number` of lr_kt0: bgr bytes (480, 640, 3) and planar depth in metres."""
-    folder = samples / "lr_kt0"
-    bgr = cv2.imread(str(folder / f"image_rgb_{number}.png"))
-    depth_mm = cv2.imread(str(folder / f"image_depth_{number}.pgm"), cv2.IMREAD_UNCHANGED)
-    if bgr is None or depth_mm is None:
-        raise InputError(f"the official frame {number} (picture and depth)", path=folder, found="not both")
-    return bgr, depth_mm / 1000.0
 
 
 def srgb_bytes(rgb: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
         "--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K"
     )
     parser.add_argument("--light", choices=("baked", "path"), help="baked light map (default) or full path tracing")
-    parser.add_argument("--samples", type=int, metavar="N", help="rays a pixel; default: 2 baked, 64 path-traced")
+    parser.add_argument("--samples", type=int, metavar="N", help="rays a pixel; default: 1 baked, 64 path-traced")
     parser.add_argument(
         "--denoise", action=argparse.BooleanOptionalAction, help="OpenImageDenoise; default: for path tracing"
     )
@@ -56,7 +56,7 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
     parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
-    parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 64")
+    parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples, and of noise; default: 0")
 
 

@@ -30,7 +30,13 @@ from .lit_scene import LitScene, MapLayout
 
 Report = Callable[[str], None]
 #: A frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
-RENDER_SETTINGS = {"max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16}
+RENDER_SETTINGS = {
+    "max_bounces": 8,
+    "diffuse_bounces": 0,
+    "glossy_bounces": 2,
+    "transmission_bounces": 8,
+    "transparent_max_bounces": 16,
+}
 _VIEWPOINTS = 64
 #: The back of a surface needs no light when this little of it is seen, compared with the front: cracks between walls.
 _GLIMPSE = 0.02
@@ -43,7 +49,7 @@ class BakeSettings:
     """size: of the square map, in texels; samples: a texel and source of light; coarse_size, coarse_samples: of the map in between."""
 
     size: int = 2048
-    samples: int = 64
+    samples: int = 32
     coarse_size: int = 512
     coarse_samples: int = 64
     seed: int = 0
@@ -64,7 +70,13 @@ def prepare(scene_key_extra: dict, settings: BakeSettings, cache: Path, report: 
             raise InputError("a scene with surfaces to bake light on", found="none")
         try:
             parts = scene_key.key_parts(found, scene)
-            whole = {**parts, "settings": asdict(settings), "blender": compat.version_line(), "iclnuim": __version__, "extra": scene_key_extra}
+            whole = {
+                **parts,
+                "settings": asdict(settings),
+                "blender": compat.version_line(),
+                "iclnuim": __version__,
+                "extra": scene_key_extra,
+            }
             name = hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
             folder = cache / "light" / name
             if not light_map.is_whole(folder):
@@ -80,31 +92,44 @@ def apply(folder: Path) -> LitScene:
     scene = bpy.context.scene
     with light_surfaces.as_rendered(scene) as depsgraph:
         found = light_surfaces.parts(depsgraph)
-        return lit_scene.show(found, light_map.load_layout(folder), light_map.load_image(folder))
+        lit = lit_scene.show(found, light_map.load_layout(folder), light_map.load_image(folder))
+    lit_scene.put_out_lamps(lit)
+    return lit
 
 
 def apply_render_settings(scene: bpy.types.Scene) -> None:
-    """Bounces for frames by baked light."""
+    """For frames by baked light: bounces; and reflections find the sky by themselves, at less cost than by aiming at it."""
     for name, value in RENDER_SETTINGS.items():
         setattr(scene.cycles, name, value)
+    if scene.world is not None:
+        scene.world.cycles.sampling_method = "NONE"
 
 
-def _make(folder: Path, found: list[Part], depsgraph: bpy.types.Depsgraph, settings: BakeSettings, key: dict, report: Report) -> None:
+def _make(
+    folder: Path, found: list[Part], depsgraph: bpy.types.Depsgraph, settings: BakeSettings, key: dict, report: Report
+) -> None:
     started = time.perf_counter()
     surfaces = light_surfaces.surfaces(found)
     places = light_view.viewpoints(depsgraph, surfaces, _VIEWPOINTS, settings.seed)
     report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
     both = _lit_sides(found)
     wanted, exposure = _seen_sides(surfaces, found, places, settings)
-    coarse = _Points(lay_out(surfaces, both, settings.coarse_size, exposure), places, settings.coarse_samples, settings.seed)
+    coarse = _Points(lay_out(surfaces, both, settings.coarse_size), places, settings.coarse_samples, settings.seed)
     fine = _Points(lay_out(surfaces, wanted, settings.size, exposure), places, settings.samples, settings.seed + 1)
     report(f"coarse map: {coarse.layout.summary()}")
     with _bounced(found, coarse):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct() + fine.gathered())
     seconds = time.perf_counter() - started
-    recipe = {"schema_version": 1, "key": key, "seconds": round(seconds, 1), "charts": len(fine.layout.charts.size_m), "texels": len(fine.points_m),
-              "coverage": round(len(fine.points_m) / settings.size**2, 4), "texels_per_metre": round(fine.layout.packing.density, 2)}
+    recipe = {
+        "schema_version": 1,
+        "key": key,
+        "seconds": round(seconds, 1),
+        "charts": len(fine.layout.charts.size_m),
+        "texels": len(fine.points_m),
+        "coverage": round(len(fine.points_m) / settings.size**2, 4),
+        "texels_per_metre": round(fine.layout.packing.density, 2),
+    }
     light_map.store(folder, light, _map_layout(found, fine.layout), recipe)
     report(f"light map: {seconds:.0f} s, {folder}")
 
@@ -130,7 +155,9 @@ def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
     return MapLayout(*layout.uv(), tuple(len(part.mesh.loops) for part in found))
 
 
-def _seen_sides(surfaces: Surfaces, found: list[Part], places: np.ndarray, settings: BakeSettings) -> tuple[np.ndarray, np.ndarray]:
+def _seen_sides(
+    surfaces: Surfaces, found: list[Part], places: np.ndarray, settings: BakeSettings
+) -> tuple[np.ndarray, np.ndarray]:
     """(F, 2) sides that need light, and (F, 2) how much of an image each may fill.
 
     A side needs light when a camera in free space may see it; the far side of cloth that light passes through, too.
@@ -138,7 +165,10 @@ def _seen_sides(surfaces: Surfaces, found: list[Part], places: np.ndarray, setti
     both, translucent = _lit_sides(found), _kinds(found)[1]
     layout = lay_out(surfaces, both, settings.coarse_size)
     light = light_view.seen(*layout.points(), places, settings.seed)
-    exposure, share = layout.per_side(np.sqrt(light)) ** 2, layout.per_side(light > 0)  # the root: a lamp close by counts less
+    share = layout.per_side(light > 0)
+    exposure = (
+        layout.per_side(np.sqrt(light)) / np.maximum(share, 1e-9)
+    ) ** 2  # by the root, a lamp close by counts less
     share[:, BACK] *= share[:, BACK] > _GLIMPSE * share[:, FRONT]
     exposure = np.where(translucent[:, None], exposure.max(1, keepdims=True), exposure)
     share = np.where(translucent[:, None], share.max(1, keepdims=True), share)
@@ -182,7 +212,10 @@ class _Points:
         share = np.array(_STEPS_INTO_VIEW)[:, None, None]
         points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        seen = light_view.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed).reshape(points.shape[:2]) > 0
+        seen = (
+            light_view.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed).reshape(points.shape[:2])
+            > 0
+        )
         seen[-1] = True  # the seen texel itself
         first = seen.argmax(0), np.arange(len(hidden))
         self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]

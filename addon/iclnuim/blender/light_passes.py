@@ -38,7 +38,9 @@ class Halves:
         return (self.a + self.b) / 2
 
 
-def direct(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]) -> Halves:
+def direct(
+    points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]
+) -> Halves:
     """Light that comes straight from lamps and sky of the open scene; what `materials` emit is left out."""
     light = _nothing(len(points_m))
     with without_glow(materials):

@@ -47,7 +47,9 @@ class Target:
         self.mesh.materials.append(self.material)
         self.object = bpy.data.objects.new("light points", self.mesh)
         for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
-            setattr(self.object, f"visible_{ray}", False)  # camera rays may see it: baking sends none, and needs one kind that does
+            setattr(
+                self.object, f"visible_{ray}", False
+            )  # camera rays may see it: baking sends none, and needs one kind that does
 
     def __enter__(self) -> Target:
         bpy.context.scene.collection.objects.link(self.object)
@@ -64,11 +66,34 @@ class Target:
         surfaces give, and what comes by way of up to max_bounces others. Raises WorkError where Cycles fails.
         """
         scene = bpy.context.scene
-        with kept(scene.cycles, samples=samples, seed=seed, use_animated_seed=False, use_adaptive_sampling=False, sample_offset=0, time_limit=0.0,
-                  max_bounces=max_bounces, light_sampling_threshold=0.0, use_denoising=False), kept(
-                  scene.render, engine="CYCLES", use_persistent_data=False), kept(
-                  scene.render.bake, use_pass_direct=True, use_pass_indirect=True, use_pass_color=False, margin=0, use_clear=True,
-                  target="IMAGE_TEXTURES", use_selected_to_active=False, use_multires=False, use_split_materials=False, view_from="ABOVE_SURFACE"):
+        with (
+            kept(
+                scene.cycles,
+                samples=samples,
+                seed=seed,
+                use_animated_seed=False,
+                use_adaptive_sampling=False,
+                sample_offset=0,
+                time_limit=0.0,
+                max_bounces=max_bounces,
+                light_sampling_threshold=0.0,
+                use_denoising=False,
+            ),
+            kept(scene.render, engine="CYCLES", use_persistent_data=False),
+            kept(
+                scene.render.bake,
+                use_pass_direct=True,
+                use_pass_indirect=True,
+                use_pass_color=False,
+                margin=0,
+                use_clear=True,
+                target="IMAGE_TEXTURES",
+                use_selected_to_active=False,
+                use_multires=False,
+                use_split_materials=False,
+                view_from="ABOVE_SURFACE",
+            ),
+        ):
             _run_bake(self.object)
         pixels = np.empty(self.rows * _ROW * 4, np.float32)
         self.image.pixels.foreach_get(pixels)

@@ -71,6 +71,19 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image) -> LitSce
     return lit
 
 
+def put_out_lamps(lit: LitScene) -> None:
+    """Lamps that reflections do not show have given all their light to the map."""
+    for lamp in bpy.context.scene.objects:
+        portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
+        if (
+            lamp.type == "LIGHT"
+            and not lamp.hide_render
+            and (portal or not (lamp.visible_glossy or lamp.visible_camera))
+        ):
+            lit.hidden.append((lamp, lamp.name, False))
+            lamp.hide_render = True
+
+
 def image_from_pixels(light: np.ndarray) -> bpy.types.Image:
     """A new float image from (rows, columns, 3), row 0 at the bottom."""
     image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)

@@ -20,6 +20,9 @@ PATH_BOUNCES = {
     "transparent_max_bounces": 16,
 }
 
+#: No path that bounced brings more light than this to a sample: rare bright ones would be specks.
+CLAMP = 10.0
+
 #: Cycles' first ray, from which Z comes, misses the pixel centre by half a step of the filter's table: 8e-5 px with the narrow
 #: filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide whatever its width says.
 CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
@@ -52,6 +55,7 @@ def _sampling(scene: bpy.types.Scene, job: RenderJob) -> None:
     for name, value in PATH_BOUNCES.items():
         setattr(cycles, name, value)
     cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = 0.0, CLAMP
     cycles.use_light_tree, cycles.use_guiding = True, False
     cycles.debug_use_spatial_splits = True
 

@@ -15,6 +15,7 @@ import os
 import platform
 import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -98,10 +99,31 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
         lambertian.apply()
     settings.apply(job)
     if job.light == "baked":
-        map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
-        bake.apply(bake.prepare({}, map_settings, light_map.cache_folder(), note))
+        bake.apply(_light(job, note))
         bake.apply_render_settings(bpy.context.scene)
     camera.keyframe(trajectory.T_world_camera, job.camera)
+
+
+def bake_light(job: RenderJob, emit: Emit) -> Path:
+    """Open the job's scene and find or make its light map, in the folder that is returned."""
+    compat.require_supported_version()
+
+    def note(text: str) -> None:
+        emit({"event": "note", "text": text})
+
+    with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
+        for text in [*scene.open_scene(job.scene), *preflight.findings(True)]:
+            note(text)
+        if job.lambertian:
+            lambertian.apply()
+        settings.apply(job)
+        return _light(job, note)
+
+
+def _light(job: RenderJob, note: Callable[[str], None]) -> Path:
+    """The light map of the open scene."""
+    map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
+    return bake.prepare({}, map_settings, light_map.cache_folder(), note)
 
 
 def _loop(run: RunFolder, missing: list[int], work: Path, emit: Emit, should_stop: Callable[[], bool]) -> bool:

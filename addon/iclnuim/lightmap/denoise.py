@@ -24,7 +24,7 @@ def denoise(
     half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, normals: np.ndarray, usable: np.ndarray
 ) -> np.ndarray:
     """(h, w, 3) light from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
-    half_a, half_b = _without_fireflies(half_a, half_b, chart)
+    half_a, half_b = _without_fireflies(half_a, half_b, chart, usable)
     variance = _variance(half_a, half_b, chart, usable)
     spread = (variance, variance.copy())
     halves = half_a.astype(np.float32), half_b.astype(np.float32)
@@ -39,17 +39,40 @@ def luminance(light: np.ndarray) -> np.ndarray:
     return light @ np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
-def _without_fireflies(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both halves as the darker one where they disagree far more than their eight neighbours do. Lit edges agree, and stay."""
+def _without_fireflies(
+    half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the halves disagree far more than around, both take the darker one. Lit edges agree, and stay.
+
+    What is cut off is light all the same, found by few paths: it is spread over the neighbourhood, so that nothing is lost.
+    """
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
     around = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
     usual = np.median(
         [np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in around], axis=0
     )
-    odd = (gap > _ODD * usual + 0.1 * np.minimum(a, b))[..., None]
+    odd = (usable & (gap > _ODD * usual + 0.1 * np.minimum(a, b)))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
-    return np.where(odd, darker, half_a), np.where(odd, darker, half_b)
+    clean_a, clean_b = np.where(odd, darker, half_a), np.where(odd, darker, half_b)
+    spread = _spread((half_a - clean_a + half_b - clean_b) / 2, chart, usable)
+    return clean_a + spread, clean_b + spread
+
+
+def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Light (h, w, 3) shared out among the usable texels of its chart, some 2^_LEVELS texels around it."""
+    share = usable.astype(np.float32)[..., None]
+    light = light.astype(np.float32) * share
+    for step in [1 << level for level in range(_LEVELS)]:
+        for axis in ((step, 0), (0, step)):
+            total, count = _KERNEL[0] * light, _KERNEL[0] * share
+            for sign in (-1, 1):
+                dy, dx = axis[0] * sign, axis[1] * sign
+                same = (shifted(chart, dy, dx, -2) == chart)[..., None] * share
+                total += _KERNEL[1] * same * shifted(light, dy, dx, 0)
+                count += _KERNEL[1] * same * shifted(share, dy, dx, 0)
+            light = total / np.maximum(count, 1e-6)
+    return light
 
 
 def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:

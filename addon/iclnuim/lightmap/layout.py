@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .charts import Charts, chart
-from .packing import Packing, map_coordinates, pack
+from .packing import Packing, pack
 from .surfaces import BACK, FRONT, Sides, Surfaces, select
 from .texels import Texels, texels
 
@@ -24,7 +24,6 @@ class Layout:
     charts: Charts
     packing: Packing
     texels: Texels
-    corners_map: np.ndarray
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """(N, 3) points in metres and (N, 3) unit normals, one a texel."""
@@ -37,14 +36,16 @@ class Layout:
         side = self.sides.side[self.sides.surfaces.face_of_corner]
         for which in (FRONT, BACK):
             corner = self.sides.corner[side == which]
-            uv[which, corner] = self.corners_map[side == which] / self.packing.size
+            uv[which, corner] = self.packing.corners[side == which] / self.packing.size
             has[which, corner] = True
         return uv, has
 
     def per_side(self, values: np.ndarray) -> np.ndarray:
         """(F, 2): the mean of texel values (N,) over the chart of each side; 0 for sides without texels."""
         count = len(self.charts.size_m)
-        mean = np.bincount(self.texels.chart, values, count) / np.maximum(np.bincount(self.texels.chart, minlength=count), 1)
+        mean = np.bincount(self.texels.chart, values, count) / np.maximum(
+            np.bincount(self.texels.chart, minlength=count), 1
+        )
         result = np.zeros((self.surfaces.faces, 2))
         result[self.sides.face, self.sides.side] = mean[self.charts.chart]
         return result
@@ -62,9 +63,8 @@ def lay_out(surfaces: Surfaces, wanted: np.ndarray, size: int, exposure: np.ndar
     """
     sides = select(surfaces, wanted)
     charts = chart(sides.surfaces)
-    packing = pack(charts, size, None if exposure is None else _weight(charts, sides, exposure))
-    corners_map = map_coordinates(charts, packing, charts.chart[sides.surfaces.face_of_corner])
-    return Layout(surfaces, sides, charts, packing, texels(sides.surfaces, charts.chart, corners_map, size), corners_map)
+    packing = pack(sides.surfaces, charts, size, None if exposure is None else _weight(charts, sides, exposure))
+    return Layout(surfaces, sides, charts, packing, texels(sides.surfaces, charts.chart, packing.corners, size))
 
 
 def _weight(charts: Charts, sides: Sides, exposure: np.ndarray) -> np.ndarray:

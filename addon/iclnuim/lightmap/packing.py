@@ -8,54 +8,74 @@ import numpy as np
 
 from ..errors import InputError
 from .charts import Charts
+from .stretching import Ruler, folded
+from .surfaces import Surfaces
 
 #: Empty texels between charts; filled with their neighbours' light afterwards.
 GUTTER = 1
+_BISECTIONS = 14
 
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """Where charts lie in a map of size x size texels.
-
-    texels (K, 2): columns and rows of each chart, its rectangle reaching from the first texel's centre to the last one's;
-    origin (K, 2): its first texel; turned (K,): whether its two axes are swapped; density: texels per metre.
-    """
+    """Where charts lie in a map of size x size texels: corners (C, 2), the centre of texel i at i + 0.5; density: texels per metre."""
 
     size: int
-    texels: np.ndarray
-    origin: np.ndarray
-    turned: np.ndarray
+    corners: np.ndarray
     density: float
 
 
-def pack(charts: Charts, size: int, weight: np.ndarray | None = None) -> Packing:
+def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray | None = None) -> Packing:
     """The highest texel density at which all charts fit; `weight` (K,) multiplies it chart by chart.
 
-    Raises InputError where even the smallest charts (2 x 2 texels) do not fit.
+    A chart's rectangle reaches from its first texel's centre to its last one's. Raises InputError where even the smallest charts,
+    2 x 2 texels each, do not fit.
     """
     weight = np.ones(len(charts.size_m)) if weight is None else weight
+    ruler = Ruler(charts, charts.chart[surfaces.face_of_corner])
+    plain = np.zeros(len(weight), bool)
+    while True:
+        density, origin, turned = _densest(ruler, size, weight, plain, charts)
+        coordinates, extent = ruler.measure(density * weight, plain)
+        broken = folded(surfaces, charts, coordinates) & ~plain
+        if not broken.any():
+            return Packing(size, _corners(ruler.chart_of_corner, coordinates, extent, origin, turned), density)
+        plain |= broken
+
+
+def _densest(
+    ruler: Ruler, size: int, weight: np.ndarray, plain: np.ndarray, charts: Charts
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Density, first texel (K, 2) and whether its axes are swapped (K,) for each chart."""
     low, high, best = 0.0, 2.0 * size / np.sqrt(max(float((charts.size_m.prod(1) * weight**2).sum()), 1e-12)), None
-    for _ in range(18):
+    for _ in range(_BISECTIONS):
         density = (low + high) / 2
-        placed = _place(charts, size, density, weight)
+        placed = _place(ruler.measure(density * weight, plain)[1], size)
         if placed is None:
             high = density
         else:
             low, best = density, placed
-    best = best or _place(charts, size, 0.0, weight)
+    best = best or _place(np.zeros_like(charts.size_m), size)
     if best is None:
-        raise InputError(f"a light map that holds {len(charts.size_m)} charts", found=f"{size} texels", hint="a larger map size")
-    return best
+        raise InputError(
+            f"a light map that holds {len(weight)} charts", found=f"{size} texels", hint="a larger map size"
+        )
+    return low, *best
 
 
-def _place(charts: Charts, size: int, density: float, weight: np.ndarray) -> Packing | None:
-    texels = np.maximum(np.ceil(charts.size_m * (density * weight)[:, None] - 1e-6).astype(int), 1) + 1
-    turned = texels[:, 1] > texels[:, 0]
-    texels = np.where(turned[:, None], texels[:, ::-1], texels)
-    cells = texels + GUTTER
+def _texels(extent: np.ndarray) -> np.ndarray:
+    """Columns and rows (K, 2): at least two, so that interpolation has something on both sides."""
+    return np.maximum(np.ceil(extent - 1e-6).astype(int), 1) + 1
+
+
+def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Charts in rows of falling height, lying on their longer side; None where they do not fit."""
+    cells = _texels(extent) + GUTTER
+    turned = cells[:, 1] > cells[:, 0]
+    cells = np.where(turned[:, None], cells[:, ::-1], cells)
     if len(cells) and (cells[:, 0].max() > size or cells.prod(1).sum() > size * size):
         return None
-    origin = np.zeros_like(texels)
+    origin = np.zeros_like(cells)
     x = y = row = 0
     for k in np.lexsort((-cells[:, 0], -cells[:, 1])):
         w, h = cells[k]
@@ -64,14 +84,13 @@ def _place(charts: Charts, size: int, density: float, weight: np.ndarray) -> Pac
         if y + h > size:
             return None
         origin[k], x, row = (x, y), x + w, max(row, h)
-    return Packing(size, texels, origin, turned, density)
+    return origin, turned
 
 
-def map_coordinates(charts: Charts, packing: Packing, chart_of_corner: np.ndarray) -> np.ndarray:
-    """(C, 2): where each corner lies in the map, in texels (the centre of texel i is at i + 0.5)."""
-    k = chart_of_corner
-    flat = np.where(packing.turned[k, None], charts.flat_m[:, ::-1], charts.flat_m)
-    size = np.where(packing.turned[:, None], charts.size_m[:, ::-1], charts.size_m)
-    step = (packing.texels - 1) / np.maximum(size, 1e-9)
-    step = np.where(size > 1e-9, step, 0.0)
-    return flat * step[k] + packing.origin[k] + 0.5
+def _corners(
+    of_corner: np.ndarray, coordinates: np.ndarray, extent: np.ndarray, origin: np.ndarray, turned: np.ndarray
+) -> np.ndarray:
+    """(C, 2) in the map."""
+    step = np.where(extent > 1e-9, (_texels(extent) - 1) / np.maximum(extent, 1e-9), 0.0)
+    placed = coordinates * step[of_corner]
+    return np.where(turned[of_corner, None], placed[:, ::-1], placed) + origin[of_corner] + 0.5

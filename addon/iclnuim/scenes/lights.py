@@ -35,13 +35,19 @@ def spot(
     data = bpy.data.lights.new(name, "SPOT")
     data.energy, data.color, data.shadow_soft_size = power, colour, radius
     data.spot_size, data.spot_blend = np.radians(cone_deg), soft
-    return _add(name, data, location, towards)
+    return _unseen(_add(name, data, location, towards))
 
 
 def lamp(name: str, location: Place, power: float, colour: Place, radius: float) -> bpy.types.Object:
     data = bpy.data.lights.new(name, "POINT")
     data.energy, data.color, data.shadow_soft_size = power, colour, radius
-    return _add(name, data, location)
+    return _unseen(_add(name, data, location))
+
+
+def _unseen(light: bpy.types.Object) -> bpy.types.Object:
+    """What is seen of it, also in floors and screens, is the fitting's own glow."""
+    light.visible_camera = light.visible_glossy = False
+    return light
 
 
 def portal(name: str, location: Place, towards: Place, width: float, height: float) -> bpy.types.Object:

@@ -78,7 +78,8 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     art = picture(1.36, 1.02, 0.055).turned("z", -90)
     stage.add("picture_coast", "picture", art.moved(X1 - 0.002, -0.785, 1.695), "frame wood", "mat", "coast")
     for k, (x, y) in enumerate(SPOTS, 1):
-        stage.add(f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens")
+        fitting = stage.add(f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens")
+        fitting.visible_diffuse = False  # its light is the spot's; what glows is for the eye
     frame, panes = window(*WINDOW, detail)
     stage.add("window_frame", "window", frame.moved(0, Y0 - 0.025, 0), "white paint", "steel")
     stage.add("window_pane", "window", panes.moved(0, Y0 - 0.025, 0), "glass")
@@ -151,7 +152,7 @@ def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         stage.add(f"lamp_{name}", "lamp", stand.moved(x, y, Z0), "steel")
         stage.add(f"lamp_shade_{name}", "lamp", shade.moved(x, y, Z0), "shade", "steel")
         shining = stage.add(f"lamp_bulb_{name}", "lamp", bulb.moved(x, y, Z0), "bulb")
-        shining.visible_shadow = False  # the light stands inside it
+        shining.visible_shadow = shining.visible_diffuse = False  # the light stands inside it; what glows is for the eye
 
 
 def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:

@@ -111,11 +111,10 @@ def metal(name: str, colour: tuple[float, float, float], roughness: float) -> bp
     return _finish(material, _shader(tree, "ShaderNodeBsdfGlossy", colour, roughness))
 
 
-def pane(name: str, ior: float = 1.45) -> bpy.types.Material:
-    """Window glass as a single sheet: light passes, the reflection lies on top."""
+def pane(name: str) -> bpy.types.Material:
+    """Window glass as a single sheet, slightly green. By day what it reflects drowns in what shines through it."""
     material, tree = _new(name)
-    through = _shader(tree, "ShaderNodeBsdfTransparent", (0.96, 0.98, 0.97))
-    return _finish(material, _mix(tree, through, _shader(tree, "ShaderNodeBsdfGlossy", roughness=0.0), ior=ior))
+    return _finish(material, _shader(tree, "ShaderNodeBsdfTransparent", (0.92, 0.94, 0.93)))
 
 
 def thin_cloth(name: str, colour: Colour, translucency: float) -> bpy.types.Material:

@@ -1,0 +1,149 @@
+"""Ways of lighting a frame against a reference of many path-traced samples: seconds a frame, error, and flicker between frames."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from iclnuim.blender import light_map, worker
+from iclnuim.dataset.run_folder import read_run
+from iclnuim.formats.exr import read_exr
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.job import RenderJob, shipped_job
+
+from .light_error import Error, carried_difference, error
+
+REFERENCE_SAMPLES = 2048
+#: Of its two halves: their noise must be neither each other's nor that of a way they judge.
+_REFERENCE_SEEDS = (11, 12)
+_PATH_SAMPLES = (1, 4, 16, 64, 256)
+_BAKED_SAMPLES = (1, 2, 4, 8)
+#: Way -> frames that are timed at full size: slow ones need fewer. The first of them warms up.
+_TIMED_FRAMES = 6
+_SLOW_SAMPLES, _SLOW_TIMED_FRAMES = 16, 3
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way of lighting: `family` is a line of the chart, `label` a point on it."""
+
+    family: str
+    label: str
+    job: RenderJob
+
+
+@dataclass(frozen=True)
+class Result:
+    """seconds: of a frame at full size, median; flicker: median difference of a surface point from frame to frame, 0..1."""
+
+    way: Way
+    seconds: float
+    error: Error
+    flicker: float
+
+
+def machine() -> dict:
+    """Where it was measured."""
+    recipe = worker.recipe(shipped_job("kt2"))
+    return {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
+
+
+def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
+    """Path tracing with and without denoising, and baked light with each map size; the job's own size comes with all samples."""
+    path = [
+        Way(
+            "path traced, denoised" if denoise else "path traced",
+            f"{n}",
+            job.changed(light="path", samples=n, denoise=denoise),
+        )
+        for denoise in (False, True)
+        for n in _PATH_SAMPLES
+    ]
+    baked = [
+        Way(f"baked, {size} map", f"{n}", job.changed(light="baked", samples=n, denoise=False, map_size=size))
+        for size in map_sizes
+        for n in (_BAKED_SAMPLES if size == job.map_size else (job.samples,))
+    ]
+    return path + baked
+
+
+class Race:
+    """Measures ways on the `views` (frame numbers) of a sequence. `small` is the camera for errors, the job's own for times."""
+
+    def __init__(self, job: RenderJob, views: Sequence[int], small: PinholeCamera, note: Callable[[str], None]) -> None:
+        self.job, self.views, self.small, self.note = job, list(views), small, note
+        self.references = self._references()
+
+    def run(self, way: Way) -> Result:
+        pairs = [n + k for n in self.views for k in (0, 1)]
+        with tempfile.TemporaryDirectory() as folder:
+            self._render(replace(way.job, camera=self.small), Path(folder) / "small", pairs)
+            rgb, depth_z_m = _frames(Path(folder) / "small", pairs)
+            seconds = self._seconds(way.job, Path(folder) / "full")
+        return Result(way, seconds, error(rgb[::2], self.references), self._flicker(rgb, depth_z_m, pairs))
+
+    def _references(self) -> np.ndarray:
+        """(2, n, h, w, 3), two independent halves. Rendered once, then kept in the cache; an interrupted render goes on."""
+        return np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
+
+    def _reference(self, seed: int) -> np.ndarray:
+        samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
+        job = replace(self.job.changed(light="path", samples=samples, denoise=False, seed=seed), camera=self.small)
+        recipe = worker.recipe(job)
+        key = json.dumps([recipe[k] for k in ("job", "scene_sha256", "trajectory_sha256", "blender")], sort_keys=True)
+        folder = light_map.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
+        self._render(job, folder, self.views)
+        return _frames(folder, self.views)[0]
+
+    def _seconds(self, job: RenderJob, folder: Path) -> float:
+        slow = job.light == "path" and job.samples > _SLOW_SAMPLES
+        views = self.views[: _SLOW_TIMED_FRAMES if slow else _TIMED_FRAMES]
+        ends = self._render(job, folder, views)
+        return statistics.median(
+            np.diff(ends)[:-1]
+        )  # a frame is reported when the next one is rendered, the last one at once
+
+    def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
+        """Render what is missing; when each frame was done."""
+        ends: list[float] = []
+
+        def listen(event: dict) -> None:
+            if event["event"] == "frame":
+                ends.append(time.perf_counter())
+            if event["event"] == "note":
+                self.note(event["text"])
+
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        worker.render_run(job, folder, numbers, listen, lambda: False)
+        return ends
+
+    def _flicker(self, rgb: np.ndarray, depth_z_m: np.ndarray, pairs: list[int]) -> float:
+        poses = worker.load_trajectory(self.job).T_world_camera
+        differences = [
+            carried_difference(
+                rgb[k],
+                depth_z_m[k],
+                rgb[k + 1],
+                depth_z_m[k + 1],
+                poses[pairs[k + 1]].inverse() @ poses[pairs[k]],
+                self.small,
+            )
+            for k in range(0, len(pairs), 2)
+        ]
+        return float(np.median(np.concatenate(differences)))
+
+
+def _frames(folder: Path, numbers: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """(n, h, w, 3) scene-linear RGB and (n, h, w) planar depth in metres."""
+    run = read_run(folder)
+    channels = [read_exr(run.frame_file(n)) for n in numbers]
+    rgb = np.stack([np.stack([c[name] for name in "RGB"], -1) for c in channels]).astype(np.float32)
+    return rgb, np.stack([c["Z"] for c in channels])

@@ -1,0 +1,46 @@
+"""`iclnuim bake`: a scene's light map into the cache, where every render by baked light finds it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from iclnuim import job as jobs
+from iclnuim import shipped
+from iclnuim.errors import InputError, WorkError
+
+from ..console import Console
+from ..options import common
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "scene", metavar="SCENE", help=f"{', '.join(shipped.SCENE_NAMES)}, or a file such as room.blend"
+    )
+    parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
+    parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel and source of light; default: 32")
+    parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
+    common(parser, "iclnuim bake living_room")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    try:
+        from iclnuim.blender import light_map, worker
+    except ImportError:
+        raise WorkError("bake needs the bpy package; try: pip install bpy, or `iclnuim doctor`") from None
+    job = _job(args.scene).changed(map_size=args.map_size, map_samples=args.map_samples, seed=args.seed)
+    folder = worker.bake_light(job, lambda event: console.note(event["text"]))
+    recipe = light_map.read_recipe(folder)
+    console.result(
+        {"folder": str(folder), **recipe}, f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
+    )
+    return 0
+
+
+def _job(scene: str) -> jobs.RenderJob:
+    """Any trajectory does: light does not depend on the camera."""
+    if scene in shipped.SCENE_NAMES:
+        return jobs.shipped_job(f"{scene}/kt0")
+    if not Path(scene).is_file():
+        raise InputError(f"a scene: {', '.join(shipped.SCENE_NAMES)}, or a file", path=scene, found="no such file")
+    return jobs.shipped_job("living_room/kt0").changed(sequence="scene/light", scene=str(Path(scene).resolve()))
