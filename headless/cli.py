@@ -27,6 +27,7 @@ COMMANDS = {
     "evaluate": "trajectory error against ground truth: ATE, RPE",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",
+    "table": "a table of the paper from our own files, beside the printed figures",
     "check-depth": "cast the same rays independently and compare the depth",
     "bench": "measurements: time, error, and where they go",
     "doctor": "what is installed, what is missing, and how to mend it",

@@ -38,7 +38,9 @@ class OfficialViews:
         bgr = cv2.imread(str(samples / self.picture.format(number)))
         depth = cv2.imread(str(samples / self.depth.format(number)), cv2.IMREAD_UNCHANGED)
         if bgr is None or depth is None:
-            raise InputError(f"the official frame {number} (picture and depth)", path=samples / self.sequence, found="not both")
+            raise InputError(
+                f"the official frame {number} (picture and depth)", path=samples / self.sequence, found="not both"
+            )
         return bgr, depth / self.depth_scale
 
 

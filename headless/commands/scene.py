@@ -1,4 +1,4 @@
-"""`iclnuim scene`: build a scene's .blend by code; set our living room beside the official frames."""
+"""`iclnuim scene`: build a scene's .blend by code; set our rooms beside the official frames."""
 
 from __future__ import annotations
 
@@ -32,9 +32,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     compare = action(
         actions,
         "compare",
-        "render the official living-room views beside the official frames",
-        "iclnuim scene compare --out beside/",
+        "render the official views of a room beside the official frames",
+        "iclnuim scene compare office --out beside/",
         _compare,
+    )
+    compare.add_argument(
+        "name", metavar="NAME", nargs="?", default="living_room", choices=list(SCENES), help="default: living_room"
     )
     compare.add_argument(
         "--samples-dir",
@@ -84,67 +87,58 @@ def _save(path: Path) -> None:
 
 
 def _compare(args: argparse.Namespace, console: Console) -> int:
-    likeness = _likeness()
-    if not (args.samples_dir / likeness.TRAJECTORY).is_file():
+    likeness, views = _benchmark("scene_likeness"), _benchmark("official_views").VIEWS[args.name]
+    if not (args.samples_dir / views.trajectory).is_file():
         raise InputError(
             "the official ICL-NUIM samples",
             path=args.samples_dir,
-            found=f"no {likeness.TRAJECTORY}",
+            found=f"no {views.trajectory}",
             hint="--samples-dir DIR",
         )
     import cv2
 
     args.out.mkdir(parents=True, exist_ok=True)
-    figures, progress = {}, console.progress(len(likeness.FRAMES), "compare")
-    for number, rgb, depth_z_m in _rendered(args.samples_dir / likeness.TRAJECTORY, likeness.FRAMES, args.samples):
-        bgr, (their_bgr, their_depth) = likeness.srgb_bytes(rgb), likeness.official(args.samples_dir, number)
+    figures, progress = {}, console.progress(len(views.frames), "compare")
+    for number, rgb, depth_z_m in _rendered(views, args.samples_dir, args.samples):
+        bgr, (their_bgr, their_depth) = likeness.srgb_bytes(rgb), views.official(args.samples_dir, number)
         figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(likeness.measure(their_bgr, their_depth))
         picture = cv2.imencode(".png", likeness.side_by_side(bgr, their_bgr))[1].tobytes()
-        atomic_write(args.out / f"lr_kt0_{number}.png", lambda path, picture=picture: path.write_bytes(picture))
+        name = f"{views.sequence}_{number}.png"
+        atomic_write(args.out / name, lambda path, picture=picture: path.write_bytes(picture))
         progress.advance()
-    console.result(figures, _ratio_table(figures))
+    console.result(figures, _ratio_table(views.sequence, figures))
     return 0
 
 
-def _rendered(trajectory_file: Path, numbers: tuple[int, ...], samples: int):
-    """Yield (number, scene-linear RGB, planar Z) of the living room, path traced and denoised, one ray through each
+def _rendered(views, samples_dir: Path, samples: int):
+    """Yield (number, scene-linear RGB, planar Z) of the official views, path traced and denoised, one ray through each
     pixel centre.
     """
     with output.blender_output_in(Path(os.devnull)):
         rooms = map(_blender_room, ("scene", "camera", "settings", "frames", "compat"))
         scene, camera, settings, frames, compat = rooms
-    from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
 
-    poses = read_trajectory(trajectory_file, "pov-matrix").trajectory.T_world_camera
     with tempfile.TemporaryDirectory() as folder:
         with output.blender_output_in(Path(os.devnull)):
-            scene.open_scene("living_room")
-            camera.keyframe(poses, PinholeCamera())
-            settings.apply(
-                RenderJob(
-                    "compare",
-                    "living_room",
-                    str(trajectory_file),
-                    light="path",
-                    samples=samples,
-                    denoise=compat.has_denoiser(),
-                )
-            )
-        for number in numbers:
+            scene.open_scene(views.scene)
+            camera.keyframe(views.poses(samples_dir), PinholeCamera())
+            job = RenderJob("compare", views.scene, views.trajectory, light="path", samples=samples)
+            settings.apply(job.changed(denoise=compat.has_denoiser()))
+        for number in views.frames:
             raw = Path(folder) / f"{number}.exr"
             with output.blender_output_in(Path(os.devnull)):
                 frames.render(number, raw)
             yield (number, *frames.read(raw, raw))
 
 
-def _ratio_table(figures: dict) -> str:
+def _ratio_table(sequence: str, figures: dict) -> str:
     lines = ["ours / official   corners>20  corners>10  gradient  grey   depth quantiles 10 25 50 75 90 %"]
     for number, r in figures.items():
         depths = " ".join(f"{q:.3f}" for q in r["depth_quantiles_m"])
         lines.append(
-            f"lr_kt0 {number:>4}       {r['corners_20']:>9.3f}   {r['corners_10']:>9.3f}   "
+            f"{sequence} {number:>4}       {r['corners_20']:>9.3f}   {r['corners_10']:>9.3f}   "
             f"{r['gradient']:>7.3f}  {r['grey']:.3f}  {depths}"
         )
     return "\n".join(lines)
@@ -159,9 +153,10 @@ def _blender_room(name: str):
         raise WorkError("scene needs Blender's module; try: pip install bpy") from None
 
 
-def _likeness():
+def _benchmark(name: str):
+    import importlib
+
     try:
-        from ..benchmark import scene_likeness
+        return importlib.import_module(f"..benchmark.{name}", __package__)
     except ImportError:
         raise WorkError("scene compare needs OpenCV; try: pip install opencv-contrib-python-headless") from None
-    return scene_likeness

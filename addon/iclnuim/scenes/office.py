@@ -15,7 +15,17 @@ from .office_measures import DOOR, LUMINAIRES, VENTS, X0, X1, Y0, Y1, Z0, Z1
 from .office_palette import palette
 from .office_stationery import paper_pile, tray, waste_basket
 from .office_storage import binder_row, book_row, bookcase, filing_cabinet
-from .office_wall import ceiling, clock, coat, coat_stand, luminaire, notice_board, pull_handle, slim_picture, socket_plate, vent
+from .office_wall import (
+    ceiling,
+    clock,
+    coat_stand,
+    luminaire,
+    notice_board,
+    pull_handle,
+    slim_picture,
+    socket_plate,
+    vent,
+)
 from .solids import block
 from .stage import Stage
 from .wallpieces import casing, door, plane, skirting
@@ -53,16 +63,27 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 
 def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    runs = [((X0, Y1), (X0, Y0), (True, True)), ((X0, Y0), (X1, Y0), (True, True)), ((X1, Y0), (X1, Y1), (True, True))]
+    runs = [((X0, Y0), (X1, Y0), (True, True)), ((X1, Y0), (X1, Y1), (True, True))]
     runs += [((X1, Y1), (DOOR[1], Y1), (True, False)), ((DOOR[0], Y1), (X0, Y1), (False, True))]
-    stage.add("skirting", "moulding", join([skirting(a, b, 0.06, 0.012 + 0.003, c) for a, b, c in runs]).moved(z=Z0), "skirting")
+    stage.add(
+        "skirting",
+        "moulding",
+        join([skirting(a, b, 0.06, 0.012 + 0.003, c) for a, b, c in runs]).moved(z=Z0),
+        "skirting",
+    )
     a, b, top = DOOR
     stage.add("door_casing", "door", casing(b - a, top, 0.07, 0.018).moved((a + b) / 2, Y1, Z0), "door")
-    stage.add("door", "door", door(b - a - 0.11, top - 0.055, detail).moved((a + b) / 2, Y1 - 0.0015, Z0 + 0.003), "door", "steel")
+    stage.add(
+        "door",
+        "door",
+        door(b - a - 0.11, top - 0.055, detail).moved((a + b) / 2, Y1 - 0.0015, Z0 + 0.003),
+        "door",
+        "steel",
+    )
     for k, y in enumerate((-0.725, -0.675), 1):
         stage.add(f"handle_{k}", "handle", pull_handle(0.20).turned("z", 90).moved(X0 + 0.0005, y, Z0 + 0.947), "steel")
     art = slim_picture(1.05, 0.42, 0.035).turned("z", 90)
-    stage.add("picture_rocks", "picture", art.moved(X0 + 0.002, 0.955, Z0 + 1.495), "black", "mat", "landscape")
+    stage.add("picture_rocks", "picture", art.moved(X0 + 0.002, 0.955, Z0 + 1.495), "black", "mat", "rocks")
     art = slim_picture(0.53, 0.53, 0.02).turned("z", 90)
     stage.add("picture_window", "picture", art.moved(X0 + 0.002, -2.905, Z0 + 1.455), "black", "mat", "still life")
     art = slim_picture(0.75, 0.52, 0.05).turned("z", -90)
@@ -70,7 +91,13 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("clock", "clock", clock(detail).moved(0.86, Y1 - 0.001, Z0 + 2.02), "black", "dial", "black")
     _board(stage, rng)
     for k, (x, y, turn) in enumerate(((X0, 2.55, 90), (X1, -0.55, -90), (X1, 2.6, -90)), 1):
-        stage.add(f"socket_{k}", "socket", socket_plate().turned("z", turn).moved(x - np.sign(x) * 0.0005, y, Z0 + 0.26), "white plastic", "dark")
+        stage.add(
+            f"socket_{k}",
+            "socket",
+            socket_plate().turned("z", turn).moved(x - np.sign(x) * 0.0005, y, Z0 + 0.26),
+            "white plastic",
+            "dark",
+        )
 
 
 def _board(stage: Stage, rng: np.random.Generator) -> None:
@@ -97,15 +124,33 @@ def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     ):  # fmt: skip
         stage.add(name, "desk", desk(width, 0.80).turned("z", turn).moved(x, y, Z0), *skins)
     for k, (x, y, turn) in enumerate(((-2.10, -2.30, 0), (2.10, -2.30, 0), (2.05, 1.85, -90), (-2.07, 3.0, 90)), 1):
-        stage.add(f"drawers_{k}", "cabinet", drawers(detail).turned("z", turn).moved(x, y, Z0 + 0.0005), "grey case", "steel", "black")
-    for k, (x, y, turn) in enumerate(((-1.55, -2.86, 8), (1.60, -2.95, -14), (1.86, -0.74, 186), (1.66, 1.20, -84), (-1.62, 2.42, 102)), 1):
+        stage.add(
+            f"drawers_{k}",
+            "cabinet",
+            drawers(detail).turned("z", turn).moved(x, y, Z0 + 0.0005),
+            "grey case",
+            "steel",
+            "black",
+        )
+    for k, (x, y, turn) in enumerate(
+        ((-2.08, -2.86, 8), (1.60, -2.95, -14), (1.86, -0.74, 186), (1.66, 1.20, -84), (-1.62, 2.42, 102)), 1
+    ):
         chair = swivel_chair(rng, detail).mapped(lambda v: v * [1, -1, 1]).flipped()
         stage.add(f"chair_{k}", "chair", chair.turned("z", turn).moved(x, y, Z0 + 0.0005), "cloth", "black", "steel")
 
 
 def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    for k, (x, y, turn, labels) in enumerate(((0.239, -3.36, 180, (0, 1, 2)), (-0.239, -3.36, 180, (3, 4, 5)), (0.84, 3.36, 0, (1, 3, 5))), 1):
-        stage.add(f"cabinet_{k}", "cabinet", filing_cabinet(labels, detail).turned("z", turn).moved(x, y, Z0 + 0.0005), "ochre", "steel paint", "labels")
+    for k, (x, y, turn, labels) in enumerate(
+        ((0.239, -3.36, 180, (0, 1, 2)), (-0.239, -3.36, 180, (3, 4, 5)), (0.84, 3.36, 0, (1, 3, 5))), 1
+    ):
+        stage.add(
+            f"cabinet_{k}",
+            "cabinet",
+            filing_cabinet(labels, detail).turned("z", turn).moved(x, y, Z0 + 0.0005),
+            "ochre",
+            "steel paint",
+            "labels",
+        )
     on = Z0 + 1.3207
     stage.add("trays_red", "tray", tray(2).turned("z", 90).moved(0.24, -3.47, on), "red plastic")
     stage.add("papers_cabinet", "paper", paper_pile(rng, 4, 0.008, 14).turned("z", 80).moved(-0.22, -3.42, on), "pages")
@@ -120,16 +165,33 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
                 pile = paper_pile(rng, 3, 0.02, 18).moved(x + 0.2, y, place["z"])
                 stage.add(f"papers_bookcase_{k}", "paper", pile, "pages")
             elif (row + k) % 3 == 0:
-                stage.add(f"binders_{k}_{row}", "books", binder_row(rng, int(rng.integers(7, 11))).moved(place["x"] - 0.44, place["y"] - 0.01, place["z"]), "spines", "paper")
+                stage.add(
+                    f"binders_{k}_{row}",
+                    "books",
+                    binder_row(rng, int(rng.integers(7, 11))).moved(place["x"] - 0.44, place["y"] - 0.01, place["z"]),
+                    "spines",
+                    "paper",
+                )
             else:
-                stage.add(f"books_{k}_{row}", "books", book_row(rng, 0.88, 0.33, rng.uniform(0.6, 0.95)).moved(**place), "spines", "paper")
+                stage.add(
+                    f"books_{k}_{row}",
+                    "books",
+                    book_row(rng, 0.88, 0.33, rng.uniform(0.6, 0.95)).moved(**place),
+                    "spines",
+                    "paper",
+                )
 
 
 def _floor_things(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("coat_stand", "stand", coat_stand(detail).moved(-2.29, 0.10, Z0), "chrome")
-    stage.add("umbrella", "umbrella", coat(rng, detail).turned("z", 110).moved(-2.35, 0.19, Z0 + 1.455), "umbrella", "beech")
     for k, (x, y) in enumerate(((-0.68, -2.50), (2.22, -0.55), (1.55, 2.42), (-2.28, 3.48)), 1):
-        stage.add(f"waste_basket_{k}", "basket", waste_basket(rng, detail).moved(x, y, Z0), "black" if k % 2 else "grey case", "paper")
+        stage.add(
+            f"waste_basket_{k}",
+            "basket",
+            waste_basket(rng, detail).moved(x, y, Z0),
+            "black" if k % 2 else "grey case",
+            "paper",
+        )
     box = block((0.40, 0.30, 0.26), (0, 0, 0.1305), 0.003)
     lid = block((0.41, 0.31, 0.05), (0, 0, 0.2605), 0.003)
     stage.add("archive_box", "box", join([box, lid]).turned("z", 12).moved(1.95, 3.40, Z0), "buff card")

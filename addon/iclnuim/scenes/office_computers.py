@@ -17,19 +17,35 @@ def monitor(detail: float) -> Mesh:
         outline = rounded_ring(w, h, radius, n)
         return np.stack([outline[:, 0], np.full(len(outline), y), outline[:, 1] + lift], 1)
 
-    front = [(0.30, 0.228, -0.196, 0.012, 0.018), (0.318, 0.246, -0.214, 0.016, 0.018), (0.396, 0.362, -0.216, 0.018, 0)]
+    front = [
+        (0.30, 0.228, -0.196, 0.012, 0.018),
+        (0.318, 0.246, -0.214, 0.016, 0.018),
+        (0.396, 0.362, -0.216, 0.018, 0),
+    ]
     shell = [(0.406, 0.372, -0.208, 0.022, 0), (0.408, 0.374, -0.10, 0.026, 0), (0.385, 0.352, -0.085, 0.026, 0)]
-    tail = [(0.36, 0.325, -0.05, 0.03, 0), (0.30, 0.27, 0.10, 0.025, -0.012), (0.285, 0.255, 0.215, 0.02, -0.014), (0.27, 0.24, 0.225, 0.015, -0.014)]
+    tail = [
+        (0.36, 0.325, -0.05, 0.03, 0),
+        (0.30, 0.27, 0.10, 0.025, -0.012),
+        (0.285, 0.255, 0.215, 0.02, -0.014),
+        (0.27, 0.24, 0.225, 0.015, -0.014),
+    ]
     body = loft([ring(*r) for r in (*front, *shell, *tail)])
     screen = mound(0.304, 0.232, 0.012).moved(0, -0.1985, 0.018).painted(1)
     slots = [block((0.20, 0.003, 0.006), (0, 0.2255, k * 0.014 - 0.06), 0.001).painted(2) for k in range(9)]
-    slots += [block((0.003, 0.11, 0.005), (s * 0.1475, 0.155, k * 0.014 - 0.05), 0.001).painted(2) for s in (-1, 1) for k in range(8)]
+    slots += [
+        block((0.003, 0.11, 0.005), (s * 0.1475, 0.155, k * 0.014 - 0.05), 0.001).painted(2)
+        for s in (-1, 1)
+        for k in range(8)
+    ]
     buttons = [block((0.012, 0.006, 0.007), (x, -0.2175, -0.155), 0.0015) for x in (-0.06, -0.04, -0.02, 0.0)]
     power = block((0.022, 0.007, 0.012), (0.14, -0.2175, -0.155), 0.002)
     lamp = block((0.005, 0.004, 0.003), (0.112, -0.2165, -0.155), 0.0005).painted(2)
     head = join([body, screen, *slots, *buttons, power, lamp]).moved(z=z)
     neck = loft([np.concatenate([rounded_ring(0.17, 0.17, 0.04), np.full((16, 1), t)], 1) for t in (0.045, 0.085)])
-    foot = lathe([(0, 0.0006), (0.128, 0.0006), (0.132, 0.004), (0.130, 0.012), (0.09, 0.036), (0.07, 0.046), (0, 0.046)], steps(36, detail, 12))
+    foot = lathe(
+        [(0, 0.0006), (0.128, 0.0006), (0.132, 0.004), (0.130, 0.012), (0.09, 0.036), (0.07, 0.046), (0, 0.046)],
+        steps(36, detail, 12),
+    )
     return join([head.turned("x", -3).moved(0, 0.014, 0.003), neck, foot])
 
 
@@ -48,7 +64,11 @@ def keyboard(rng: np.random.Generator) -> Mesh:
             while x < x1 - 0.012:
                 wide = 0.110 if (row == 0 and group == 0 and -0.16 < x < -0.13) else 0.0185
                 wide = min(wide * (1.5 if group == 0 and (x == x0) and row < 5 else 1), x1 - x)
-                keys.append(_key(x + wide / 2, y, wide - 0.002, 0.017).painted(2 if group or x == x0 or wide > 0.05 or row == 5 else 1))
+                keys.append(
+                    _key(x + wide / 2, y, wide - 0.002, 0.017).painted(
+                        2 if group or x == x0 or wide > 0.05 or row == 5 else 1
+                    )
+                )
                 x += wide
     del rng
     caps = join(keys).mapped(lambda v: _wedge(v, low, high))
@@ -85,13 +105,21 @@ def mouse(detail: float) -> Mesh:
 
 def tower(detail: float) -> Mesh:
     """A tower case 0.19 x 0.43 x 0.42, front at -y; slots 0 plastic, 1 metal, 2 dark."""
-    parts = [block((0.188, 0.41, 0.405), (0, 0.01, 0.2155), 0.003).painted(1), block((0.192, 0.026, 0.415), (0, -0.207, 0.2155), 0.008)]
+    parts = [
+        block((0.188, 0.41, 0.405), (0, 0.01, 0.2155), 0.003).painted(1),
+        block((0.192, 0.026, 0.415), (0, -0.207, 0.2155), 0.008),
+    ]
     parts += [block((0.150, 0.008, 0.041), (0, -0.2205, z), 0.003) for z in (0.385, 0.34, 0.295)]
-    parts += [block((0.125, 0.003, 0.003), (0, -0.2246, 0.347), 0.0005).painted(2), block((0.102, 0.006, 0.022), (0, -0.221, 0.25), 0.002).painted(2)]
+    parts += [
+        block((0.125, 0.003, 0.003), (0, -0.2246, 0.347), 0.0005).painted(2),
+        block((0.102, 0.006, 0.022), (0, -0.221, 0.25), 0.002).painted(2),
+    ]
     parts += [block((0.12, 0.004, 0.004), (0, -0.2203, z), 0.001).painted(2) for z in np.arange(0.04, 0.15, 0.012)]
     button = lathe([(0, 0), (0.010, 0), (0.008, 0.005), (0, 0.006)], steps(14, detail, 8)).turned("x", 90)
     parts += [button.moved(-0.05, -0.2195, 0.205), button.moved(0.05, -0.2195, 0.205).painted(2)]
-    parts += [block((0.02, 0.02, 0.012), (i * 0.07, j * 0.17, 0.0065), 0.002).painted(2) for i in (-1, 1) for j in (-1, 1)]
+    parts += [
+        block((0.02, 0.02, 0.012), (i * 0.07, j * 0.17, 0.0065), 0.002).painted(2) for i in (-1, 1) for j in (-1, 1)
+    ]
     return join(parts)
 
 

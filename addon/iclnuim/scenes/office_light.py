@@ -7,8 +7,8 @@ import numpy as np
 
 from .office_measures import LUMINAIRES, Z1
 
-POWER_W = 30.0  # of a luminaire's pair of panels
-SPREAD_DEG = 140.0  # the louvers keep light from the top of the walls
+POWER_W = 16.0  # of a luminaire's pair of panels
+SPREAD_DEG = 172.0  # the louvers keep light from the very top of the walls
 
 
 def light() -> None:

@@ -40,9 +40,9 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
     brown = paint("skirting", textures.timber, size(512), (0.30, 0.19, 0.11), (0.42, 0.28, 0.17))
     return {
         "wall": matte("wall", paint("paint", tex.paint, size(1536), (0.790, 0.785, 0.745))),
-        "floor": matte("floor", paint("carpet", tex.carpet, size(2048), (0.40, 0.395, 0.395))),
-        "ceiling": matte("ceiling", paint("mineral", tex.mineral, size(1536), (0.715, 0.70, 0.655))),
-        "rail": glossy("rail", (0.62, 0.61, 0.56), 0.35),
+        "floor": matte("floor", paint("carpet", tex.carpet, size(2048), (0.31, 0.305, 0.298))),
+        "ceiling": matte("ceiling", paint("mineral", tex.mineral, size(1536), (0.61, 0.60, 0.56))),
+        "rail": glossy("rail", (0.40, 0.395, 0.36), 0.35),
         "skirting": glossy("skirting", brown, 0.30),
         "louver": glow("louver", (1.0, 0.99, 0.93), 0.80),
         "tube light": glow("tube light", (1.0, 0.99, 0.94), 1.6),
@@ -51,7 +51,7 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
 
 def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
     size = paint.size
-    red = paint("laminate", textures.timber, size(1024), (0.33, 0.21, 0.16), (0.52, 0.36, 0.28), 8)
+    red = paint("laminate", textures.timber, size(1024), (0.41, 0.27, 0.205), (0.50, 0.345, 0.27), 8)
     beech = paint("beech", textures.timber, size(1024), (0.55, 0.40, 0.26), (0.70, 0.54, 0.37))
     ochre = paint("ochre", tex.worn_paint, size(768), (0.66, 0.53, 0.30))
     return {
@@ -61,15 +61,18 @@ def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
         "grey case": glossy("grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60)), 0.30),
         "cloth": matte("cloth", paint("cloth", textures.cloth, size(512), 60, (0.20, 0.24, 0.34), 0.35)),
         "cork": matte("cork", paint("cork", tex.cork, size(512))),
-        "cream": glossy("cream", paint("cream", tex.worn_paint, size(512), (0.80, 0.77, 0.67)), 0.32),
+        "cream": glossy("cream", paint("cream", tex.worn_paint, size(512), (0.76, 0.74, 0.66)), 0.32),
         "door": glossy("door", paint("door", textures.timber, size(768), (0.50, 0.36, 0.24), (0.60, 0.45, 0.31)), 0.22),
     }
 
 
 def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
     n = paint.size(768)
-    shapes = {"landscape": paintings.landscape, "coast": paintings.coast, "still life": tex.still_life}
-    made = {k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n)), 0.04) for k, f in shapes.items()}
+    shapes = {"rocks": tex.rocks, "coast": paintings.coast, "still life": tex.still_life}
+    made = {
+        k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n)), 0.04)
+        for k, f in shapes.items()
+    }
     backs = paint("spines", tex.spines, (n, paint.size(1024)), BOOK_CELLS, BINDER_CELLS)
     return {
         **made,
@@ -77,7 +80,9 @@ def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
         "pages": matte("pages", paint("pages", tex.pages, paint.size(1024))),
         "labels": matte("labels", paint("labels", tex.labels, paint.size(56))),
         "dial": glossy("dial", paint("dial", tex.dial, paint.size(512)), 0.05),
-        "lit screen": glow("lit screen", paint("spreadsheet", tex.spreadsheet, (paint.size(480), paint.size(640))), 0.55),
+        "lit screen": glow(
+            "lit screen", paint("spreadsheet", tex.spreadsheet, (paint.size(480), paint.size(640))), 0.55
+        ),
     }
 
 
@@ -85,6 +90,7 @@ def _plain() -> dict[str, bpy.types.Material]:
     return {
         "mat": glossy("mat", (0.66, 0.66, 0.64), 0.05),
         "black": glossy("black", (0.022, 0.022, 0.024), 0.30),
+        "slot": glossy("slot", (0.17, 0.155, 0.12), 0.45),
         "dark": glossy("dark", (0.035, 0.033, 0.030), 0.45),
         "screen": glossy("screen", (0.008, 0.009, 0.010), 0.03, 1.5),
         "steel paint": glossy("steel paint", (0.24, 0.245, 0.24), 0.32),

@@ -21,7 +21,14 @@ def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
         z, pull = 0.265 + 0.425 * (2 - k), (0.010, 0.0, 0.004)[k]
         front = -0.3015 - pull
         parts.append(block((w - 0.032, 0.022 + pull, 0.412), (0, front + (0.011 + pull / 2), z), 0.004, 1.1))
-        path = [[-0.085, 0, 0], [-0.083, -0.022, 0], [-0.06, -0.030, 0], [0.06, -0.030, 0], [0.083, -0.022, 0], [0.085, 0, 0]]
+        path = [
+            [-0.085, 0, 0],
+            [-0.083, -0.022, 0],
+            [-0.06, -0.030, 0],
+            [0.06, -0.030, 0],
+            [0.083, -0.022, 0],
+            [0.085, 0, 0],
+        ]
         parts.append(tube(path, 0.0075, 8).moved(0, front - 0.001, z - 0.06).painted(1))
         holder = block((0.078, 0.004, 0.048), (0.125, front - 0.002, z + 0.12), 0.0015)
         u = cell / 6
@@ -50,7 +57,9 @@ def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float
     while x < width / 2 - (1 - fill) * width - 0.05:
         thick = float(np.clip(rng.lognormal(-3.5, 0.45), 0.014, 0.062))
         size = (thick, rng.uniform(0.13, 0.22), min(tallest - 0.02, rng.uniform(0.19, 0.30)))
-        parts.append(_standing(size, int(rng.integers(BOOK_CELLS))).moved(x + thick / 2, rng.uniform(0, 0.012) + size[1] / 2))
+        parts.append(
+            _standing(size, int(rng.integers(BOOK_CELLS))).moved(x + thick / 2, rng.uniform(0, 0.012) + size[1] / 2)
+        )
         x += thick + 0.0008
     thick, tall = 0.022, min(tallest - 0.03, 0.23)
     lean = _standing((thick, 0.15, tall), int(rng.integers(BOOK_CELLS))).moved(-thick / 2, 0.085).turned("y", -14)
@@ -73,8 +82,13 @@ def _standing(size: tuple[float, float, float], cell: int) -> Mesh:
     w, d, h = size[0] / 2, size[1] / 2, size[2]
     r = min(0.3 * w, 0.006)
     outer = np.array([(-w, d), (-w, -d + r), (-w + r, -d), (w - r, -d), (w, -d + r), (w, d)])
-    inner = np.array([(-w + 0.0025, d), *[(s * (w - 0.0025), -d + r + 0.001) for s in (-1, -0.5, 0.5, 1)], (w - 0.0025, d)])
-    rows = [np.concatenate([o, np.full((6, 1), z)], 1) for o, z in ((inner, 0), (outer, 0), (outer, h), (inner, h), (inner, 0))]
+    inner = np.array(
+        [(-w + 0.0025, d), *[(s * (w - 0.0025), -d + r + 0.001) for s in (-1, -0.5, 0.5, 1)], (w - 0.0025, d)]
+    )
+    rows = [
+        np.concatenate([o, np.full((6, 1), z)], 1)
+        for o, z in ((inner, 0), (outer, 0), (outer, h), (inner, h), (inner, 0))
+    ]
     total, plain = BOOK_CELLS + BINDER_CELLS, (cell + 0.02) / (BOOK_CELLS + BINDER_CELLS)
     u = (cell + np.array([0.02, 0.02, 0.08, 0.92, 0.98, 0.98])) / total
     uv = np.stack([np.stack([u, np.full(6, v)], 1) for v in (0.01, 0.01, 0.99, 0.99, 0.01)])

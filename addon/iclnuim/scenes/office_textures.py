@@ -28,10 +28,10 @@ def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     wander = 1 + 0.35 * cloud(rng, shape, 1.5, 1, 20)
     soil = np.exp(-np.minimum(metre[:, None], metre[None]) / (0.035 * np.clip(wander, 0.3, 2)))
     each = enlarged(rng.normal(0, 1, (4, 4)), shape)
-    pile = cloud(rng, shape, 0.25, 60) * 0.080 + cloud(rng, shape, 0.8, 30, 500) * 0.045
+    pile = cloud(rng, shape, 0.25, 60) * 0.060 + cloud(rng, shape, 0.8, 30, 500) * 0.045
     worn = cloud(rng, shape, 1.5, 1, 30)
-    value = (1 + pile + 0.018 * each + 0.055 * worn - 0.34 * soil) * (0.82 + 0.18 * joint)
-    return to_bytes(np.array(tone) * value[..., None] + 0.012 * (soil * [[[1.0]]][0][0][0])[..., None] * np.array([1.0, 0.4, -0.4]))
+    value = (1 + pile + 0.018 * each + 0.055 * worn - 0.42 * soil) * (0.82 + 0.18 * joint)
+    return to_bytes(np.array(tone) * value[..., None] * (1 - soil[..., None] * np.array([0.0, 0.03, 0.06])))
 
 
 def mineral(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
@@ -43,7 +43,7 @@ def mineral(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     y, x = np.mgrid[0:size, 0:size] / size
     r = np.hypot(x - 0.42, y - 0.70) + 0.008 * cloud(rng, shape, 1.6, 1, 24)
     stain = np.exp(-(((r - 0.045) / 0.006) ** 2)) + 0.35 * smoothstep(0.05, 0.02, r)
-    value = 1 + 0.012 * each + 0.014 * fine - 0.10 * fissure
+    value = 1 + 0.012 * each + 0.008 * fine - 0.035 * fissure
     return to_bytes(np.array(tone) * value[..., None] * (1 - stain[..., None] * np.array([0.06, 0.10, 0.17])))
 
 
@@ -91,14 +91,14 @@ def pages(rng: np.random.Generator, size: int) -> np.ndarray:
     for k in range(4):
         y0, x0 = (k // 2) * half, (k % 2) * half
         leaf = out[y0 : y0 + half, x0 : x0 + half]
-        leaf[:] = (0.93, 0.925, 0.90) if k < 3 else (0.94, 0.89, 0.55)
+        leaf[:] = (0.93, 0.925, 0.90) if k < 3 else (0.92, 0.89, 0.70)
         _write(rng, leaf, list_like=k == 1, chart=k == 2)
     return to_bytes(out)
 
 
 def _write(rng: np.random.Generator, leaf: np.ndarray, list_like: bool, chart: bool) -> None:
     n = len(leaf)
-    tone = np.array((0.16, 0.16, 0.19))
+    tone = np.array((0.42, 0.42, 0.45))
     leaf[int(0.90 * n) : int(0.925 * n), int(0.1 * n) : int(0.1 * n + 0.4 * n * rng.uniform(0.5, 1))] = tone
     for y in np.arange(0.08, 0.86, 0.026):
         if chart and 0.2 < y < 0.5 or rng.random() < 0.08:
@@ -106,18 +106,37 @@ def _write(rng: np.random.Generator, leaf: np.ndarray, list_like: bool, chart: b
         x, end = 0.1 + 0.05 * list_like, rng.uniform(0.55, 0.9) if rng.random() < 0.25 else 0.9
         while x < (0.5 if list_like and rng.random() < 0.5 else end):
             word = rng.uniform(0.02, 0.09)
-            leaf[int(y * n) : int((y + 0.010) * n), int(x * n) : int(min(x + word, end) * n)] = tone + rng.uniform(0, 0.25)
+            leaf[int(y * n) : int((y + 0.010) * n), int(x * n) : int(min(x + word, end) * n)] = tone + rng.uniform(
+                0, 0.25
+            )
             x += word + 0.014
     if chart:
         for i, tall in enumerate(rng.uniform(0.05, 0.26, 8)):
-            leaf[int(0.22 * n) : int((0.22 + tall) * n), int((0.15 + 0.085 * i) * n) : int((0.21 + 0.085 * i) * n)] = (0.25, 0.35, 0.6)
+            leaf[int(0.22 * n) : int((0.22 + tall) * n), int((0.15 + 0.085 * i) * n) : int((0.21 + 0.085 * i) * n)] = (
+                0.25,
+                0.35,
+                0.6,
+            )
 
 
 def spines(rng: np.random.Generator, size: tuple[int, int], books: int, binders: int) -> np.ndarray:
     """An atlas of backs, one a column: titles as broken bands across books, white labels and a hole on binders."""
     h, w = size
     out, cell = np.zeros((h, w, 3)), w // (books + binders)
-    dyes = np.array([(0.45, 0.10, 0.10), (0.12, 0.18, 0.34), (0.10, 0.28, 0.20), (0.78, 0.72, 0.58), (0.14, 0.14, 0.15), (0.70, 0.42, 0.12), (0.36, 0.20, 0.38), (0.86, 0.84, 0.80), (0.20, 0.42, 0.52), (0.55, 0.30, 0.20)])
+    dyes = np.array(
+        [
+            (0.45, 0.10, 0.10),
+            (0.12, 0.18, 0.34),
+            (0.10, 0.28, 0.20),
+            (0.78, 0.72, 0.58),
+            (0.14, 0.14, 0.15),
+            (0.70, 0.42, 0.12),
+            (0.36, 0.20, 0.38),
+            (0.86, 0.84, 0.80),
+            (0.20, 0.42, 0.52),
+            (0.55, 0.30, 0.20),
+        ]
+    )
     for k in range(books + binders):
         back = out[:, k * cell : (k + 1) * cell]
         back[:] = dyes[rng.integers(len(dyes))] * rng.uniform(0.8, 1.15)
@@ -159,12 +178,12 @@ def spreadsheet(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     sheet[:] = 0.97
     rows, columns = sheet.shape[0] // 14, 9
     for r in range(rows):
-        sheet[r * sheet.shape[0] // rows] = 0.72
+        sheet[r * sheet.shape[0] // rows] = 0.88
         for c in range(columns):
             x0, y0, fill = c * sheet.shape[1] // columns, r * sheet.shape[0] // rows, rng.random()
-            sheet[:, x0] = 0.72
+            sheet[:, x0] = 0.88
             if fill < 0.75:
-                sheet[y0 + 3 : y0 + 9, x0 + 4 : x0 + 4 + int(fill * sheet.shape[1] / columns)] = 0.25
+                sheet[y0 + 3 : y0 + 8, x0 + 4 : x0 + 4 + int(0.8 * fill * sheet.shape[1] / columns)] = 0.60
     return to_bytes(out)
 
 
@@ -187,8 +206,31 @@ def still_life(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     out = blend(out, (0.10, 0.07, 0.06), bars * 1.0)
     out = blend(out, (0.42, 0.20, 0.10), (y < 0.16) * 1.0)
     for cx, wide, tall in ((0.30, 0.13, 0.30), (0.70, 0.15, 0.24)):
-        out = blend(out, (0.36, 0.12, 0.07), ((np.abs(x - cx) < wide * (0.6 + 0.6 * y)) & (y > 0.10) & (y < tall)) * 1.0)
+        out = blend(
+            out, (0.36, 0.12, 0.07), ((np.abs(x - cx) < wide * (0.6 + 0.6 * y)) & (y > 0.10) & (y < tall)) * 1.0
+        )
         leaf = cloud(rng, size, 0.8, 6, 60) + 1.6 - 9 * np.hypot((x - cx) * 1.3, y - tall - 0.22)
         green = np.array((0.12, 0.22, 0.08)) * (1 + 0.4 * cloud(rng, size, 0.6, 10, 120))[..., None]
         out = blend(out, green, smoothstep(-0.2, 0.2, leaf))
     return to_bytes(out)
+
+
+def rocks(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+    """Pale cliffs with bushes over dark water under a blue sky with one cloud: the large picture on the bare wall."""
+    h, w = size
+    y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
+    puff = cloud(rng, size, 1.7, 2, 60)
+    sky = blend((0.52, 0.62, 0.78), (0.20, 0.34, 0.62), np.clip((y - 0.5) * 2, 0, 1))
+    white = smoothstep(0.5, 1.5, 0.8 * puff + 2.4 - 7 * np.hypot((x - 0.25) * 1.1, (y - 0.80) * 2))
+    out = blend(sky, (0.86, 0.86, 0.88), 0.9 * white)
+    crest = 0.52 + 0.30 * smoothstep(0.25, 0.6, x) - 0.12 * smoothstep(0.7, 0.95, x)
+    crest = crest + 0.05 * cloud(rng, (1, 2 * w), 1.3, 3, 120)[0][:w][None]
+    block = cloud(rng, size, 1.15, 6, 160, (1.6, 1.0))
+    light = block - np.roll(block, (w // 160, -w // 160), (0, 1))
+    stone = np.array((0.62, 0.56, 0.46)) * np.clip(1 + 0.16 * block + 0.55 * light, 0.15, 1.7)[..., None]
+    leaf = cloud(rng, size, 0.85, 24, 170)
+    bush = smoothstep(0.35, 0.75, cloud(rng, size, 1.5, 4, 40) + 0.35 * leaf)
+    green = np.array((0.20, 0.27, 0.12)) * np.clip(1 + 0.55 * leaf, 0.15, 2.2)[..., None]
+    out = blend(out, blend(stone, green, bush), smoothstep(-0.004, 0.004, crest + 0.02 * leaf - y))
+    water = np.array((0.20, 0.20, 0.19)) * (1 + 0.22 * cloud(rng, size, 0.8, 10, 120, (3.0, 0.6)))[..., None]
+    return to_bytes(blend(out, water, (y < 0.16 + 0.02 * block) * 1.0))

@@ -27,8 +27,12 @@ def ceiling() -> tuple[Mesh, Mesh]:
         if not is_luminaire((a + b) / 2, (c + d) / 2)
     ]
     long = [_rail((x, (Y0 + Y1) / 2), (0.024, Y1 - Y0)) for x in xs[1:-1]]
-    cross = [_rail(((a + b) / 2, y), (b - a - 0.024, 0.024)) for y in ys[1:-1] for a, b in zip(xs[:-1], xs[1:], strict=True)]
-    edge = [_rail((x, 0), (0.022, Y1 - Y0)) for x in (X0 + 0.011, X1 - 0.011)] + [_rail((0, y), (X1 - X0 - 0.044, 0.022)) for y in (Y0 + 0.011, Y1 - 0.011)]
+    cross = [
+        _rail(((a + b) / 2, y), (b - a - 0.024, 0.024)) for y in ys[1:-1] for a, b in zip(xs[:-1], xs[1:], strict=True)
+    ]
+    edge = [_rail((x, 0), (0.022, Y1 - Y0)) for x in (X0 + 0.011, X1 - 0.011)] + [
+        _rail((0, y), (X1 - X0 - 0.044, 0.022)) for y in (Y0 + 0.011, Y1 - 0.011)
+    ]
     return join(cells), join([*long, *cross, *edge])
 
 
@@ -51,7 +55,10 @@ def luminaire() -> Mesh:
             parts.append(block((0.005, w, 0.028), (x + at, 0, 0.0175), 0.001).painted(2))
         for k in range(1, 4):
             at = -w / 2 + w * k / 4
-            parts += [block((w / 5 - 0.006, 0.005, 0.026), (x - w / 2 + w * (i + 0.5) / 5, at, 0.0178), 0.001).painted(2) for i in range(5)]
+            parts += [
+                block((w / 5 - 0.006, 0.005, 0.026), (x - w / 2 + w * (i + 0.5) / 5, at, 0.0178), 0.001).painted(2)
+                for i in range(5)
+            ]
     return join(parts)
 
 
@@ -60,7 +67,13 @@ def vent(detail: float) -> Mesh:
     n = steps(40, detail, 16)
     rings = []
     for outer, low in ((0.152, -0.010), (0.118, -0.016), (0.084, -0.019), (0.050, -0.021)):
-        profile = [(outer - 0.014, -0.0015), (outer - 0.016, low + 0.003), (outer - 0.012, low), (outer, low + 0.006), (outer + 0.002, -0.001)]
+        profile = [
+            (outer - 0.014, -0.0015),
+            (outer - 0.016, low + 0.003),
+            (outer - 0.012, low),
+            (outer, low + 0.006),
+            (outer + 0.002, -0.001),
+        ]
         rings.append(facing(lathe(profile, n), -1))
     rings.append(facing(lathe([(0.0, -0.021), (0.024, -0.020), (0.026, -0.012)], n), -1))
     back = facing(lathe([(0.0, -0.0013), (0.15, -0.0013)], n), -1).painted(1)
@@ -69,7 +82,9 @@ def vent(detail: float) -> Mesh:
 
 def slim_picture(width: float, height: float, mat: float) -> Mesh:
     """A picture in a thin frame in the x-z plane facing -y, its back at y = 0; slots 0 frame, 1 mat, 2 print."""
-    rim = frame(width, height, [(0, 0.001), (0, 0.021), (0.002, 0.023), (0.010, 0.023), (0.012, 0.021), (0.012, 0.013)], 0.4)
+    rim = frame(
+        width, height, [(0, 0.001), (0, 0.021), (0.002, 0.023), (0.010, 0.023), (0.012, 0.021), (0.012, 0.013)], 0.4
+    )
     w, h = width - 0.023, height - 0.023
     board = plane((-w / 2, -0.014, -h / 2), (w, 0, 0), (0, 0, h), 1.0, hole=(mat, w - mat, mat, h - mat)).painted(1)
     edge = frame(w - 2 * mat, h - 2 * mat, [(0, 0.014), (0.002, 0.012)]).painted(1)
@@ -80,23 +95,36 @@ def slim_picture(width: float, height: float, mat: float) -> Mesh:
 def clock(detail: float) -> Mesh:
     """A wall clock facing -y at ten past ten, 0.30 m across; slots 0 rim, 1 dial (image), 2 hands."""
     n = steps(48, detail, 16)
-    rim = lathe([(0.150, 0.001), (0.150, 0.03), (0.146, 0.036), (0.139, 0.036), (0.136, 0.030), (0.136, 0.022)], n).turned("x", 90)
+    rim = lathe(
+        [(0.150, 0.001), (0.150, 0.03), (0.146, 0.036), (0.139, 0.036), (0.136, 0.030), (0.136, 0.022)], n
+    ).turned("x", 90)
     dial = printed((0, -0.020, 0), (0.274, 0, 0), (0, 0, 0.274)).painted(1)
-    hands = [block((0.010, 0.002, 0.085), (0, -0.024, 0.032), 0.0006).turned("y", -54), block((0.007, 0.002, 0.125), (0, -0.0265, 0.05), 0.0006).turned("y", 60), block((0.003, 0.001, 0.13), (0, -0.0285, 0.045), 0.0003).turned("y", 200)]
+    hands = [
+        block((0.010, 0.002, 0.085), (0, -0.024, 0.032), 0.0006).turned("y", -54),
+        block((0.007, 0.002, 0.125), (0, -0.0265, 0.05), 0.0006).turned("y", 60),
+        block((0.003, 0.001, 0.13), (0, -0.0285, 0.045), 0.0003).turned("y", 200),
+    ]
     pin = lathe([(0, 0), (0.007, 0), (0.006, 0.008), (0, 0.009)], 12).turned("x", 90).moved(0, -0.0215)
     return join([rim, dial, *[p.painted(2) for p in (*hands, pin)]])
 
 
 def notice_board(width: float, height: float) -> Mesh:
     """A cork board in a wooden frame facing -y; slots 0 frame, 1 cork."""
-    rim = frame(width, height, [(0, 0.001), (0, 0.018), (0.003, 0.020), (0.022, 0.020), (0.025, 0.018), (0.025, 0.009)], 0.5)
+    rim = frame(
+        width, height, [(0, 0.001), (0, 0.018), (0.003, 0.020), (0.022, 0.020), (0.025, 0.018), (0.025, 0.009)], 0.5
+    )
     w, h = width - 0.049, height - 0.049
     return join([rim, plane((-w / 2, -0.010, -h / 2), (w, 0, 0), (0, 0, h), 0.5).painted(1)])
 
 
 def pull_handle(height: float) -> Mesh:
     """A flat vertical pull on two feet, facing -y; slot 0 steel."""
-    return join([rounded_box((0.032, 0.014, height), 0.006).moved(0, -0.022), *[block((0.016, 0.016, 0.016), (0, -0.0085, s * height * 0.38)) for s in (-1, 1)]])
+    return join(
+        [
+            rounded_box((0.032, 0.014, height), 0.006).moved(0, -0.022),
+            *[block((0.016, 0.016, 0.016), (0, -0.0085, s * height * 0.38)) for s in (-1, 1)],
+        ]
+    )
 
 
 def socket_plate() -> Mesh:
@@ -104,7 +132,10 @@ def socket_plate() -> Mesh:
     parts = [block((0.15, 0.010, 0.082), (0, -0.0052, 0), 0.003)]
     for x in (-0.036, 0.036):
         dish = lathe([(0.022, 0.0), (0.020, -0.002), (0.0, -0.002)][::-1], 16).turned("x", 90)
-        parts += [dish.moved(x, -0.0127, 0).painted(0), *[block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005).painted(1) for s in (-1, 1)]]
+        parts += [
+            dish.moved(x, -0.0127, 0).painted(0),
+            *[block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005).painted(1) for s in (-1, 1)],
+        ]
     return join(parts)
 
 
@@ -112,19 +143,22 @@ def coat_stand(detail: float) -> Mesh:
     """A polished pole with four tiers of arms that end in balls, 1.76 m; slot 0 chrome."""
     n = steps(16, detail, 8)
     ball = lathe([(0, -0.019), (0.012, -0.0155), (0.0185, -0.004), (0.0185, 0.004), (0.012, 0.0155), (0, 0.019)], n)
-    foot = lathe([(0, 0.0005), (0.14, 0.0005), (0.145, 0.006), (0.13, 0.018), (0.04, 0.028), (0.017, 0.035), (0.015, 0.06), (0, 0.06)], steps(36, detail, 12))
+    foot = lathe(
+        [
+            (0, 0.0005),
+            (0.14, 0.0005),
+            (0.145, 0.006),
+            (0.13, 0.018),
+            (0.04, 0.028),
+            (0.017, 0.035),
+            (0.015, 0.06),
+            (0, 0.06),
+        ],
+        steps(36, detail, 12),
+    )
     parts = [foot, bar((0, 0, 0.055), (0, 0, 1.73), 0.015, n), ball.moved(z=1.741)]
-    for z, turn, reach in ((1.66, 20, 0.145), (1.59, 108, 0.115), (1.53, 20, 0.115), (1.46, 108, 0.105)):
+    for z, turn, reach in ((1.66, 78, 0.165), (1.60, 168, 0.12), (1.53, 78, 0.115), (1.47, 168, 0.11)):
         for side in (0, 180):
             arm = tube([[0.012, 0, z - 0.012], [reach * 0.6, 0, z], [reach, 0, z + 0.012]], 0.0062, 8)
             parts.append(join([arm, ball.moved(reach + 0.008, 0, z + 0.016)]).turned("z", turn + side))
     return join(parts)
-
-
-def coat(rng: np.random.Generator, detail: float) -> Mesh:
-    """An umbrella hung over an arm: shaft, crook, folded cloth; slots 0 cloth, 1 wood. Hangs from the origin downwards."""
-    del rng
-    n = steps(12, detail, 6)
-    cloth = lathe([(0, -0.80), (0.008, -0.79), (0.020, -0.60), (0.034, -0.30), (0.026, -0.22), (0.010, -0.20), (0, -0.20)], n)
-    crook = [[0, 0, -0.82], [0, 0, -0.10], [0, 0, -0.02], [0.008, 0, 0.010], [0.028, 0, 0.020], [0.048, 0, 0.010], [0.054, 0, -0.02], [0.054, 0, -0.05]]
-    return join([cloth, tube(crook, 0.006, n).painted(1)])

@@ -1,0 +1,80 @@
+"""Table I of the paper from the shipped trajectory files: frames, length, mean speed, beside the printed figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from iclnuim import shipped
+from iclnuim.formats.files import read_json
+from iclnuim.formats.trajectories import read_trajectory
+
+PRINTED = Path(__file__).with_name("paper_table_1.json")
+RATE_HZ = 30.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trajectory. Lengths in m, speeds in m/s.
+
+    The printed speeds are not length x 30 / frames: they imply a duration of printed length / printed speed, and
+    `speed_for_printed_duration_m_s` is our length over that duration.
+    """
+
+    sequence: str
+    frames: int
+    length_m: float
+    speed_at_30_hz_m_s: float
+    printed_duration_s: float
+    speed_for_printed_duration_m_s: float
+    printed_frames: int
+    printed_length_m: float
+    printed_speed_m_s: float
+
+    @property
+    def agrees(self) -> bool:
+        """Frames as printed; length and speed (for the printed duration) as printed to their last digit."""
+        same_length = abs(self.length_m - self.printed_length_m) < 0.0051
+        return self.frames == self.printed_frames and same_length and self.speed_error_m_s < 0.00051
+
+    @property
+    def speed_error_m_s(self) -> float:
+        return abs(self.speed_for_printed_duration_m_s - self.printed_speed_m_s)
+
+
+def rows() -> list[Row]:
+    """The eight shipped trajectories in the paper's order."""
+    printed = read_json(PRINTED)
+    return [_row(f"{scene}/kt{k}", k, printed[scene]) for scene in ("living_room", "office") for k in range(4)]
+
+
+def _row(sequence: str, column: int, printed: dict) -> Row:
+    frames, length_m, speed = (printed[key][column] for key in ("frames", "length_m", "mean_speed_m_s"))
+    positions_m = read_trajectory(shipped.trajectory_file(sequence)).trajectory.positions_m
+    ours_m = float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
+    return Row(
+        sequence=sequence,
+        frames=len(positions_m),
+        length_m=ours_m,
+        speed_at_30_hz_m_s=ours_m * RATE_HZ / (len(positions_m) - 1),
+        printed_duration_s=length_m / speed,
+        speed_for_printed_duration_m_s=ours_m * speed / length_m,
+        printed_frames=frames,
+        printed_length_m=length_m,
+        printed_speed_m_s=speed,
+    )
+
+
+def text(table: list[Row]) -> str:
+    """The table as plain text."""
+    lines = [
+        "                 ours                                          printed in the paper",
+        "sequence         frames  length m  m/s at 30 Hz  m/s for T     frames  length m   m/s    T = length / speed",
+    ]
+    lines += [
+        f"{r.sequence:<16} {r.frames:>6}  {r.length_m:>8.3f}  {r.speed_at_30_hz_m_s:>12.3f}  {r.speed_for_printed_duration_m_s:>9.3f}"
+        f"     {r.printed_frames:>6}  {r.printed_length_m:>8.2f}  {r.printed_speed_m_s:.3f}  {r.printed_duration_s:>6.1f} s"
+        for r in table
+    ]
+    return "\n".join(lines)
