@@ -16,7 +16,7 @@ def test_frames_and_lengths_are_the_papers_and_so_are_speeds_over_its_durations(
 def test_at_30_hz_the_printed_speeds_do_not_follow_from_length_and_frames():
     for row in table_1.rows():
         assert row.speed_at_30_hz_m_s == pytest.approx(row.length_m * 30 / (row.frames - 1))
-        assert row.speed_at_30_hz_m_s > 1.015 * row.printed_speed_m_s
+        assert row.speed_at_30_hz_m_s > 1.01 * row.printed_speed_m_s
     durations = [r.printed_duration_s for r in table_1.rows()[:4]]
     assert durations == pytest.approx([51.9, 32.5, 29.9, 43.0], abs=0.1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .mesh import Mesh, join
-from .shapes import bar, lathe, rounded_box, sheet, smooth_profile, steps, tube
+from .shapes import bar, lathe, ripples, rounded_box, sheet, smooth_profile, steps, tube
 from .solids import block, plate, rounded_ring
 
 A4 = (0.21, 0.297)
@@ -243,7 +243,7 @@ def waste_basket(rng: np.random.Generator, detail: float) -> Mesh:
     for k in range(5):
         a = 2 * np.pi * k / 5
         ball = rounded_box((0.09, 0.08, 0.075), 0.025, 1, (3, 3, 3))
-        dent = rng.normal(0, 0.006, ball.verts.shape)
+        dent = 0.005 * np.stack([ripples(ball.verts, rng, 0.07) for _ in range(3)], 1)
         parts.append(
             ball.mapped(lambda v, dent=dent: v + dent)
             .turned("x", 70 * k)

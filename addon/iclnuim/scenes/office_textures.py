@@ -50,7 +50,7 @@ def mineral(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
 def paint(rng: np.random.Generator, size: int, tone: Colour, strength: float = 1.0) -> np.ndarray:
     """Rolled wall paint on a smooth wall: very fine texture, faint patches, some scuffs."""
     shape = (size, size)
-    value = 0.006 * cloud(rng, shape, 1.6, 1, 20) + 0.0065 * cloud(rng, shape, 0.35, 50)
+    value = 0.006 * cloud(rng, shape, 1.6, 1, 20) + 0.0045 * cloud(rng, shape, 0.35, 50)
     return to_bytes(np.array(tone) * (1 + strength * value[..., None]))
 
 

@@ -131,9 +131,9 @@ def socket_plate() -> Mesh:
     """Two mains sockets facing -y; slots 0 plastic, 1 dark."""
     parts = [block((0.15, 0.010, 0.082), (0, -0.0052, 0), 0.003)]
     for x in (-0.036, 0.036):
-        dish = lathe([(0.022, 0.0), (0.020, -0.002), (0.0, -0.002)][::-1], 16).turned("x", 90)
+        dish = facing(lathe([(0.0, -0.002), (0.020, -0.002), (0.022, 0.0)], 16), 1).turned("x", 90)
         parts += [
-            dish.moved(x, -0.0127, 0).painted(0),
+            dish.moved(x, -0.0127, 0),
             *[block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005).painted(1) for s in (-1, 1)],
         ]
     return join(parts)

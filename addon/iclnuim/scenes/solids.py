@@ -15,7 +15,11 @@ def loft(rings: Sequence[np.ndarray], closed: bool = True, uv: np.ndarray | None
     """A closed body through rings (n,3) of equal count; its ends are flat fans about their middles."""
     rows = [np.concatenate([r, r[:1]]) for r in np.asarray(rings, float)]
     if closed:
-        rows = [np.repeat(rows[0].mean(0)[None], len(rows[0]), 0), *rows, np.repeat(rows[-1].mean(0)[None], len(rows[0]), 0)]
+        rows = [
+            np.repeat(rows[0].mean(0)[None], len(rows[0]), 0),
+            *rows,
+            np.repeat(rows[-1].mean(0)[None], len(rows[0]), 0),
+        ]
     body = grid(np.array(rows), uv)
     return outward(body) if closed else body
 
@@ -44,7 +48,9 @@ def plate(outline: np.ndarray, low: float, high: float, chamfer: float = 0.0) ->
     return loft([np.concatenate([o, np.full((len(o), 1), z)], 1) for o, z in levels])
 
 
-def block(size: Place, centre: Place = (0, 0, 0), chamfer: float = 0.002, tile_m: float = 1.0, turn: bool = False) -> Mesh:
+def block(
+    size: Place, centre: Place = (0, 0, 0), chamfer: float = 0.002, tile_m: float = 1.0, turn: bool = False
+) -> Mesh:
     """A box with chamfered edges, 44 triangles; texture by projection, its grain along x, or along the other axis with turn."""
     half = np.asarray(size, float) / 2
     c = min(chamfer, 0.45 * half.min())

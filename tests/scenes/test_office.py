@@ -1,0 +1,226 @@
+"""The office: what the code builds, what the file holds, how it agrees with the original, and that paths pass through."""
+
+import json
+import re
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.scenes import SCENES
+
+cv2 = pytest.importorskip("cv2")
+o3d = pytest.importorskip("open3d")
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+
+from iclnuim_bench.benchmark.official_views import OFFICE  # noqa: E402
+
+LISTED = {
+    "wall", "floor", "ceiling", "lamp", "vent", "desk", "cabinet", "monitor", "keyboard", "mouse", "computer", "cable", "phone",
+    "tray", "bookcase", "books", "picture", "clock", "basket", "stand", "door", "chair", "paper", "folder", "board",
+}  # fmt: skip
+OPAQUE = {"BSDF_DIFFUSE", "BSDF_GLOSSY", "FRESNEL", "MIX_SHADER", "TEX_IMAGE", "UVMAP", "OUTPUT_MATERIAL", "EMISSION"}
+
+
+@dataclass(frozen=True)
+class Office:
+    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), hash, triangles, build seconds, caster."""
+
+    objects: dict
+    surface: object
+    sha256: str
+    triangles: int
+    seconds: float
+    caster: object
+
+    def cast(self, origins, directions):
+        """Distance, owner (-1: nothing) and cosine between ray and face normal, by Embree."""
+        lines = np.concatenate(np.broadcast_arrays(origins, directions), -1).astype(np.float32)
+        hit = self.caster.cast_rays(o3d.core.Tensor(lines))
+        triangle = hit["primitive_ids"].numpy().astype(np.int64)
+        seen = triangle < len(self.surface.triangles)
+        owner = np.where(seen, self.surface.owners[np.where(seen, triangle, 0)], -1)
+        return hit["t_hit"].numpy(), owner, (hit["primitive_normals"].numpy() * directions).sum(-1)
+
+
+def captured(seconds):
+    from iclnuim.blender import surface
+    from iclnuim.scenes import stage
+
+    objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
+    found = surface.triangles()
+    caster = o3d.t.geometry.RaycastingScene()
+    caster.add_triangles(found.vertices.astype(np.float32), found.triangles.astype(np.uint32))
+    return Office(objects, found, stage.geometry_hash(), stage.triangle_count(), seconds, caster)
+
+
+def built(seed=0, detail=1.0):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    begun = time.process_time()
+    SCENES["office"].build(seed=seed, detail=detail)
+    return captured(time.process_time() - begun)
+
+
+@pytest.fixture(scope="module")
+def office():
+    return built()
+
+
+@pytest.fixture
+def opened(repository):
+    """The shipped file, open in this session."""
+    bpy.ops.wm.open_mainfile(filepath=str(repository / "blend/office.blend"), use_scripts=False)
+    return captured(0.0)
+
+
+@pytest.fixture(scope="module")
+def rng_directions():
+    d = np.random.default_rng(4).normal(size=(200_000, 3))
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def test_the_office_stays_within_its_means(office):
+    assert 100_000 < office.triangles <= 200_000
+    assert office.seconds < 20
+
+
+def test_the_same_seed_gives_the_same_office_and_another_seed_another():
+    first, again, other = built(3, 0.3), built(3, 0.3), built(4, 0.3)
+    assert first.sha256 == again.sha256 != other.sha256
+    assert first.objects.keys() == other.objects.keys()
+    assert first.triangles < 135_000
+
+
+def test_every_thing_of_the_office_has_a_stable_number_and_a_class(office):
+    assert sorted(number for number, _ in office.objects.values()) == list(range(1, len(office.objects) + 1))
+    assert {name for _, name in office.objects.values()} >= LISTED
+
+
+def test_the_office_file_holds_what_the_code_builds_and_is_small(office, opened, repository):
+    assert opened.sha256 == office.sha256
+    assert opened.objects == office.objects
+    assert (repository / "blend/office.blend").stat().st_size < 8e6
+    images = [i for i in bpy.data.images if i.users and i.type == "IMAGE"]
+    assert len(images) > 10
+    assert [i.name for i in images if not i.packed_file] == []
+    assert len(bpy.data.texts) == 0 == len(bpy.data.libraries)
+    for thing in bpy.context.scene.objects:
+        if thing.type == "MESH":
+            assert thing.pass_index == thing["instance_id"]
+            assert np.allclose(thing.matrix_world, np.eye(4))
+            assert not thing.modifiers
+
+
+def test_the_offices_meshes_are_valid(opened):
+    for mesh in bpy.data.meshes:
+        area = np.empty(len(mesh.polygons))
+        mesh.polygons.foreach_get("area", area)
+        assert area.min() > 1e-9, mesh.name
+        assert not mesh.validate(), mesh.name
+        assert "UVMap" in mesh.uv_layers, mesh.name
+
+
+def test_the_offices_materials_keep_the_forms_that_baking_understands(opened):
+    for material in bpy.data.materials:
+        kinds = {n.type for n in material.node_tree.nodes}
+        assert kinds <= OPAQUE, material.name
+        if "EMISSION" in kinds:
+            assert material.cycles.emission_sampling == "NONE"
+
+
+def test_the_offices_surfaces_turn_their_front_to_the_room(office, rng_directions):
+    for eye in ((0.0, 0.5, 4.5), (-1.0, -1.2, 4.3), (0.9, 2.2, 4.6), (-0.2, -2.2, 4.6)):
+        _, owner, facing = office.cast(np.array(eye), rng_directions)
+        assert (owner >= 0).mean() > 0.9999
+        names = np.array(office.surface.names)[owner[owner >= 0]]
+        wrong = names[facing[owner >= 0] > 1e-3]
+        assert len(wrong) <= 2e-5 * len(names), set(wrong)  # a ray through an edge may meet the inside
+
+
+def test_no_two_things_of_the_office_share_a_visible_surface(office, rng_directions):
+    """A second object within 20 micrometres behind the first would flicker."""
+    for eye in ((0.2, 0.9, 4.6), (0.0, -1.8, 4.6)):
+        distance, owner, _ = office.cast(np.array(eye), rng_directions)
+        seen = owner >= 0
+        start = np.array(eye) + rng_directions[seen] * (distance[seen, None] - 2e-5)
+        lines = np.concatenate([start, rng_directions[seen]], -1).astype(np.float32)
+        hits = office.caster.list_intersections(lines)
+        near = hits["t_hit"].numpy() < 4e-5
+        ray, owners = (
+            hits["ray_ids"].numpy()[near].astype(int),
+            office.surface.owners[hits["primitive_ids"].numpy()[near]],
+        )
+        first = np.full(len(start), -1)
+        first[ray[::-1]] = owners[::-1]
+        shared = owners != first[ray]
+        pairs = {
+            (office.surface.names[a], office.surface.names[b])
+            for a, b in zip(owners[shared], first[ray][shared], strict=True)
+        }
+        assert shared.sum() <= 1e-4 * len(start), pairs
+
+
+@pytest.mark.parametrize("kt", ["kt0", "kt1", "kt2", "kt3"])
+def test_our_office_paths_keep_25_cm_from_every_surface(office, repository, kt):
+    positions_m = read_trajectory(repository / f"trajectories/office/{kt}.txt").trajectory.positions_m
+    distance = office.caster.compute_distance(positions_m.astype(np.float32)).numpy()
+    worst = distance.argmin()
+    near = office.caster.compute_closest_points(positions_m[[worst]].astype(np.float32))["primitive_ids"].numpy()[0]
+    assert distance[worst] > 0.25, (int(worst), positions_m[worst], office.surface.names[office.surface.owners[near]])
+
+
+def test_the_official_path_passes_12_cm_under_the_ceiling_and_touches_nothing(samples, office):
+    positions_m = OFFICE.poses(samples).translation
+    distance = office.caster.compute_distance(positions_m.astype(np.float32)).numpy()
+    assert 0.10 < distance.min() < 0.14
+    assert positions_m[distance.argmin(), 2] == pytest.approx(positions_m[:, 2].max(), abs=0.01)
+    steps = np.diff(positions_m, axis=0)
+    hit, _, _ = office.cast(positions_m[:-1], steps)  # in steps: nothing lies between two poses
+    assert (hit > 1).all()
+    lateral = (positions_m[:, 2] < 5.15) & (positions_m[:, 2] > 3.2)
+    assert distance[lateral].min() > 0.20
+
+
+@pytest.mark.parametrize("number", OFFICE.frames)
+def test_bare_floor_ceiling_and_walls_of_the_office_agree_with_official_depth_to_2_cm(samples, office, number):
+    _, truth = OFFICE.official(samples, number)
+    T = OFFICE.poses(samples)[number]
+    depth, owner, _ = office.cast(T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T)
+    bare = [i for i, n in enumerate(office.surface.names) if n.startswith("wall_") or n in ("floor", "ceiling")]
+    plane = np.isin(owner, bare) & (truth > 0)
+    error = np.abs(depth - truth)[plane]
+    assert plane.mean() > 0.5
+    assert (error < 0.02).mean() > 0.95, (error < 0.02).mean()
+    assert np.median(error) < 0.005
+
+
+@pytest.mark.parametrize("number", OFFICE.frames)
+def test_most_of_each_official_office_frame_lies_within_3_cm(samples, office, number):
+    _, truth = OFFICE.official(samples, number)
+    T = OFFICE.poses(samples)[number]
+    depth, _, _ = office.cast(T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T)
+    assert (np.abs(depth - truth)[truth > 0] < 0.03).mean() > 0.85
+
+
+def test_the_page_of_facts_lists_everything_in_the_office(office, repository):
+    text = (repository / "blend/README.md").read_text()
+    text = text[text.index("## The office") :]
+    listed = {n: (int(k), kind) for k, n, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)}
+    assert listed == office.objects
+    assert f"{office.triangles:,}" in text
+
+
+@pytest.mark.slow
+def test_our_office_feeds_an_odometer_as_the_official_one_does(samples, tmp_path):
+    command = [sys.executable, "-m", "iclnuim_bench", "scene", "compare", "office", "--samples-dir", str(samples)]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path), "--quiet", "--json"], capture_output=True, text=True, check=True
+    )
+    for number, ratios in json.loads(done.stdout).items():
+        for name, value in ratios.items():
+            assert np.all((np.array(value) > 2 / 3) & (np.array(value) < 4 / 3)), (number, name, value)
+    assert len(list(tmp_path.glob("or_kt0_*.png"))) == 3
