@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tempfile
+import zipfile
 from pathlib import Path
 
 import bpy
@@ -66,7 +67,7 @@ def load_layout(folder: Path) -> MapLayout:
     try:
         with np.load(folder / LAYOUT) as stored:
             return MapLayout(stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"]))
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise WorkError(
             f"{folder}: the light map cannot be read ({error}); delete this folder and bake again"
         ) from None

@@ -1,0 +1,152 @@
+"""Baked light against formulas and path tracing; the scene it was baked from stays as it was."""
+
+import math
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+
+SMALL = ("--map-size", "128", "--map-samples", "16")
+
+
+def matt_room(path, sun_deg=30.0, strength=2.0, colours=((0.8, 0.3, 0.2), (0.5, 0.5, 0.5))):
+    """An open corner of two matt sheets lit by a sun from the right, with a UV map and a modifier of its own; saved to `path`."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    quads = {
+        "floor": [(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)],
+        "wall": [(-3, 2, 0), (3, 2, 0), (3, 2, 3), (-3, 2, 3)],
+    }
+    for (name, corners), colour in zip(quads.items(), colours, strict=True):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+        mesh.uv_layers.new(name="own")
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        tree = material.node_tree
+        tree.nodes.clear()
+        shader, out = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeOutputMaterial")
+        shader.inputs["Color"].default_value = (*colour, 1)
+        tree.links.new(shader.outputs[0], out.inputs[0])
+        mesh.materials.append(material)
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+    sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
+    sun.data.energy, sun.data.angle = strength, 0.0
+    sun.rotation_euler = (0, math.radians(sun_deg), 0)
+    bpy.context.scene.collection.objects.link(sun)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    return matt_room(tmp_path_factory.mktemp("matt") / "room.blend")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+def picture(render, out, room, *light):
+    from iclnuim.formats.exr import read_exr
+
+    done = render(out, "--frames", "0", *light, scene=room, base=())
+    assert done.returncode == 0, done.stderr
+    channels = read_exr(out / "exr/000000.exr")
+    return np.stack([channels[c] for c in "RGB"], -1), done.stderr
+
+
+@pytest.fixture(scope="module")
+def pictures(render, room, cache, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ICLNUIM_CACHE", str(cache))
+        baked, said = picture(render, folder / "baked", room, "--light", "baked", *SMALL)
+        path, _ = picture(render, folder / "path", room, "--light", "path", "--samples", "512", "--no-denoise")
+    return baked, path, said
+
+
+def test_baked_light_is_what_path_tracing_converges_to(pictures):
+    baked, path, _ = pictures
+    assert np.median(np.abs(baked - path)) < 0.004
+    assert abs(baked.mean() / path.mean() - 1) < 0.02
+
+
+def test_direct_light_follows_the_formula_where_nothing_else_shines(pictures):
+    """The wall faces away from no sun and sees it at 90 degrees: no direct light; the floor gets E cos / pi of its colour."""
+    baked, _, _ = pictures
+    floor = baked[-4:, 20:44].reshape(-1, 3).mean(0)
+    direct = np.array([0.8, 0.3, 0.2]) * 2.0 * math.cos(math.radians(30)) / math.pi
+    assert (floor > 0.99 * direct).all()
+    assert (floor < 1.25 * direct).all()  # and some from the wall
+
+
+def test_the_map_is_baked_once_and_found_again(render, room, cache, tmp_path, monkeypatch, pictures):
+    monkeypatch.setenv("ICLNUIM_CACHE", str(cache))
+    maps = {p: p.stat().st_mtime_ns for p in cache.glob("light/*/light.exr")}
+    assert len(maps) == 1
+    _, said = picture(render, tmp_path / "again", room, "--light", "baked", *SMALL)
+    assert {p: p.stat().st_mtime_ns for p in cache.glob("light/*/light.exr")} == maps
+    assert "light map:" not in said
+
+
+def test_another_lamp_is_another_map(render, cache, tmp_path, monkeypatch, pictures):
+    monkeypatch.setenv("ICLNUIM_CACHE", str(cache))
+    before = set(cache.glob("light/*"))
+    brighter = matt_room(tmp_path / "brighter.blend", strength=4.0)
+    picture(render, tmp_path / "out", brighter, "--light", "baked", *SMALL)
+    assert len(set(cache.glob("light/*")) - before) == 1
+
+
+def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache, pictures):
+    from iclnuim.blender import bake, session
+
+    session.reset()
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+
+    def state():
+        objects = sorted((o.name, o.hide_render, o.data.name) for o in bpy.context.scene.objects)
+        meshes = sorted((m.name, len(m.loops), tuple(u.name for u in m.uv_layers)) for m in bpy.data.meshes)
+        nodes = sorted((m.name, tuple(n.bl_idname for n in m.node_tree.nodes)) for m in bpy.data.materials)
+        return objects, meshes, nodes
+
+    before = state()
+    folder = next(iter(cache.glob("light/*")))
+    lit = bake.apply(folder)
+    assert state() != before
+    lit.revert()
+    assert state() == before
+
+
+def test_a_damaged_map_is_named_in_words(render, room, tmp_path, monkeypatch, cache, pictures):
+    import shutil
+
+    shutil.copytree(cache, tmp_path / "cache")
+    for layout in (tmp_path / "cache").glob("light/*/layout.npz"):
+        layout.write_bytes(layout.read_bytes()[:100])
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
+    done = render(tmp_path / "out", "--frames", "0", "--light", "baked", *SMALL, scene=room, base=())
+    assert done.returncode == 3
+    assert "delete this folder and bake again" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
+    """A mirror becomes dull: what it shows no longer depends on where the camera stands."""
+    from iclnuim.blender import lambertian
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    material = bpy.data.materials.new("polished")
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    diffuse, glossy, mix, out = (
+        tree.nodes.new(k)
+        for k in ("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfGlossy", "ShaderNodeMixShader", "ShaderNodeOutputMaterial")
+    )
+    tree.links.new(diffuse.outputs[0], mix.inputs[1])
+    tree.links.new(glossy.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], out.inputs["Surface"])
+    lambertian.apply()
+    assert out.inputs["Surface"].links[0].from_node == diffuse
