@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "formats": {"errors", "geometry"},
     "sensor": {"errors", "geometry"},
     "evaluation": {"errors", "geometry"},
-    "job": {"errors", "shipped", "geometry", "formats"},
+    "job": {"errors", "shipped", "geometry", "formats", "sensor"},
     "dataset": {"errors", "job", "shipped", "geometry", "formats", "sensor", "evaluation", ""},
     "postprocess": {"errors", "geometry", "formats", "sensor", "evaluation", "dataset"},
     "lightmap": {"errors", "geometry"},

@@ -10,6 +10,7 @@ from . import shipped
 from .errors import InputError
 from .formats.files import read_json
 from .geometry.camera import PinholeCamera
+from .sensor.exposure import Exposure
 
 SCHEMA_VERSION = 1
 #: Effective settings where a job names none. Few samples do for baked light: only reflections and glass are sampled.
@@ -24,6 +25,7 @@ class RenderJob:
     `light` is `path` (full path tracing) or `baked` (light map; reflections and glass traced). `samples` per pixel; `denoise`
     with OpenImageDenoise. Without `antialias` one ray passes through each pixel's centre, as in the paper (section II);
     Z is that of the centre in any case. `lambertian` leaves reflections out. `map_size` (texels) and `map_samples`: the light map's.
+    `exposure_s` and `readout_s` (seconds): motion blur and rolling shutter of RGB, see sensor.exposure.
     """
 
     sequence: str
@@ -38,6 +40,8 @@ class RenderJob:
     map_size: int = 2048
     map_samples: int = 32
     seed: int = 0
+    exposure_s: float = 0.0
+    readout_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT_DEFAULTS:
@@ -54,12 +58,18 @@ class RenderJob:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise InputError(f"{name} as a whole number of {least}..{most}", found=value)
+        Exposure(self.exposure_s, self.readout_s)
         for name in ("denoise", "antialias", "lambertian"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} true or false", found=getattr(self, name))
         for name in ("sequence", "scene", "trajectory"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InputError(f"{name} as text", found=getattr(self, name))
+
+    @property
+    def exposure(self) -> Exposure:
+        """The shutter."""
+        return Exposure(self.exposure_s, self.readout_s)
 
     def to_dict(self) -> dict:
         """The inverse of from_dict."""

@@ -25,7 +25,7 @@ def figure(results: Sequence[Result]) -> Figure:
         line = [r for r in results if r.way.family == family]
         style = {"color": COLOURS[k % len(COLOURS)], "label": family, "marker": "o" if len(line) > 1 else "D"}
         _draw(left, line, [r.error.mean_psnr_db for r in line], style)
-        _draw(right, line, [255 * r.flicker for r in line], style)
+        _draw(right, line, [np.nan if r.flicker is None else 255 * r.flicker for r in line], style)
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
     right.set_ylim(bottom=0)
@@ -40,14 +40,15 @@ def figure(results: Sequence[Result]) -> Figure:
 def _draw(axes: Axes, line: list[Result], values: list[float], style: dict) -> None:
     axes.plot([r.seconds for r in line], values, **style)
     for result, value in zip(line, values, strict=True):
-        axes.annotate(result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8)
+        if not np.isnan(value):
+            axes.annotate(result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8)
 
 
 def table(results: Sequence[Result]) -> str:
     """One row a way, in Markdown."""
     rows = [
         (r.way.family, r.way.label, f"{r.seconds:.3f}", f"{r.error.mean_psnr_db:.1f}", f"{r.error.worst_psnr_db:.1f}",
-         f"{np.mean(r.error.psnr_to_reference_db):.1f}", f"{r.error.median:.4f}", f"{r.error.bias:+.4f}", f"{255 * r.flicker:.2f}")
+         f"{np.mean(r.error.psnr_to_reference_db):.1f}", f"{r.error.median:.4f}", f"{r.error.bias:+.4f}", "" if r.flicker is None else f"{255 * r.flicker:.2f}")
         for r in results
     ]  # fmt: skip
     return "\n".join("| " + " | ".join(row) + " |" for row in (_HEADER, ("---",) * len(_HEADER), *rows))

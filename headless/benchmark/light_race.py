@@ -26,9 +26,8 @@ REFERENCE_SAMPLES = 2048
 _REFERENCE_SEEDS = (11, 12)
 _PATH_SAMPLES = (1, 4, 16, 64, 256)
 _BAKED_SAMPLES = (1, 2, 4, 8)
-#: Way -> frames that are timed at full size: slow ones need fewer. The first of them warms up.
-_TIMED_FRAMES = 6
-_SLOW_SAMPLES, _SLOW_TIMED_FRAMES = 16, 3
+#: Path tracing with more samples than this is slow: one frame is timed, and flicker, long gone, not measured.
+_SLOW_SAMPLES = 16
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Result:
     way: Way
     seconds: float
     error: Error
-    flicker: float
+    flicker: float | None
 
 
 def machine() -> dict:
@@ -83,12 +82,15 @@ class Race:
         self.references = self._references()
 
     def run(self, way: Way) -> Result:
-        pairs = [n + k for n in self.views for k in (0, 1)]
+        slow = way.job.light == "path" and way.job.samples > _SLOW_SAMPLES
+        firsts = [] if slow else self.views[::2]
         with tempfile.TemporaryDirectory() as folder:
-            self._render(replace(way.job, camera=self.small), Path(folder) / "small", pairs)
-            rgb, depth_z_m = _frames(Path(folder) / "small", pairs)
-            seconds = self._seconds(way.job, Path(folder) / "full")
-        return Result(way, seconds, error(rgb[::2], self.references), self._flicker(rgb, depth_z_m, pairs))
+            small = Path(folder) / "small"
+            self._render(replace(way.job, camera=self.small), small, sorted({*self.views, *(n + 1 for n in firsts)}))
+            found = error(_frames(small, self.views)[0], self.references)
+            flicker = self._flicker(small, firsts) if firsts else None
+            seconds = self._seconds(way.job, Path(folder) / "full", self.views[:1] if slow else self.views)
+        return Result(way, seconds, found, flicker)
 
     def _references(self) -> np.ndarray:
         """(2, n, h, w, 3), two independent halves. Rendered once, then kept in the cache; an interrupted render goes on."""
@@ -103,41 +105,33 @@ class Race:
         self._render(job, folder, self.views)
         return _frames(folder, self.views)[0]
 
-    def _seconds(self, job: RenderJob, folder: Path) -> float:
-        slow = job.light == "path" and job.samples > _SLOW_SAMPLES
-        views = self.views[: _SLOW_TIMED_FRAMES if slow else _TIMED_FRAMES]
-        ends = self._render(job, folder, views)
-        return statistics.median(
-            np.diff(ends)[:-1]
-        )  # a frame is reported when the next one is rendered, the last one at once
+    def _seconds(self, job: RenderJob, folder: Path, views: list[int]) -> float:
+        """Of a frame. The first one, in which Cycles reads the scene, counts only where it is the only one."""
+        times = self._render(job, folder, views)
+        return statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
 
     def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
-        """Render what is missing; when each frame was done."""
-        ends: list[float] = []
+        """Render what is missing; when it began, and when each frame was reported: as the next one was rendered."""
+        times: list[float] = []
 
         def listen(event: dict) -> None:
-            if event["event"] == "frame":
-                ends.append(time.perf_counter())
+            if event["event"] in ("ready", "frame"):
+                times.append(time.perf_counter())
             if event["event"] == "note":
                 self.note(event["text"])
 
         folder.parent.mkdir(parents=True, exist_ok=True)
         worker.render_run(job, folder, numbers, listen, lambda: False)
-        return ends
+        return times
 
-    def _flicker(self, rgb: np.ndarray, depth_z_m: np.ndarray, pairs: list[int]) -> float:
+    def _flicker(self, folder: Path, firsts: list[int]) -> float:
         poses = worker.load_trajectory(self.job).T_world_camera
-        differences = [
-            carried_difference(
-                rgb[k],
-                depth_z_m[k],
-                rgb[k + 1],
-                depth_z_m[k + 1],
-                poses[pairs[k + 1]].inverse() @ poses[pairs[k]],
-                self.small,
-            )
-            for k in range(0, len(pairs), 2)
-        ]
+        rgb, depth_z_m = _frames(folder, [n + k for n in firsts for k in (0, 1)])
+        differences = []
+        for k, n in enumerate(firsts):
+            a, b = 2 * k, 2 * k + 1
+            T_b_a = poses[n + 1].inverse() @ poses[n]
+            differences.append(carried_difference(rgb[a], depth_z_m[a], rgb[b], depth_z_m[b], T_b_a, self.small))
         return float(np.median(np.concatenate(differences)))
 
 

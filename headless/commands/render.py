@@ -55,6 +55,10 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
         "--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes"
     )
     parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
+    parser.add_argument("--exposure", type=float, metavar="S", help="seconds the shutter is open: motion blur; default: 0")
+    parser.add_argument(
+        "--readout", type=float, metavar="S", help="seconds from first row to last: rolling shutter; default: 0"
+    )
     parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
     parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples, and of noise; default: 0")
@@ -84,7 +88,7 @@ def job_from(args: argparse.Namespace) -> jobs.RenderJob:
         name: getattr(args, name)
         for name in ("light", "samples", "denoise", "antialias", "lambertian", "map_size", "map_samples", "seed")
     }
-    return job.changed(camera=camera, **files, **plain)
+    return job.changed(camera=camera, exposure_s=args.exposure, readout_s=args.readout, **files, **plain)
 
 
 def frames_from(args: argparse.Namespace) -> str:

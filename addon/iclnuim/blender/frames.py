@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy
@@ -14,10 +15,13 @@ from ..formats import exr
 _BACKGROUND = 1e9
 
 
-def render(number: int, raw_file: Path) -> None:
-    """Render frame `number` of the open scene to `raw_file`, Blender's own EXR. Raises WorkError where Blender fails."""
+def render(number: float, raw_file: Path) -> None:
+    """Render frame `number`, which may lie between two, of the open scene to `raw_file`, Blender's own EXR.
+
+    Raises WorkError where Blender fails.
+    """
     scene = bpy.context.scene
-    scene.frame_set(number)
+    scene.frame_set(math.floor(number), subframe=number % 1)
     scene.render.filepath = str(raw_file)
     try:
         result = bpy.ops.render.render(write_still=True)

@@ -30,7 +30,7 @@ from ..formats.files import read_bytes, sha256
 from ..formats.trajectories import read_trajectory
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
-from . import bake, camera, compat, frames, lambertian, light_map, output, preflight, scene, settings
+from . import bake, camera, compat, exposure, frames, lambertian, light_map, output, preflight, scene, settings
 
 Emit = Callable[[dict], None]
 
@@ -63,7 +63,7 @@ def render_run(
             if blend is not None:
                 bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()), copy=True, compress=True)
             emit({"event": "ready"})
-            return _loop(run, missing, work, emit, should_stop)
+            return _loop(job, trajectory, run, missing, work, emit, should_stop)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
@@ -126,19 +126,27 @@ def _light(job: RenderJob, note: Callable[[str], None]) -> Path:
     return bake.prepare({}, map_settings, light_map.cache_folder(), note)
 
 
-def _loop(run: RunFolder, missing: list[int], work: Path, emit: Emit, should_stop: Callable[[], bool]) -> bool:
+def _loop(
+    job: RenderJob,
+    trajectory: Trajectory,
+    run: RunFolder,
+    missing: list[int],
+    work: Path,
+    emit: Emit,
+    should_stop: Callable[[], bool],
+) -> bool:
     """Render, and close each frame while Cycles is at the next: at most one frame is open besides the one in work."""
     started, rendered, closing = time.perf_counter(), 0, None
-    antialias = run.recipe["job"]["antialias"]
     with ThreadPoolExecutor(1) as closer:
         for number in missing:
             if should_stop():
                 break
             begun = time.perf_counter()
-            raw, raw_depth = _render(number, work, antialias)
+            raw, raw_depth = _render(number, work, job.antialias)
+            blurred = None if job.exposure.instant else _blurred(number, job, trajectory, raw_depth, work)
             seconds = time.perf_counter() - begun
             _finish(closing, emit)
-            closing = closer.submit(_close, run, number, raw, raw_depth, seconds)
+            closing = closer.submit(_close, run, number, raw, raw_depth, blurred, seconds)
             rendered += 1
         _finish(closing, emit)
     seconds = time.perf_counter() - started
@@ -157,10 +165,19 @@ def _render(number: int, work: Path, antialias: bool) -> tuple[Path, Path]:
     return raw, raw_depth
 
 
-def _close(run: RunFolder, number: int, raw: Path, raw_depth: Path, cycles_seconds: float) -> dict:
+def _blurred(number: int, job: RenderJob, trajectory: Trajectory, raw_depth: Path, work: Path) -> np.ndarray:
+    """RGB through a shutter that takes its time; Z stays that of the stamp."""
+    depth_z_m = frames.read(raw_depth, raw_depth)[1]
+    return exposure.shoot(number, job.exposure, trajectory, job.camera, depth_z_m, work / "instant.exr")
+
+
+def _close(
+    run: RunFolder, number: int, raw: Path, raw_depth: Path, blurred: np.ndarray | None, cycles_seconds: float
+) -> dict:
     """Blender's raw frame -> the finished file; returns its event."""
     begun = time.perf_counter()
-    run.write_frame(number, *frames.read(raw, raw_depth))
+    rgb, depth_z_m = frames.read(raw, raw_depth)
+    run.write_frame(number, rgb if blurred is None else blurred, depth_z_m)
     return {"event": "frame", "frame": number, "cycles": cycles_seconds, "close": time.perf_counter() - begun}
 
 

@@ -1,0 +1,82 @@
+"""Motion blur and rolling shutter: many cheap renders at poses inside the exposure, averaged in linear light, band by band."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..geometry.camera import PinholeCamera
+from ..geometry.trajectory import Trajectory, sample
+from ..sensor.exposure import Band, Exposure, motion_px, plan
+from . import frames
+
+
+def shoot(
+    number: int,
+    exposure: Exposure,
+    trajectory: Trajectory,
+    camera: PinholeCamera,
+    depth_z_m: np.ndarray,
+    raw_file: Path,
+) -> np.ndarray:
+    """(h, w, 3) scene-linear RGB of frame `number` of the open scene; depth_z_m (h, w) is that of its stamp.
+
+    At the ends of the trajectory the camera is taken to stand still.
+    """
+    bands = plan(exposure, camera.height, *_motions_px(number, exposure, trajectory, camera, depth_z_m))
+    rgb = np.empty((camera.height, camera.width, 3), np.float32)
+    for band in bands:
+        with _rows(band, camera.height):
+            rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
+    return rgb
+
+
+def _motions_px(
+    number: int, exposure: Exposure, trajectory: Trajectory, camera: PinholeCamera, depth_z_m: np.ndarray
+) -> list[float]:
+    """During exposure and during readout."""
+    here = trajectory.T_world_camera[number]
+    result = []
+    for duration in (exposure.exposure_s, exposure.readout_s):
+        stamps = np.clip(trajectory.stamps_s[number] + np.array([-0.5, 0.5]) * duration, *trajectory.stamps_s[[0, -1]])
+        ends = sample(trajectory, stamps) if len(trajectory) > 1 else None
+        result.append(0.0 if ends is None else sum(motion_px(depth_z_m, camera, end.inverse() @ here) for end in ends))
+    return result
+
+
+def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:
+    """Mean light of a band's instants; each with noise of its own, the same whenever the frame is rendered."""
+    cycles = bpy.context.scene.cycles
+    seed, total = cycles.seed, 0.0
+    try:
+        for k, offset in enumerate(band.offsets_s):
+            cycles.seed = (seed + 7919 * k) % (1 << 31)
+            frames.render(_timeline(trajectory, trajectory.stamps_s[number] + offset), raw_file)
+            total = total + frames.read(raw_file, raw_file)[0].astype(np.float64)
+    finally:
+        cycles.seed = seed
+    return (total / len(band.offsets_s)).astype(np.float32)
+
+
+def _timeline(trajectory: Trajectory, stamp_s: float) -> float:
+    """The place on Blender's timeline, where pose i is keyed at frame i."""
+    return float(np.interp(stamp_s, trajectory.stamps_s, np.arange(len(trajectory))))
+
+
+@contextmanager
+def _rows(band: Band, height: int) -> Iterator[None]:
+    """Only these rows are rendered."""
+    render = bpy.context.scene.render
+    whole = band.top == 0 and band.bottom == height
+    render.use_border = render.use_crop_to_border = not whole
+    render.border_min_x, render.border_max_x = 0.0, 1.0
+    # Blender cuts to whole rows: a quarter of a row keeps rounding from taking one more or less
+    render.border_min_y, render.border_max_y = ((height - row + 0.25) / height for row in (band.bottom, band.top))
+    try:
+        yield
+    finally:
+        render.use_border = render.use_crop_to_border = False

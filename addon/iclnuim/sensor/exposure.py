@@ -1,0 +1,74 @@
+"""A shutter that is open for a while and reads its rows one after another: which instants make up each band of rows.
+
+Motion blur is the mean light over the exposure; a rolling shutter gives each row its own instant. Both are centred on the
+frame's stamp, whose pose stays the ground truth. The paper counts their absence among its limitations (section V).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+
+#: Between two instants of an exposure nothing moves farther than this, so that the mean shows no steps.
+STEP_PX = 1.0
+#: Rows of one band share their instant; no point of theirs is farther than this from its own.
+ROW_ERROR_PX = 0.1
+_GRID_PX = 4
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """exposure_s: how long each row collects light; readout_s: from the first row's middle instant to the last one's. 0: none."""
+
+    exposure_s: float = 0.0
+    readout_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("exposure_s", "readout_s"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
+                raise InputError(f"{name} of 0..1 seconds", found=value)
+
+    @property
+    def instant(self) -> bool:
+        """Whether the shutter takes no time."""
+        return self.exposure_s == 0 and self.readout_s == 0
+
+
+@dataclass(frozen=True)
+class Band:
+    """Rows top..bottom (bottom excluded) and the instants, seconds from the frame's stamp, whose mean light they show."""
+
+    top: int
+    bottom: int
+    offsets_s: tuple[float, ...]
+
+
+def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_motion_px: float) -> list[Band]:
+    """Bands of rows from top to bottom. Motions: the farthest that any point moves during exposure and readout, in pixels."""
+    count = int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height)) if exposure.readout_s else 1
+    instants = max(1, int(np.ceil(exposure_motion_px / STEP_PX))) if exposure.exposure_s else 1
+    within = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure.exposure_s
+    edges = np.rint(np.linspace(0, height, count + 1)).astype(int)
+    middles = (edges[:-1] + edges[1:]) / 2 / height - 0.5
+    return [
+        Band(int(top), int(bottom), tuple(float(t) for t in middle * exposure.readout_s + within))
+        for top, bottom, middle in zip(edges[:-1], edges[1:], middles, strict=True)
+    ]
+
+
+def motion_px(depth_z_m: np.ndarray, camera: PinholeCamera, T_b_a: SE3) -> float:
+    """How far the farthest-moving pixel of a moves when the camera goes from a to b, of every 4th one that b still sees.
+
+    Planar depth (h, w) in metres; where it is 0, at infinity.
+    """
+    depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
+    points = (camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]).reshape(-1, 3)
+    before, after = camera.project(points), camera.project(T_b_a.apply(points))
+    seen = ((after >= -0.5) & (after < (camera.width - 0.5, camera.height - 0.5))).all(1)
+    return float(np.linalg.norm(after[seen] - before[seen], axis=1).max(initial=0.0))
