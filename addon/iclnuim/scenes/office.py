@@ -133,7 +133,7 @@ def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             "black",
         )
     for k, (x, y, turn) in enumerate(
-        ((-2.08, -2.86, 8), (1.60, -2.95, -14), (1.86, -0.74, 186), (1.66, 1.20, -84), (-1.62, 2.42, 102)), 1
+        ((-0.90, 3.00, 150), (1.60, -2.95, -14), (1.86, -0.74, 186), (1.66, 1.20, -84), (-1.62, 2.42, 102)), 1
     ):
         chair = swivel_chair(rng, detail).mapped(lambda v: v * [1, -1, 1]).flipped()
         stage.add(f"chair_{k}", "chair", chair.turned("z", turn).moved(x, y, Z0 + 0.0005), "cloth", "black", "steel")

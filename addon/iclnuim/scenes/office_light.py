@@ -7,7 +7,7 @@ import numpy as np
 
 from .office_measures import LUMINAIRES, Z1
 
-POWER_W = 16.0  # of a luminaire's pair of panels
+POWER_W = 14.5  # of a luminaire's pair of panels
 SPREAD_DEG = 172.0  # the louvers keep light from the very top of the walls
 
 

@@ -51,7 +51,7 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
 
 def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
     size = paint.size
-    red = paint("laminate", textures.timber, size(1024), (0.41, 0.27, 0.205), (0.50, 0.345, 0.27), 8)
+    red = paint("laminate", textures.timber, size(1024), (0.42, 0.28, 0.215), (0.49, 0.335, 0.26), 8)
     beech = paint("beech", textures.timber, size(1024), (0.55, 0.40, 0.26), (0.70, 0.54, 0.37))
     ochre = paint("ochre", tex.worn_paint, size(768), (0.66, 0.53, 0.30))
     return {

@@ -25,12 +25,12 @@ def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     seam = np.minimum((4 * t) % 1, 1 - (4 * t) % 1) / 4  # of the tile's 2 m
     joint = smoothstep(0.0, 0.0016, np.minimum(seam[:, None], seam[None]))
     metre = np.abs((2 * t + 0.5) % 1 - 0.5) / 2
-    wander = 1 + 0.35 * cloud(rng, shape, 1.5, 1, 20)
+    wander = 1 + 0.6 * cloud(rng, shape, 1.5, 1, 20)
     soil = np.exp(-np.minimum(metre[:, None], metre[None]) / (0.035 * np.clip(wander, 0.3, 2)))
     each = enlarged(rng.normal(0, 1, (4, 4)), shape)
-    pile = cloud(rng, shape, 0.25, 60) * 0.060 + cloud(rng, shape, 0.8, 30, 500) * 0.045
+    pile = cloud(rng, shape, 0.25, 60) * 0.095 + cloud(rng, shape, 0.8, 30, 500) * 0.050
     worn = cloud(rng, shape, 1.5, 1, 30)
-    value = (1 + pile + 0.018 * each + 0.055 * worn - 0.42 * soil) * (0.82 + 0.18 * joint)
+    value = (1 + pile + 0.018 * each + 0.075 * worn - 0.36 * soil) * (0.82 + 0.18 * joint)
     return to_bytes(np.array(tone) * value[..., None] * (1 - soil[..., None] * np.array([0.0, 0.03, 0.06])))
 
 
@@ -43,14 +43,14 @@ def mineral(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     y, x = np.mgrid[0:size, 0:size] / size
     r = np.hypot(x - 0.42, y - 0.70) + 0.008 * cloud(rng, shape, 1.6, 1, 24)
     stain = np.exp(-(((r - 0.045) / 0.006) ** 2)) + 0.35 * smoothstep(0.05, 0.02, r)
-    value = 1 + 0.012 * each + 0.008 * fine - 0.035 * fissure
+    value = 1 + 0.008 * each + 0.003 * fine - 0.020 * fissure
     return to_bytes(np.array(tone) * value[..., None] * (1 - stain[..., None] * np.array([0.06, 0.10, 0.17])))
 
 
 def paint(rng: np.random.Generator, size: int, tone: Colour, strength: float = 1.0) -> np.ndarray:
     """Rolled wall paint on a smooth wall: very fine texture, faint patches, some scuffs."""
     shape = (size, size)
-    value = 0.006 * cloud(rng, shape, 1.6, 1, 20) + 0.0045 * cloud(rng, shape, 0.35, 50)
+    value = 0.003 * cloud(rng, shape, 1.6, 1, 20) + 0.0014 * cloud(rng, shape, 0.35, 50)
     return to_bytes(np.array(tone) * (1 + strength * value[..., None]))
 
 
@@ -98,7 +98,7 @@ def pages(rng: np.random.Generator, size: int) -> np.ndarray:
 
 def _write(rng: np.random.Generator, leaf: np.ndarray, list_like: bool, chart: bool) -> None:
     n = len(leaf)
-    tone = np.array((0.42, 0.42, 0.45))
+    tone = np.array((0.52, 0.52, 0.55))
     leaf[int(0.90 * n) : int(0.925 * n), int(0.1 * n) : int(0.1 * n + 0.4 * n * rng.uniform(0.5, 1))] = tone
     for y in np.arange(0.08, 0.86, 0.026):
         if chart and 0.2 < y < 0.5 or rng.random() < 0.08:
