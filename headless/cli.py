@@ -30,6 +30,7 @@ COMMANDS = {
     "table": "a table of the paper from our own files, beside the printed figures",
     "check-depth": "cast the same rays independently and compare the depth",
     "bench": "measurements: time, error, and where they go",
+    "extension": "the Blender extension as a zip",
     "doctor": "what is installed, what is missing, and how to mend it",
 }
 

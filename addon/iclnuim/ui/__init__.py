@@ -1,0 +1,28 @@
+"""The panel "ICL-NUIM Export": properties, panels that only draw, operators that only forward, and their registration."""
+
+from __future__ import annotations
+
+import atexit
+
+
+def _modules() -> tuple:
+    from . import operators_evaluate, operators_render, operators_scene, panels, presets, properties, viewport
+
+    return properties, presets, operators_scene, operators_render, operators_evaluate, viewport, panels
+
+
+def register() -> None:
+    """Every class, property and handler."""
+    for module in _modules():
+        module.register()
+    atexit.register(unregister)
+
+
+def unregister() -> None:
+    """The reverse; a running child process is ended, its finished frames stay."""
+    from . import session
+
+    atexit.unregister(unregister)
+    session.end()
+    for module in reversed(_modules()):
+        module.unregister()

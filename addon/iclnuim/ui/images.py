@@ -1,0 +1,51 @@
+"""Pictures put before the user: an array becomes an image of the .blend's session, and an image editor shows it."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+
+def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> bpy.types.Image:
+    """(h, w, 3) uint8 as the image `name`, in an image editor; one is opened beside the 3D view where there is none."""
+    image = _image(name, picture)
+    if not bpy.app.background:
+        area = _editor(context)
+        if area is not None:
+            area.spaces.active.image = image
+            area.tag_redraw()
+    return image
+
+
+def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
+    height, width = picture.shape[:2]
+    image = bpy.data.images.get(name)
+    if image is None or image.size[:] != (width, height):
+        if image is not None:
+            bpy.data.images.remove(image)
+        image = bpy.data.images.new(name, width, height)
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = picture[::-1].astype(np.float32) / 255
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    return image
+
+
+def _editor(context: bpy.types.Context) -> bpy.types.Area | None:
+    """An image editor of the window, by splitting the 3D view if need be."""
+    window = context.window or context.window_manager.windows[0]
+    areas = window.screen.areas
+    for area in areas:
+        if area.type == "IMAGE_EDITOR":
+            return area
+    views = [area for area in areas if area.type == "VIEW_3D"]
+    if not views:
+        return None
+    view, before = max(views, key=lambda a: a.width * a.height), set(areas)
+    with context.temp_override(window=window, area=view, region=view.regions[-1]):
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
+    # the new area is the left one: the sidebar with the panel stays where it is
+    new = next(area for area in areas if area not in before)
+    new = min((new, view), key=lambda a: a.x)
+    new.type = "IMAGE_EDITOR"
+    return new

@@ -1,0 +1,153 @@
+"""From the panel's settings to a trajectory, and to the files in the output folder that a child needs."""
+
+from __future__ import annotations
+
+import os
+import platform
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+
+from .. import shipped
+from ..errors import InputError, WorkError
+from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
+from ..geometry import axes
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory, adopt
+from ..job import RenderJob
+
+
+def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
+    """The path chosen, scaled and moved, and a sentence on how it was taken. Raises InputError."""
+    settings = context.scene.iclnuim
+    loaded, sentence = _chosen(context, settings)
+    if settings.scale == 1.0 and not settings.use_start:
+        return loaded, sentence
+    start = _start_pose(settings) if settings.use_start else loaded.T_world_camera[0]
+    return adopt(loaded, start, round(settings.scale, 6)), sentence
+
+
+def output_folder(settings: bpy.types.PropertyGroup) -> Path:
+    """Absolute. Raises InputError where // is used before the file has a folder."""
+    if settings.out.startswith("//") and not bpy.data.filepath:
+        raise InputError(
+            "an output folder", found=settings.out, hint="choosing a Folder under Output, or saving the .blend first"
+        )
+    if not settings.out.strip():
+        raise InputError("an output folder", found="none", hint="choosing a Folder under Output")
+    return Path(bpy.path.abspath(settings.out)).expanduser().resolve()
+
+
+def job(context: bpy.types.Context, out: Path) -> RenderJob:
+    """The job of the settings, with the scene and the path written into `out` where they have no file of their own.
+
+    Raises InputError, WorkError.
+    """
+    settings = context.scene.iclnuim
+    check_free(out / "raw")
+    return settings.to_job(_scene_for(settings, out), _trajectory_for(context, settings, out))
+
+
+def check_free(raw: Path) -> None:
+    """Raises WorkError where a living process of this machine renders into the folder."""
+    for folder in raw.glob(f".work-{platform.node()}-*"):
+        process = int(folder.name.rsplit("-", 1)[1])
+        if process != os.getpid() and _alive(process):
+            raise WorkError(
+                f"{raw}: another render (process {process}) works in this folder; wait for it, or choose another Folder"
+            )
+
+
+def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tuple[Trajectory, str]:
+    if settings.trajectory_source == "CAMERA":
+        return _camera_path(context), "the active camera's animation"
+    if settings.trajectory_source == "FILE":
+        if not settings.trajectory_file:
+            raise InputError("a trajectory file", found="none", hint="choosing one under Trajectory")
+        loaded = read_trajectory(bpy.path.abspath(settings.trajectory_file))
+        return loaded.trajectory, loaded.taken.sentence
+    name = _shipped_name(settings)
+    return read_trajectory(shipped.trajectory_file(name)).trajectory, name
+
+
+def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
+    room = "office" if settings.scene_source == "office" else "living_room"
+    return f"{room}/{settings.trajectory_source}"
+
+
+def _camera_path(context: bpy.types.Context) -> Trajectory:
+    """The active camera at each frame of the timeline, without disturbing it. Raises InputError where there is no camera."""
+    scene = context.scene
+    if scene.camera is None:
+        raise InputError("an active camera", found="none", hint="adding a camera (Add > Camera), or another trajectory")
+    before, matrices = scene.frame_current, []
+    for frame in range(scene.frame_start, scene.frame_end + 1):
+        scene.frame_set(frame)
+        location, rotation, _ = scene.camera.matrix_world.decompose()
+        matrices.append(np.array(mathutils.Matrix.LocRotScale(location, rotation, None)))
+    scene.frame_set(before)
+    rate_hz = scene.render.fps / scene.render.fps_base
+    return Trajectory.at_rate(axes.world_cv_from_world_blender(SE3.from_matrix(np.array(matrices))), rate_hz)
+
+
+def _start_pose(settings: bpy.types.PropertyGroup) -> SE3:
+    rotation = mathutils.Euler(settings.start_rotation).to_matrix()
+    pose = SE3.from_matrix(np.c_[np.array(rotation, float), np.array(settings.start_location, float)])
+    return axes.world_cv_from_world_blender(pose)
+
+
+def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path) -> str:
+    """A shipped name as it is; all else as a TUM file in `out`."""
+    plain = settings.scale == 1.0 and not settings.use_start
+    if plain and settings.trajectory_source.startswith("kt"):
+        return _shipped_name(settings)
+    path, (poses, _) = out / "trajectory.txt", trajectory(context)
+    _make(out)
+    if not path.is_file() or path.read_text() != trajectory_text(poses, "tum"):
+        write_trajectory(path, poses, "tum")
+    return str(path)
+
+
+def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
+    if settings.scene_source == "FILE":
+        if not settings.scene_file:
+            raise InputError("a scene file", found="none", hint="choosing one under Scene")
+        return str(Path(bpy.path.abspath(settings.scene_file)).resolve())
+    if settings.scene_source != "OPEN":
+        return settings.scene_source
+    path = out / "scene.blend"
+    if path.is_file() and any((out / "raw").glob("exr/*.exr")):
+        raise InputError(
+            "an output folder without frames of an earlier state of the open scene",
+            path=out,
+            hint="Resume, which goes on with the scene as it was, or another Folder",
+        )
+    _make(out)
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
+    except RuntimeError as error:
+        raise WorkError(f"{path}: cannot be written: {str(error).strip().splitlines()[-1]}") from None
+    return str(path)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(
+            f"{folder}: cannot be made: {error.strerror or error}; choose another Folder under Output"
+        ) from None
+
+
+def _alive(process: int) -> bool:
+    if os.name == "nt":
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

@@ -1,0 +1,218 @@
+"""A piece of work in a child Blender, as a state machine without Blender: start, poll, cancel; events in, words out."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..errors import WorkError
+
+#: A child that was asked to stop gets this long to finish its frame; then it is ended, and the frame is rendered again on resume.
+GRACE_S = 4.0
+BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
+
+
+@dataclass
+class Work:
+    """phase: idle, one of BUSY, done, stopped or failed. Everything else is what the panel shows.
+
+    done and total count frames of the stage at hand; last_frame is a frame's number; seconds are wall time.
+    """
+
+    phase: str = "idle"
+    kind: str = ""
+    done: int = 0
+    total: int = 0
+    last_frame: int | None = None
+    message: str = ""
+    notes: list[str] = field(default_factory=list)
+    result: dict = field(default_factory=dict)
+    _child: ChildProcess | None = None
+    _stage_begun_s: float = 0.0
+    _stopping_since_s: float | None = None
+
+    @property
+    def busy(self) -> bool:
+        return self.phase in BUSY
+
+    def start(self, task: dict, child: ChildProcess) -> None:
+        """Begin. Raises WorkError where work is going on already."""
+        if self.busy:
+            raise WorkError(f"a {self.kind} is running here already; wait for it, or press Cancel first")
+        for name, value in vars(Work()).items():
+            setattr(self, name, value)
+        self.phase, self.kind, self.message = "starting", task["task"], "Blender starts in the background"
+        self._child = child
+        child.send(task)
+
+    def poll(self, now_s: float | None = None) -> bool:
+        """Take in what the child has said; True when anything changed. Never waits."""
+        now_s = time.monotonic() if now_s is None else now_s
+        if self._child is None:
+            return False
+        events = self._child.events()
+        for event in events:
+            self.handle(event, now_s)
+        if self._stopping_since_s is not None and now_s - self._stopping_since_s > GRACE_S:
+            self._child.end()
+        return bool(events)
+
+    def cancel(self, now_s: float | None = None) -> None:
+        """Ask for a stop; frames that are finished stay."""
+        if self.busy and self._child is not None:
+            at_once = self.phase in ("starting", "preparing")
+            self.phase, self.message = "stopping", "stopping; finished frames stay"
+            self._stopping_since_s = (time.monotonic() if now_s is None else now_s) - (GRACE_S if at_once else 0.0)
+            self._child.ask_to_stop()
+
+    def end(self) -> None:
+        """End the child at once."""
+        if self._child is not None:
+            self._child.end()
+            if self.busy:
+                self.phase = "stopped"
+            self._child = None
+
+    def handle(self, event: dict, now_s: float) -> None:
+        """One event of the child (blender/worker.py, ui/task_process.py), or its end."""
+        {
+            "note": self._note,
+            "start": self._stage,
+            "ready": self._ready,
+            "frame": self._frame,
+            "stage": self._stage,
+            "error": self._error,
+            "result": lambda event, now: self.result.update(event),
+            "exit": self._exit,
+        }.get(event.get("event"), lambda event, now: None)(event, now_s)
+
+    def frames_per_second(self, now_s: float | None = None) -> float:
+        """Of the stage at hand; 0 before its first frame."""
+        elapsed = (time.monotonic() if now_s is None else now_s) - self._stage_begun_s
+        return self.done / elapsed if self.done and elapsed > 0 else 0.0
+
+    def seconds_left(self, now_s: float | None = None) -> float | None:
+        rate = self.frames_per_second(now_s)
+        return (self.total - self.done) / rate if rate else None
+
+    def _note(self, event: dict, now_s: float) -> None:
+        self.notes.append(event["text"])
+        if self.phase != "stopping":
+            self.message = event["text"]
+
+    def _stage(self, event: dict, now_s: float) -> None:
+        self.done, self.total, self._stage_begun_s = 0, event.get("missing", 0), now_s
+        if self.phase != "stopping":
+            self.phase = event.get("phase", "preparing")
+            self.message = event.get("text", "the scene is opened and lit")
+
+    def _ready(self, event: dict, now_s: float) -> None:
+        self._stage_begun_s = now_s
+        if self.phase != "stopping":
+            self.phase, self.message = "rendering", "rendering"
+
+    def _frame(self, event: dict, now_s: float) -> None:
+        self.done += 1
+        self.last_frame = event["frame"]
+
+    def _error(self, event: dict, now_s: float) -> None:
+        self.phase, self.message = "failed", in_panel_words(event["text"])
+
+    def _exit(self, event: dict, now_s: float) -> None:
+        self._child, self._stopping_since_s = None, None
+        if self.phase == "failed":
+            return
+        if self.phase == "stopping" or event.get("code") == 130:
+            self.phase, self.message = "stopped", "stopped; finished frames stay, Resume goes on from here"
+        elif event.get("code") == 0:
+            self.phase, self.message = "done", self.result.get("text", "done")
+        else:
+            self.phase = "failed"
+            self.message = (
+                f"the background Blender ended by itself (code {event.get('code')}); finished frames stay, try Resume. "
+                f"{event.get('log', '')}"
+            ).strip()
+
+
+def in_panel_words(text: str) -> str:
+    """The library's hints name options of the command line; the panel has fields."""
+    for option, field_name in (
+        ("another --out", "another Folder under Output"),
+        ("--frames", "fewer Frames"),
+        ("--light path", "Light: Path traced"),
+        ("--no-denoise with more --samples", "Denoise: Off with more Samples"),
+        ("--from FORMAT", "another file"),
+    ):
+        text = text.replace(option, field_name)
+    return text
+
+
+class ChildProcess:
+    """A process that takes one JSON task on standard input and says one JSON event a line on standard output."""
+
+    def __init__(self, command: list[str], log: Path, environment: dict[str, str] | None = None) -> None:
+        """Raises WorkError where it cannot be started."""
+        self._log = log
+        self._events: queue.SimpleQueue[dict] = queue.SimpleQueue()
+        try:
+            with open(log, "wb") as errors:
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                    env={**os.environ, **(environment or {})},
+                    creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
+                )
+        except OSError as error:
+            raise WorkError(f"{command[0]}: cannot be started: {error.strerror or error}") from None
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def send(self, task: dict) -> None:
+        self._write(json.dumps(task))
+
+    def ask_to_stop(self) -> None:
+        self._write("stop")
+
+    def events(self) -> list[dict]:
+        """What was said since the last call."""
+        found = []
+        while not self._events.empty():
+            found.append(self._events.get_nowait())
+        return found
+
+    def end(self) -> None:
+        if self._process.poll() is None:
+            self._process.terminate()
+
+    def _write(self, line: str) -> None:
+        try:
+            self._process.stdin.write(line.encode() + b"\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError):
+            pass  # it has ended; its exit event says how
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            try:
+                event = json.loads(line)
+            except ValueError:
+                continue  # a line of Blender's own
+            if isinstance(event, dict):
+                self._events.put(event)
+        code = self._process.wait()
+        self._events.put({"event": "exit", "code": code, "log": _last_line(self._log) if code else ""})
+
+
+def _last_line(log: Path) -> str:
+    try:
+        lines = log.read_text(errors="replace").split("\n")
+    except OSError:
+        return ""
+    return next((f"Its last word: {line.strip()[:200]}" for line in reversed(lines) if line.strip()), "")

@@ -1,0 +1,49 @@
+"""The extension's zip: the package with its manifest, every scene of blend/ and all trajectories, the same bytes each time."""
+
+from __future__ import annotations
+
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import iclnuim
+from iclnuim import shipped
+from iclnuim.errors import WorkError
+from iclnuim.formats.files import atomic_write
+
+_DATE = (2020, 1, 1, 0, 0, 0)
+
+
+def build(out: Path) -> Path:
+    """Write `out`/iclnuim-VERSION.zip and return its path. Raises WorkError where it cannot be written."""
+    package = Path(iclnuim.__file__).parent
+    manifest = tomllib.loads((package / "blender_manifest.toml").read_text(encoding="utf-8"))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{out}: cannot be made: {error.strerror or error}; try another --out") from None
+    target = out / f"{manifest['id']}-{manifest['version']}.zip"
+    atomic_write(target, lambda path: _write(path, package))
+    return target
+
+
+def contents(package: Path) -> Iterator[tuple[str, Path]]:
+    """Name in the zip and file of all that is shipped."""
+    for path in sorted(package.rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts and path.suffix in (".py", ".toml"):
+            yield str(path.relative_to(package)), path
+    for path in sorted(shipped.folder("blend").glob("*.blend")):
+        yield f"blend/{path.name}", path
+    trajectories = shipped.folder("trajectories")
+    for path in sorted(trajectories.glob("*/*")):
+        if path.suffix in (".txt", ".json"):
+            yield f"trajectories/{path.relative_to(trajectories)}", path
+
+
+def _write(path: Path, package: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, file in contents(package):
+            entry = zipfile.ZipInfo(name.replace("\\", "/"), _DATE)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, file.read_bytes())

@@ -1,0 +1,114 @@
+"""Run inside a Blender without a window: installs the zip into a clean profile, presses every button, prints findings as JSON.
+
+usage: background_person.py ZIP OUT ESTIMATE   (after `--` where a blender binary runs it)
+"""
+
+import importlib
+import json
+import sys
+import traceback
+from pathlib import Path
+
+import bpy
+
+PREFIXES = ("ICLNUIM", "iclnuim")
+
+
+def leftovers() -> dict:
+    """Everything of ours that Blender still knows."""
+    handlers = [
+        f"{name}: {f.__module__}"
+        for name in dir(bpy.app.handlers)
+        if isinstance(getattr(bpy.app.handlers, name), list)
+        for f in getattr(bpy.app.handlers, name)
+        if "iclnuim" in f.__module__
+    ]
+    classes = [name for name in dir(bpy.types) if name.startswith(PREFIXES)]
+    operators = [name for name in dir(bpy.ops.iclnuim)] if "iclnuim" in dir(bpy.ops) else []
+    found = {
+        "handlers": handlers,
+        "classes": classes,
+        "operators": operators,
+        "property": hasattr(bpy.types.Scene, "iclnuim"),
+    }
+    return {key: value for key, value in found.items() if value}
+
+
+def press(name: str) -> str:
+    """FINISHED or CANCELLED."""
+    return next(iter(getattr(bpy.ops.iclnuim, name)()))
+
+
+def main(archive: str, out: str, estimate: str) -> dict:
+    bpy.ops.wm.read_factory_settings()
+    bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=True)
+    module = "bl_ext.user_default.iclnuim"
+    package = importlib.import_module(module)
+    session = importlib.import_module(module + ".ui.session")
+    found = {"file": package.__file__, "pressed": {}, "messages": {}}
+
+    package.unregister()
+    found["left_after_unregister"] = leftovers()
+    package.register()
+
+    settings = bpy.context.scene.iclnuim
+    settings.trajectory_source, settings.out, settings.frames = "kt2", out, "0:4:2"
+    settings.width, settings.height, settings.fx, settings.fy, settings.cx, settings.cy = (
+        64,
+        48,
+        64 / 1.33,
+        48,
+        31.5,
+        23.5,
+    )
+    settings.light, settings.samples, settings.denoise = "path", 1, "OFF"
+
+    def button(name: str, label: str | None = None) -> None:
+        found["pressed"][label or name] = press(name)
+        found["messages"][label or name] = session.current.work.message
+
+    for name in ("load_scene", "refresh", "keyframe", "preview", "render"):
+        button(name)
+    found["path"] = session.current.path_lines
+    found["wall"] = session.current.path_warning
+    camera = bpy.context.scene.camera
+    bpy.context.scene.frame_set(100)
+    found["camera_at_100"] = [*camera.matrix_world.translation]
+    settings.frames = "0:6:2"
+    button("resume")
+    settings.estimate = estimate
+    for name in ("evaluate", "plot"):
+        button(name)
+    found["evaluation"] = session.current.evaluation_lines
+    found["images"] = sorted(image.name for image in bpy.data.images if image.name.startswith("ICL-NUIM"))
+    found["frames"] = sorted(path.name for path in Path(out, "raw/exr").glob("*.exr"))
+    found["sequences"] = sorted(str(path.relative_to(out)) for path in Path(out).glob("*/rgb/*.png"))
+
+    settings.out = "/proc/nowhere"
+    button("render", "no folder")
+    settings.out, settings.trajectory_source, settings.trajectory_file = out, "FILE", archive
+    button("render", "wrong trajectory")
+    found["wrong_path"] = session.current.path_warning
+    bpy.context.scene.camera, settings.trajectory_source = None, "CAMERA"
+    button("keyframe", "no camera")
+    settings.trajectory_source = "kt1"
+    button("render", "another recipe")
+    button("cancel")
+    for preset in ("Quick look", "Benchmark"):
+        found["pressed"][preset] = next(iter(bpy.ops.iclnuim.preset(preset=preset)))
+    found["pressed"]["save preset"] = next(iter(bpy.ops.iclnuim.preset_save(preset="mine")))
+    package.unregister()
+    found["left_at_the_end"] = leftovers()
+    package.register()
+    bpy.ops.preferences.addon_disable(module=module)
+    found["left_when_disabled"] = leftovers()
+    return found
+
+
+if __name__ == "__main__":
+    try:
+        result = main(*sys.argv[-3:])
+    except Exception:
+        result = {"traceback": traceback.format_exc()}
+    sys.stdout.write("\nRESULT " + json.dumps(result) + "\n")
+    sys.stdout.flush()
