@@ -142,7 +142,7 @@ def _loop(
             if should_stop():
                 break
             begun = time.perf_counter()
-            raw, raw_depth = _render(number, work, job.antialias)
+            raw, raw_depth = _render(number, work / str(rendered % 2), job.antialias)
             blurred = None if job.exposure.instant else _blurred(number, job, trajectory, raw_depth, work)
             seconds = time.perf_counter() - begun
             _finish(closing, emit)
@@ -154,12 +154,12 @@ def _loop(
     return rendered == len(missing)
 
 
-def _render(number: int, work: Path, antialias: bool) -> tuple[Path, Path]:
-    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; names alternate while one is being closed."""
-    raw = raw_depth = work / f"{number % 2}.exr"
+def _render(number: int, name: Path, antialias: bool) -> tuple[Path, Path]:
+    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed."""
+    raw = raw_depth = name.with_suffix(".exr")
     frames.render(number, raw)
     if antialias:
-        raw_depth = work / f"{number % 2}-depth.exr"
+        raw_depth = name.with_name(f"{name.name}-depth.exr")
         with settings.depth_only():
             frames.render(number, raw_depth)
     return raw, raw_depth
