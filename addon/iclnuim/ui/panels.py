@@ -110,7 +110,7 @@ class ICLNUIM_PT_sensor(_SubPanel, bpy.types.Panel):
     bl_label, bl_options = "Sensor", {"DEFAULT_CLOSED"}
 
     def content(self, layout, settings, context):
-        for name in ("depth_noise", "rgb_noise", "seed"):
+        for name in ("depth_noise", "rgb_noise", "exposure_ms", "readout_ms", "seed"):
             layout.prop(settings, name)
 
 
@@ -156,7 +156,7 @@ class ICLNUIM_PT_render(_SubPanel, bpy.types.Panel):
 
 
 class ICLNUIM_PT_evaluate(_SubPanel, bpy.types.Panel):
-    bl_label, bl_options = "Evaluate", {"DEFAULT_CLOSED"}
+    bl_label = "Evaluate"
 
     def content(self, layout, settings, context):
         for name in ("estimate", "truth", "alignment", "delta"):

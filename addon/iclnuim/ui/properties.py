@@ -207,6 +207,20 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
     )
     depth_noise: EnumProperty(name="Depth noise", items=DEPTH_NOISE, default="released")
     rgb_noise: EnumProperty(name="RGB noise", items=RGB_NOISE, default="released")
+    exposure_ms: FloatProperty(
+        name="Exposure",
+        default=0.0,
+        min=0.0,
+        max=33.0,
+        description="Milliseconds the shutter is open: motion blur of the colour image; 0 is none, as in the paper. Depth stays sharp",
+    )
+    readout_ms: FloatProperty(
+        name="Readout",
+        default=0.0,
+        min=0.0,
+        max=33.0,
+        description="Milliseconds from the first row's exposure to the last's: rolling shutter; 0 is a global shutter, as in the paper",
+    )
     out: StringProperty(
         name="Folder",
         subtype="DIR_PATH",
@@ -261,6 +275,8 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
             map_size=self.map_size,
             map_samples=self.map_samples,
             seed=self.seed,
+            exposure_s=round(self.exposure_ms, 4) / 1000,
+            readout_s=round(self.readout_ms, 4) / 1000,
         )
 
     def frame_numbers(self, count: int) -> list[int]:

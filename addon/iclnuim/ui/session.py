@@ -63,11 +63,10 @@ def baked_maps() -> int:
 def start(task: dict, on_done: Callable[[], None] | None = None) -> None:
     """Begin `task` in a child; in background mode, where timers never fire, wait for its end. Raises WorkError."""
     script = str(Path(__file__).with_name("task_process.py"))
-    command = [sys.executable, script] if bpy.app.module else _blender_command(script)
     if current.work.busy:
         current.work.start(task, None)  # refuses, in words
     environment = {"ICLNUIM_CACHE": str(cache_folder())}
-    current.work.start(task, ChildProcess(command, user_folder("log") / "child.txt", environment))
+    current.work.start(task, ChildProcess(_command(script), user_folder("log") / "child.txt", environment))
     current.on_done = on_done
     if bpy.app.background:
         while current.work.busy:
@@ -110,5 +109,8 @@ def redraw() -> None:
                 area.tag_redraw()
 
 
-def _blender_command(script: str) -> list[str]:
+def _command(script: str) -> list[str]:
+    """The same Blender again; where it is Python's module bpy, Python."""
+    if getattr(bpy.app, "module", False) or not bpy.app.binary_path:
+        return [sys.executable, script]
     return [bpy.app.binary_path, "-b", "--factory-startup", "--python-exit-code", "3", "-P", script]
