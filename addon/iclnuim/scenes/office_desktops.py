@@ -120,10 +120,10 @@ def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     )
     _papers(stage, rng, "b2", ((1.75, -1.15, -14, 3), (2.02, -1.53, 8, 5), (1.55, -1.10, 24, 0)))
     _computer(stage, "b1", detail, rng, (1.78, -2.06), 6, (1.74, -2.43, 3), "lit screen")
-    stage.add("mug_b", "mug", mug(detail).turned("z", 40).moved(2.17, -2.36, TOP), "glaze", "coffee")
+    stage.add("mug_b", "mug", mug(detail).turned("z", 40).moved(2.28, -2.40, TOP), "glaze", "coffee")
     stage.add("stapler_b", "stapler", stapler(detail).turned("z", 70).moved(1.24, -2.36, TOP), "black", "steel")
     stage.add("trays_b", "tray", tray(3).moved(2.27, -2.02, TOP), "grey case")
-    _papers(stage, rng, "b1", ((1.36, -2.22, 15, 2), (1.22, -2.00, -8, 4), (2.27, -2.02, 0, 1)))
+    _papers(stage, rng, "b1", ((1.42, -2.44, 15, 2), (2.05, -2.44, -8, 4), (2.27, -2.02, 0, 1)))
     _tower(stage, "b1", detail, 1.15, -2.28, 0)
     _tower(stage, "b2", detail, 2.20, -1.28, 180)
     for k, (x, y) in enumerate(((1.20, -1.742), (1.84, -1.815)), 1):

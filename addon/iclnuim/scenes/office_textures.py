@@ -28,7 +28,7 @@ def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     wander = 1 + 0.6 * cloud(rng, shape, 1.5, 1, 20)
     soil = np.exp(-np.minimum(metre[:, None], metre[None]) / (0.035 * np.clip(wander, 0.3, 2)))
     each = enlarged(rng.normal(0, 1, (4, 4)), shape)
-    pile = cloud(rng, shape, 0.25, 60) * 0.095 + cloud(rng, shape, 0.8, 30, 500) * 0.050
+    pile = cloud(rng, shape, 0.25, 60) * 0.092 + cloud(rng, shape, 0.8, 30, 500) * 0.050
     worn = cloud(rng, shape, 1.5, 1, 30)
     value = (1 + pile + 0.018 * each + 0.075 * worn - 0.36 * soil) * (0.82 + 0.18 * joint)
     return to_bytes(np.array(tone) * value[..., None] * (1 - soil[..., None] * np.array([0.0, 0.03, 0.06])))

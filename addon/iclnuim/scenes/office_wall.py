@@ -98,7 +98,9 @@ def clock(detail: float) -> Mesh:
     rim = lathe(
         [(0.150, 0.001), (0.150, 0.03), (0.146, 0.036), (0.139, 0.036), (0.136, 0.030), (0.136, 0.022)], n
     ).turned("x", 90)
-    dial = printed((0, -0.020, 0), (0.274, 0, 0), (0, 0, 0.274)).painted(1)
+    disc = facing(lathe([(0.0, 0.020), (0.137, 0.020)], n), 1)
+    uv = disc.verts[np.where(disc.faces < 0, disc.faces[:, :1], disc.faces)][..., :2] / 0.274 + 0.5
+    dial = Mesh(disc.verts, disc.faces, uv, disc.material).turned("x", 90).painted(1)
     hands = [
         block((0.010, 0.002, 0.085), (0, -0.024, 0.032), 0.0006).turned("y", -54),
         block((0.007, 0.002, 0.125), (0, -0.0265, 0.05), 0.0006).turned("y", 60),
