@@ -16,6 +16,7 @@ from pathlib import Path
 import bpy
 
 MODULE = "bl_ext.user_default.iclnuim"
+bpy.context.preferences.view.show_splash = False
 archive, out, estimate, shots = sys.argv[-4:]
 Path(shots).mkdir(parents=True, exist_ok=True)
 found: dict = {"messages": {}, "ticks_s": [], "panels_ms": [], "view_ms": []}

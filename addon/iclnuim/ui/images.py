@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from . import session
+
 
 def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> bpy.types.Image:
     """(h, w, 3) uint8 as the image `name`, in an image editor; one is opened beside the 3D view where there is none."""
@@ -13,8 +15,23 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> bpy.type
         area = _editor(context)
         if area is not None:
             area.spaces.active.image = image
-            area.tag_redraw()
+            _fit(context, area)
     return image
+
+
+def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
+    """The whole picture in the editor. A new area has no size before its first drawing: then a moment later."""
+
+    def fit() -> None:
+        window = context.window_manager.windows[0]
+        region = next((r for r in area.regions if r.type == "WINDOW"), None)
+        if area.type == "IMAGE_EDITOR" and region is not None:
+            with bpy.context.temp_override(window=window, area=area, region=region):
+                bpy.ops.image.view_all(fit_view=True)
+            area.tag_redraw()
+
+    area.tag_redraw()
+    session.later(fit)
 
 
 def _image(name: str, picture: np.ndarray) -> bpy.types.Image:

@@ -39,7 +39,8 @@ def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndar
 def frame_picture(rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
     """Clean colour and depth above, the sensor's below: (2h, 2w, 3) uint8; one range of depth for both."""
     seen = depth_z_m[depth_z_m > 0]
-    near_m, far_m = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
+    # a garden seen through the window would take all colours for itself
+    near_m, far_m = map(float, np.quantile(seen, (0.01, 0.95))) if seen.size else (0.0, 1.0)
     top = np.hstack([rgb, depth_colours(depth_z_m, near_m, far_m)])
     bottom = np.hstack([noisy_rgb, depth_colours(noisy_z_m, near_m, far_m)])
     return np.vstack([top, bottom])

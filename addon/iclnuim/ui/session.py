@@ -30,6 +30,7 @@ class Session:
     evaluation: object | None = None
     evaluation_lines: list[str] = field(default_factory=list)
     on_done: Callable[[], None] | None = None
+    waiting: set[Callable[[], None]] = field(default_factory=set)
 
 
 current = Session()
@@ -78,9 +79,24 @@ def start(task: dict, on_done: Callable[[], None] | None = None) -> None:
         bpy.app.timers.register(_tick, persistent=True)
 
 
+def later(action: Callable[[], None], seconds: float = 0.2) -> None:
+    """Once the window has drawn itself anew; given up where the extension is switched off before."""
+    held = current
+
+    def act() -> None:
+        held.waiting.discard(act)
+        action()
+
+    held.waiting.add(act)
+    bpy.app.timers.register(act, first_interval=seconds)
+
+
 def end() -> None:
-    """End the child and the timer, forget everything."""
+    """End the child and the timers, forget everything."""
     global current
+    for act in current.waiting:
+        if bpy.app.timers.is_registered(act):
+            bpy.app.timers.unregister(act)
     current.work.end()
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
