@@ -50,8 +50,8 @@ class BakeSettings:
 
     size: int = 2048
     samples: int = 32
-    coarse_size: int = 512
-    coarse_samples: int = 64
+    coarse_size: int = 1024
+    coarse_samples: int = 16
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -114,8 +114,11 @@ def _make(
     report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
     both = _lit_sides(found)
     wanted, exposure = _seen_sides(surfaces, found, places, settings)
-    coarse = _Points(lay_out(surfaces, both, settings.coarse_size), places, settings.coarse_samples, settings.seed)
-    fine = _Points(lay_out(surfaces, wanted, settings.size, exposure), places, settings.samples, settings.seed + 1)
+    translucent = _kinds(found)[1]
+    coarse = lay_out(surfaces, both, settings.coarse_size)
+    coarse = _Points(coarse, places, settings.coarse_samples, settings.seed, translucent)
+    fine = lay_out(surfaces, wanted, settings.size, exposure)
+    fine = _Points(fine, places, settings.samples, settings.seed + 1, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     with _bounced(found, coarse):
         report(f"fine map: {fine.layout.summary()}")
@@ -194,13 +197,20 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray]:
 class _Points:
     """The texels of one map: their points, which of them can be seen, and light on them."""
 
-    def __init__(self, layout: Layout, places: np.ndarray, samples: int, seed: int) -> None:
+    def __init__(self, layout: Layout, places: np.ndarray, samples: int, seed: int, translucent: np.ndarray) -> None:
         self.layout, self.samples, self.seed = layout, samples, seed
         self.points_m, self.normals = layout.points()
         image = layout.texels.image
         self.chart, self.facing = image(layout.texels.chart, -1), image(self.normals.astype(np.float32))
-        self.visible = image(light_view.seen(self.points_m, self.normals, places, seed) > 0, False)
+        self.visible = image(self._seen(places, translucent[layout.face_of_texel]), False)
         self._into_view(places)
+
+    def _seen(self, places: np.ndarray, translucent: np.ndarray) -> np.ndarray:
+        """(N,) texels that show: those in view, and those whose light shines through to a side in view."""
+        seen = light_view.seen(self.points_m, self.normals, places, self.seed) > 0
+        rows = np.flatnonzero(translucent & ~seen)
+        seen[rows] = light_view.seen(self.points_m[rows], -self.normals[rows], places, self.seed) > 0
+        return seen
 
     def _into_view(self, places: np.ndarray) -> None:
         """Hidden texels beside a seen one take the light of the last point that is seen on the way to it.

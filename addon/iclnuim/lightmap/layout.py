@@ -25,6 +25,11 @@ class Layout:
     packing: Packing
     texels: Texels
 
+    @property
+    def face_of_texel(self) -> np.ndarray:
+        """(N,)."""
+        return self.sides.face[self.sides.surfaces.triangle_face[self.texels.triangle]]
+
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """(N, 3) points in metres and (N, 3) unit normals, one a texel."""
         return self.texels.points(self.sides.surfaces)
