@@ -70,7 +70,7 @@ def main(archive: str, out: str, estimate: str) -> dict:
     for name in ("load_scene", "refresh", "keyframe", "preview", "render"):
         button(name)
     found["path"] = session.current.path_lines
-    found["wall"] = session.current.path_warning
+    found["no_wall"] = session.current.path_warning
     camera = bpy.context.scene.camera
     bpy.context.scene.frame_set(100)
     found["camera_at_100"] = [*camera.matrix_world.translation]
@@ -94,6 +94,23 @@ def main(archive: str, out: str, estimate: str) -> dict:
     settings.trajectory_source = "kt1"
     button("render", "another recipe")
     button("cancel")
+    bpy.context.scene.frame_set(3)
+    settings.trajectory_source = "kt2"
+    button("keyframe", "keyframe again")
+    settings.trajectory_source, settings.scene_source, settings.out, settings.frames = (
+        "CAMERA",
+        "OPEN",
+        out + "_own",
+        "100",
+    )
+    for name in ("render", "resume"):
+        button(name, f"{name} the open file")
+    settings.trajectory_source, settings.use_start, settings.scale = "kt2", True, 0.5
+    settings.start_location = (0.0, 50.0, 1.0)
+    found["moved_path"] = session.current.path_lines
+    settings.start_location, settings.scale = (0.0, -1.0, 1.2), 3.0
+    button("refresh", "through the wall")
+    found["wall"] = session.current.path_warning
     for preset in ("Quick look", "Benchmark"):
         found["pressed"][preset] = next(iter(bpy.ops.iclnuim.preset(preset=preset)))
     found["pressed"]["save preset"] = next(iter(bpy.ops.iclnuim.preset_save(preset="mine")))

@@ -32,10 +32,20 @@ def press(name: str, **options) -> None:
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window, area=view(), region=view().regions[-1]):
         try:
-            getattr(bpy.ops.iclnuim, name)("INVOKE_DEFAULT", **options)
+            getattr(bpy.ops.iclnuim, name)("INVOKE_DEFAULT", True, **options)
         except RuntimeError as error:
             found["messages"][name + " raised"] = str(error)
     found["messages"][name] = session.current.work.message
+
+
+def undo_and_redo(name: str) -> list[bool]:
+    """Whether the object is there before, after an undo, and after a redo."""
+    there = [name in bpy.data.objects]
+    for step in (bpy.ops.ed.undo, bpy.ops.ed.redo):
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+            step()
+        there.append(name in bpy.data.objects)
+    return there
 
 
 def shoot(name: str) -> None:
@@ -80,6 +90,9 @@ def person():
     yield 3.0
     shoot("2_scene_and_path")
     press("keyframe")
+    yield 1.0
+    found["undone"] = undo_and_redo("ICL-NUIM camera")
+    settings = bpy.context.scene.iclnuim
     bpy.context.scene.frame_set(300)
     yield 3.0
     shoot("3_keyframed")

@@ -15,6 +15,9 @@ def in_words(execute: Callable) -> Callable:
 
     @functools.wraps(execute)
     def wrapped(self, context):
+        work = session.current.work
+        if work.phase == "failed":  # its words were of the step before
+            work.phase, work.message = "idle", ""
         try:
             execute(self, context)
         except IclnuimError as error:

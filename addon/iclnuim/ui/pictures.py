@@ -47,7 +47,7 @@ def frame_picture(rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray,
 
 
 def error_plot(
-    stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 960, height: int = 420
+    stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 720, height: int = 480
 ) -> np.ndarray:
     """Error over time in centimetres, coloured as in the view, the RMSE as a dark line: (height, width, 3) uint8."""
     image = np.full((height, width, 3), _PAPER, np.uint8)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import bpy
 
-from ..errors import WorkError
-from .work import ChildProcess, Work
+from ..errors import IclnuimError, WorkError
+from .work import ChildProcess, Work, in_panel_words
 
 POLL_S = 0.1
 PACKAGE = __package__.rpartition(".")[0]
@@ -113,7 +113,11 @@ def _tick() -> float | None:
         return POLL_S
     finish, current.on_done = current.on_done, None
     if finish is not None and current.work.phase == "done":
-        finish()
+        try:
+            finish()
+        except IclnuimError as error:
+            current.work.phase, current.work.message = "failed", in_panel_words(str(error))
+        redraw()
     return None
 
 

@@ -11,7 +11,7 @@ from ..geometry.se3 import SE3
 from .pictures import error_colours
 
 PATH_COLOUR, FRUSTUM_COLOUR = (1.0, 0.55, 0.1, 1.0), (0.25, 0.75, 1.0, 0.9)
-HIDDEN_ALPHA = 0.35  # of what lies behind a wall or the ceiling
+HIDDEN_ALPHA = 0.6  # of what lies behind a wall or the ceiling
 _FRUSTA, _FRUSTUM_DEPTH_M = 30, 0.12
 
 _shapes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
@@ -79,17 +79,18 @@ def _draw() -> None:
         return
     if bpy.context.region_data is not None and bpy.context.region_data.view_perspective == "CAMERA":
         return  # the camera flies along its own path: it would see nothing but its own frusta
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
+    shader.bind()
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
     gpu.state.blend_set("ALPHA")
     for name, (points, colours) in _shapes.items():
         if name not in _batches:
             faint = colours * np.array([1, 1, 1, HIDDEN_ALPHA], np.float32)
             _batches[name] = [batch_for_shader(shader, "LINES", {"pos": points, "color": c}) for c in (faint, colours)]
-        gpu.state.line_width_set(1.0 if name == "frusta" else 2.5)
+        shader.uniform_float("lineWidth", 1.2 if name == "frusta" else 3.0)
         for batch, test in zip(_batches[name], ("NONE", "LESS_EQUAL"), strict=True):
             gpu.state.depth_test_set(test)
             batch.draw(shader)
-    gpu.state.line_width_set(1.0)
     gpu.state.blend_set("NONE")
     gpu.state.depth_test_set("NONE")
 

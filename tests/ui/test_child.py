@@ -1,0 +1,78 @@
+"""The child process itself: killed, or left alone by its window, finished frames stay and the next run goes on."""
+
+import sys
+import time
+from pathlib import Path
+
+import iclnuim
+import pytest
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.job import shipped_job
+from iclnuim.ui.work import ChildProcess, Work
+
+pytest.importorskip("bpy", reason="needs the bpy package")
+SCRIPT = Path(iclnuim.__file__).parent / "ui/task_process.py"
+
+
+def begin(out: Path, frames: list[int], **changes) -> tuple[Work, ChildProcess]:
+    job = shipped_job("kt2").changed(
+        light="path", samples=1, denoise=False, camera=PinholeCamera.parse("32x24"), **changes
+    )
+    child = ChildProcess([sys.executable, str(SCRIPT)], out.parent / "log.txt")
+    work = Work()
+    work.start({"task": "render", "job": job.to_dict(), "out": str(out), "frames": frames}, child)
+    return work, child
+
+
+def wait(work: Work, until) -> None:
+    end = time.monotonic() + 120
+    while not until() and time.monotonic() < end:
+        work.poll()
+        time.sleep(0.02)
+    assert until(), (work.phase, work.message)
+
+
+def finished(out: Path) -> set[str]:
+    return {p.name for p in (out / "exr").glob("[0-9]*.exr")}
+
+
+def test_a_killed_child_is_told_in_words_and_its_frames_are_kept(tmp_path):
+    out = tmp_path / "run"
+    work, child = begin(out, list(range(0, 800, 2)))
+    wait(work, lambda: work.done >= 2)
+    child._process.kill()
+    wait(work, lambda: not work.busy)
+    assert work.phase == "failed" and "Resume" in work.message
+    kept = finished(out)
+    work, _ = begin(out, [0, 2, 4])
+    wait(work, lambda: not work.busy)
+    assert work.phase == "done"
+    assert finished(out) >= kept | {"000004.exr"}
+
+
+def test_when_the_window_goes_the_child_stops_by_itself(tmp_path):
+    out = tmp_path / "run"
+    work, child = begin(out, list(range(800)))
+    wait(work, lambda: work.done >= 1)
+    child._process.stdin.close()
+    wait(work, lambda: not work.busy)
+    assert work.phase == "stopped"
+    assert len(finished(out)) < 800
+
+
+def test_cancel_keeps_the_finished_frames(tmp_path):
+    out = tmp_path / "run"
+    work, _ = begin(out, list(range(800)))
+    wait(work, lambda: work.done >= 1)
+    work.cancel()
+    wait(work, lambda: not work.busy)
+    assert work.phase == "stopped"
+    assert "000000.exr" in finished(out)
+    assert list(out.glob(".work-*")) == []
+
+
+def test_bad_input_comes_back_as_one_line(tmp_path):
+    work, _ = begin(tmp_path / "run", [0], trajectory=str(tmp_path / "nowhere.txt"))
+    wait(work, lambda: not work.busy)
+    assert work.phase == "failed"
+    assert "nowhere.txt" in work.message and "\n" not in work.message

@@ -1,0 +1,134 @@
+"""The extension's zip: complete, valid by Blender's own validator, the same bytes each time, and at home in Blender."""
+
+import json
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import iclnuim
+import pytest
+from iclnuim_bench.extension import build
+
+PERSON = Path(__file__).with_name("background_person.py")
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory) -> Path:
+    return build(tmp_path_factory.mktemp("zip"))
+
+
+@pytest.fixture(scope="module")
+def estimate(repository, tmp_path_factory) -> Path:
+    """kt2, every pose moved by a centimetre to and fro along x."""
+    lines = (repository / "trajectories/living_room/kt2.txt").read_text().splitlines()
+    rows = [line.split() for line in lines if line and not line.startswith("#")]
+    path = tmp_path_factory.mktemp("estimate") / "estimate.txt"
+    path.write_text("".join(f"{r[0]} {float(r[1]) + 0.01 * (-1) ** k} {' '.join(r[2:])}\n" for k, r in enumerate(rows)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def person(archive, estimate, tmp_path_factory) -> dict:
+    """What background_person.py found in a clean profile, far from the checkout."""
+    pytest.importorskip("bpy", reason="needs the bpy package")
+    home = tmp_path_factory.mktemp("home")
+    clean = {"PATH": "/usr/bin:/bin", "HOME": str(home), "BLENDER_USER_RESOURCES": str(home / "profile")}
+    done = subprocess.run(
+        [sys.executable, str(PERSON), str(archive), str(home / "out"), str(estimate)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=clean,
+        cwd=home,
+    )
+    line = next((line for line in done.stdout.splitlines() if line.startswith("RESULT ")), None)
+    assert line, done.stdout + done.stderr
+    found = json.loads(line[7:])
+    assert "traceback" not in found, found["traceback"]
+    return {**found, "home": home}
+
+
+def test_scenes_trajectories_and_code_are_in_the_zip(archive, repository):
+    names = set(zipfile.ZipFile(archive).namelist())
+    scenes = {f"blend/{p.name}" for p in (repository / "blend").glob("*.blend")}
+    paths = {f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)}
+    package = repository / "addon/iclnuim"
+    code = {str(p.relative_to(package)) for p in package.rglob("*.py") if "__pycache__" not in p.parts}
+    assert scenes | paths | code | {"blender_manifest.toml"} <= names
+    assert scenes
+
+
+def test_the_zip_is_the_same_bytes_each_time(archive, tmp_path):
+    assert build(tmp_path).read_bytes() == archive.read_bytes()
+
+
+def test_the_manifest_has_the_version_of_the_package(repository):
+    manifest = tomllib.loads((repository / "addon/iclnuim/blender_manifest.toml").read_text())
+    assert manifest["version"] == iclnuim.__version__
+    assert "network" not in manifest["permissions"]
+
+
+def test_blenders_own_validator_accepts_the_zip(archive):
+    bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+    validator = Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core/bl_pkg/cli/blender_ext.py"
+    done = subprocess.run([sys.executable, str(validator), "validate", str(archive)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_nothing_stays_behind_after_unregistering(person):
+    assert person["left_after_unregister"] == person["left_at_the_end"] == person["left_when_disabled"] == {}
+
+
+def test_every_button_works_without_a_window(person):
+    refused = {"no folder", "wrong trajectory", "no camera", "another recipe"}
+    assert {name for name, result in person["pressed"].items() if result != "FINISHED"} == refused
+
+
+def test_refusals_say_what_to_do(person):
+    said = person["messages"]
+    assert "Folder" in said["no folder"]
+    assert "trajectory" in said["wrong trajectory"]
+    assert "Add > Camera" in said["no camera"]
+    assert "another Folder" in said["another recipe"]
+
+
+def test_render_and_resume_leave_frames_and_sequences(person):
+    assert person["frames"] == ["000000.exr", "000002.exr", "000004.exr"]
+    kinds = {name.split("/")[0] for name in person["sequences"]}
+    assert kinds == {"clean", "noisy"} and len(person["sequences"]) == 6
+
+
+def test_the_keyed_camera_stands_where_the_pose_says(person, repository):
+    rows = (repository / "trajectories/living_room/kt2.txt").read_text().splitlines()
+    pose = [line.split() for line in rows if line and not line.startswith("#")][100]
+    assert person["camera_at_100"] == pytest.approx([float(v) for v in pose[1:4]], abs=1e-6)
+
+
+def test_a_path_through_a_wall_is_warned_of_and_one_inside_the_room_is_not(person):
+    assert person["no_wall"] == ""
+    assert "passes through a surface" in person["wall"]
+
+
+def test_evaluation_is_shown_in_words_and_as_a_picture(person):
+    assert "ATE rmse 0.0100 m" in person["evaluation"][0]
+    assert person["images"] == ["ICL-NUIM error", "ICL-NUIM preview"]
+
+
+def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(person, repository):
+    import numpy as np
+    from iclnuim.formats.exr import read_exr
+
+    own, out = person["home"] / "out_own", person["home"] / "same"
+    command = [sys.executable, str(repository / "headless/render.py"), "kt2", "--frames", "100", "--out", str(out)]
+    size = "64x48,48.120300751879697,48,31.5,23.5"
+    options = ["--camera", size, "--light", "path", "--samples", "1", "--no-denoise"]
+    subprocess.run([*command, *options], check=True, capture_output=True, timeout=200)
+    a, b = (read_exr(folder / "exr/000100.exr")["Z"] for folder in (own / "raw", out))
+    assert np.abs(a - b).max() < 0.01 and np.median(np.abs(a - b)) < 1e-5
+
+
+def test_nothing_is_written_outside_the_output_folder_and_the_profile(person):
+    assert {p.name for p in person["home"].iterdir()} - {"same"} <= {"out", "out_own", "profile", ".cache"}
+    assert not (person["home"] / ".cache/iclnuim").exists()

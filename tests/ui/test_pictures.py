@@ -1,0 +1,50 @@
+"""Pictures for the panel: sizes, colours by value, and letters that stay inside."""
+
+import numpy as np
+from iclnuim.ui import pictures
+
+
+def test_the_ramp_goes_from_blue_to_red_and_clips():
+    low, high = pictures.ramp(np.array([-1.0, 2.0]))
+    assert low[2] > low[0] and high[0] > high[2]
+    assert np.array_equal(pictures.ramp(np.array([0.0, 1.0])), [low, high])
+
+
+def test_pixels_without_depth_are_black_and_others_are_not():
+    z = np.array([[0.0, 1.0], [2.0, 3.0]])
+    colours = pictures.depth_colours(z, 1.0, 3.0)
+    assert colours[0, 0].max() == 0
+    assert (colours[z > 0].max(-1) > 0).all()
+
+
+def test_a_frame_picture_holds_both_images_clean_above_noisy():
+    rgb, z = np.full((4, 6, 3), 100, np.uint8), np.ones((4, 6))
+    picture = pictures.frame_picture(rgb, z, rgb + 50, np.zeros((4, 6)))
+    assert picture.shape == (8, 12, 3)
+    assert (picture[:4, :6] == 100).all() and (picture[4:, :6] == 150).all() and (picture[4:, 6:] == 0).all()
+
+
+def test_a_picture_of_a_frame_without_any_depth_is_made():
+    nothing = np.zeros((4, 6))
+    assert (
+        pictures.frame_picture(np.zeros((4, 6, 3), np.uint8), nothing, np.zeros((4, 6, 3), np.uint8), nothing).max()
+        == 0
+    )
+
+
+def test_the_plot_draws_larger_errors_higher():
+    stamps = np.linspace(0, 10, 300)
+    plot = pictures.error_plot(stamps, np.where(stamps < 5, 0.001, 0.05), 0.035)
+    coloured = plot.max(-1).astype(int) - plot.min(-1) > 60
+    rows = [np.flatnonzero(coloured[:, x]).mean() for x in (plot.shape[1] // 4, plot.shape[1] * 3 // 4)]
+    assert rows[1] < rows[0] - 100
+
+
+def test_the_plot_of_a_single_or_perfect_estimate_is_made():
+    assert pictures.error_plot(np.zeros(1), np.zeros(1), 0.0).shape[2] == 3
+
+
+def test_words_beyond_the_edge_are_cut_off():
+    image = np.full((10, 10, 3), 255, np.uint8)
+    pictures.write(image, "0123", 4, 6)
+    assert image.min() < 255
