@@ -52,6 +52,8 @@ def main(archive: str, out: str, estimate: str) -> dict:
     package.register()
 
     settings = bpy.context.scene.iclnuim
+    inputs = importlib.import_module(module + ".ui.inputs")
+    found["folder_before_saving"] = str(inputs.output_folder(settings))
     settings.trajectory_source, settings.out, settings.frames = "kt2", out, "0:4:2"
     settings.width, settings.height, settings.fx, settings.fy, settings.cx, settings.cy = (
         64,

@@ -129,6 +129,10 @@ def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_seque
     assert np.abs(a - b).max() < 0.01 and np.median(np.abs(a - b)) < 1e-5
 
 
+def test_a_file_that_is_not_saved_yet_renders_into_the_extensions_own_folder(person):
+    assert person["folder_before_saving"].startswith(str(person["home"] / "profile"))
+
+
 def test_nothing_is_written_outside_the_output_folder_and_the_profile(person):
     assert {p.name for p in person["home"].iterdir()} - {"same"} <= {"out", "out_own", "profile", ".cache"}
     assert not (person["home"] / ".cache/iclnuim").exists()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import atexit
 
+_registered = False
+
 
 def _modules() -> tuple:
     from . import operators_evaluate, operators_render, operators_scene, panels, presets, properties, viewport
@@ -13,13 +15,19 @@ def _modules() -> tuple:
 
 def register() -> None:
     """Every class, property and handler."""
+    global _registered
     for module in _modules():
         module.register()
+    _registered = True
     atexit.register(unregister)
 
 
 def unregister() -> None:
     """The reverse; a running child process is ended, its finished frames stay."""
+    global _registered
+    if not _registered:
+        return
+    _registered = False
     from . import session
 
     atexit.unregister(unregister)

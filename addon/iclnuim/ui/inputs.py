@@ -12,11 +12,14 @@ import numpy as np
 
 from .. import shipped
 from ..errors import InputError, WorkError
+from ..formats import exr, png
+from ..formats.libraries import first_library
 from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, adopt
 from ..job import RenderJob
+from . import session
 
 
 def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
@@ -30,11 +33,9 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
 
 
 def output_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Absolute. Raises InputError where // is used before the file has a folder."""
+    """Absolute. What begins with // lies beside the saved .blend, before it is saved in the extension's own folder. Raises InputError."""
     if settings.out.startswith("//") and not bpy.data.filepath:
-        raise InputError(
-            "an output folder", found=settings.out, hint="choosing a Folder under Output, or saving the .blend first"
-        )
+        return (session.user_folder("out") / settings.out[2:]).resolve()
     if not settings.out.strip():
         raise InputError("an output folder", found="none", hint="choosing a Folder under Output")
     return Path(bpy.path.abspath(settings.out)).expanduser().resolve()
@@ -46,6 +47,8 @@ def job(context: bpy.types.Context, out: Path) -> RenderJob:
     Raises InputError, WorkError.
     """
     settings = context.scene.iclnuim
+    for what, libraries in (("EXR", exr.BACKENDS), ("PNG", png.BACKENDS)):
+        first_library(what, *libraries)  # rather now, in words, than after the first frame
     check_free(out / "raw")
     return settings.to_job(_scene_for(settings, out), _trajectory_for(context, settings, out))
 

@@ -225,7 +225,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         name="Folder",
         subtype="DIR_PATH",
         default="//iclnuim",
-        description="Output folder; raw/, clean/ and noisy/ are made in it. // is the folder of the saved .blend",
+        description="Output folder; raw/, clean/ and noisy/ are made in it. // is the folder of the saved .blend, or the extension's own while it is not saved",
     )
     dialects: EnumProperty(name="Dialects", items=DIALECTS, options={"ENUM_FLAG"}, default={"tum"})
     write_clean: BoolProperty(
