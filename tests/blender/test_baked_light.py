@@ -150,3 +150,21 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     tree.links.new(mix.outputs[0], out.inputs["Surface"])
     lambertian.apply()
     assert out.inputs["Surface"].links[0].from_node == diffuse
+
+
+def test_bake_prints_its_figures_and_nothing_else(room, tmp_path):
+    import json
+    import os
+    import subprocess
+    import sys
+
+    command = [sys.executable, "-m", "iclnuim_bench", "bake", str(room), *SMALL, "--json"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, "ICLNUIM_CACHE": str(tmp_path)}, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["texels"] > 1000
+    assert figures["folder"].startswith(str(tmp_path))
+    wrong = subprocess.run([*command[:4], "no such file.blend"], capture_output=True, text=True, timeout=60)
+    assert wrong.returncode == 2 and "no such file" in wrong.stderr

@@ -6,8 +6,9 @@ the ones asked for, whatever meshes, UV maps and materials the scene has, and bo
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 
 import bpy
 import numpy as np
@@ -111,7 +112,8 @@ def _run_bake(target: bpy.types.Object) -> None:
         thing.select_set(thing == target)
     layer.objects.active = target
     try:
-        result = bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"})
+        with redirect_stdout(io.StringIO()):  # where Blender says each time that the image is not saved
+            result = bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"})
     except RuntimeError as error:
         raise WorkError(f"light map: Blender: {' '.join(str(error).split())}") from None
     if result != {"FINISHED"}:
