@@ -58,17 +58,17 @@ def error_plot(
         y = round(bottom - k / 4 * (bottom - top))
         image[y, left:right] = _GRID
         write(image, f"{most_cm * k / 4:.3g}", 12, y - 5)
-        x = round(left + k / 4 * (right - left))
-        image[top:bottom, min(x, right - 1)] = _GRID
-        write(image, f"{seconds * k / 4:.3g}", min(x - 8, width - 50), bottom + 10)
+        column = round(left + k / 4 * (right - left))
+        image[top:bottom, min(column, right - 1)] = _GRID
+        write(image, f"{seconds * k / 4:.3g}", min(column - 8, width - 50), bottom + 10)
     x = left + (stamps_s - stamps_s[0]) / seconds * (right - left - 1)
     y = bottom - error_m * 100 / most_cm * (bottom - top)
     columns = np.arange(left, right)
     rows = np.interp(columns, x, y)
     colours = (error_colours(np.interp(columns, x, error_m)) * 255).astype(np.uint8)
-    for column, row, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
+    for place, row, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
         a, b = sorted((int(round(before)), int(round(row))))
-        image[a - 1 : b + 2, column] = colour
+        image[a - 1 : b + 2, place] = colour
     image[max(round(bottom - rmse_m * 100 / most_cm * (bottom - top)), 0), left:right] = _INK
     write(image, f"ATE (CM) OVER TIME (S), RMSE {rmse_m * 100:.2f} CM", left, 16, 3)
     return image

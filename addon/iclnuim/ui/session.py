@@ -34,7 +34,7 @@ class Session:
 
 
 current = Session()
-_counted = {"at_s": float("-inf"), "maps": 0}
+_counted: dict = {"at_s": float("-inf"), "maps": 0}
 
 
 def user_folder(name: str) -> Path:
@@ -64,8 +64,7 @@ def baked_maps() -> int:
 def start(task: dict, on_done: Callable[[], None] | None = None) -> None:
     """Begin `task` in a child; in background mode, where timers never fire, wait for its end. Raises WorkError."""
     script = str(Path(__file__).with_name("task_process.py"))
-    if current.work.busy:
-        current.work.start(task, None)  # refuses, in words
+    current.work.refuse_a_second()
     environment = {"ICLNUIM_CACHE": str(cache_folder())}
     current.work.start(task, ChildProcess(_command(script), user_folder("log") / "child.txt", environment))
     current.on_done = on_done

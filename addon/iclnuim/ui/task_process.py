@@ -135,6 +135,8 @@ def _load_package() -> None:
     spec = importlib.util.spec_from_file_location(
         "iclnuim", package / "__init__.py", submodule_search_locations=[str(package)]
     )
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{package} is no package")
     sys.modules["iclnuim"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(sys.modules["iclnuim"])
 

@@ -10,6 +10,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO, cast
 
 from ..errors import WorkError
 
@@ -41,10 +42,14 @@ class Work:
     def busy(self) -> bool:
         return self.phase in BUSY
 
-    def start(self, task: dict, child: ChildProcess) -> None:
-        """Begin. Raises WorkError where work is going on already."""
+    def refuse_a_second(self) -> None:
+        """Raises WorkError where work is going on already."""
         if self.busy:
             raise WorkError(f"a {self.kind} is running here already; wait for it, or press Cancel first")
+
+    def start(self, task: dict, child: ChildProcess) -> None:
+        """Begin. Raises WorkError where work is going on already."""
+        self.refuse_a_second()
         for name, value in vars(Work()).items():
             setattr(self, name, value)
         self.phase, self.kind, self.message = "starting", task["task"], "Blender starts in the background"
@@ -90,7 +95,7 @@ class Work:
             "error": self._error,
             "result": lambda event, now: self.result.update(event),
             "exit": self._exit,
-        }.get(event.get("event"), lambda event, now: None)(event, now_s)
+        }.get(str(event.get("event")), lambda event, now: None)(event, now_s)
 
     def frames_per_second(self, now_s: float | None = None) -> float:
         """Of the stage at hand; 0 before its first frame."""
@@ -193,13 +198,14 @@ class ChildProcess:
 
     def _write(self, line: str) -> None:
         try:
-            self._process.stdin.write(line.encode() + b"\n")
-            self._process.stdin.flush()
+            stdin = cast(IO[bytes], self._process.stdin)
+            stdin.write(line.encode() + b"\n")
+            stdin.flush()
         except (OSError, ValueError):
             pass  # it has ended; its exit event says how
 
     def _read(self) -> None:
-        for line in self._process.stdout:
+        for line in cast(IO[bytes], self._process.stdout):
             try:
                 event = json.loads(line)
             except ValueError:
