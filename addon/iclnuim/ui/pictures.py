@@ -55,9 +55,9 @@ def error_plot(
     most_cm = _round_up(float(error_m.max()) * 100)
     seconds = float(stamps_s[-1] - stamps_s[0]) or 1.0
     for k in range(5):
-        y = round(bottom - k / 4 * (bottom - top))
-        image[y, left:right] = _GRID
-        write(image, f"{most_cm * k / 4:.3g}", 12, y - 5)
+        row = round(bottom - k / 4 * (bottom - top))
+        image[row, left:right] = _GRID
+        write(image, f"{most_cm * k / 4:.3g}", 12, row - 5)
         column = round(left + k / 4 * (right - left))
         image[top:bottom, min(column, right - 1)] = _GRID
         write(image, f"{seconds * k / 4:.3g}", min(column - 8, width - 50), bottom + 10)
@@ -66,8 +66,8 @@ def error_plot(
     columns = np.arange(left, right)
     rows = np.interp(columns, x, y)
     colours = (error_colours(np.interp(columns, x, error_m)) * 255).astype(np.uint8)
-    for place, row, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
-        a, b = sorted((int(round(before)), int(round(row))))
+    for place, height_px, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
+        a, b = sorted((int(round(before)), int(round(height_px))))
         image[a - 1 : b + 2, place] = colour
     image[max(round(bottom - rmse_m * 100 / most_cm * (bottom - top)), 0), left:right] = _INK
     write(image, f"ATE (CM) OVER TIME (S), RMSE {rmse_m * 100:.2f} CM", left, 16, 3)
