@@ -41,17 +41,27 @@ def _draw(axes: Axes, line: list[Result], values: list[float], style: dict) -> N
     axes.plot([r.seconds for r in line], values, **style)
     for result, value in zip(line, values, strict=True):
         if not np.isnan(value):
-            axes.annotate(result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8)
+            axes.annotate(
+                result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8
+            )
 
 
 def table(results: Sequence[Result]) -> str:
     """One row a way, in Markdown."""
-    rows = [
-        (r.way.family, r.way.label, f"{r.seconds:.3f}", f"{r.error.mean_psnr_db:.1f}", f"{r.error.worst_psnr_db:.1f}",
-         f"{np.mean(r.error.psnr_to_reference_db):.1f}", f"{r.error.median:.4f}", f"{r.error.bias:+.4f}", "" if r.flicker is None else f"{255 * r.flicker:.2f}")
-        for r in results
-    ]  # fmt: skip
-    return "\n".join("| " + " | ".join(row) + " |" for row in (_HEADER, ("---",) * len(_HEADER), *rows))
+    return "\n".join([_line(_HEADER), _line(["---"] * len(_HEADER)), *map(row, results)])
+
+
+def row(r: Result) -> str:
+    """A way's row of the table."""
+    flicker = "" if r.flicker is None else f"{255 * r.flicker:.2f}"
+    error = r.error
+    psnr = (error.mean_psnr_db, error.worst_psnr_db, float(np.mean(error.psnr_to_reference_db)))
+    figures = [f"{r.seconds:.3f}", *(f"{p:.1f}" for p in psnr), f"{error.median:.4f}", f"{error.bias:+.4f}", flicker]
+    return _line([r.way.family, r.way.label, *figures])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
 
 
 def seconds_at(results: Sequence[Result], family: str, psnr_db: float) -> float:

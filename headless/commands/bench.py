@@ -85,6 +85,7 @@ def _race(args: argparse.Namespace, console: Console) -> int:
     progress, results = console.progress(len(ways), "bench render", "ways"), []
     for way in ways:
         results.append(race.run(way))
+        console.note(light_chart.row(results[-1]))
         progress.advance()
     if args.chart:
         plots.save(light_chart.figure(results), args.chart)

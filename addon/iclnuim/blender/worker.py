@@ -26,6 +26,7 @@ import numpy as np
 
 from .. import __version__, shipped
 from ..dataset.run_folder import RunFolder, open_run
+from ..errors import InputError
 from ..formats.files import read_bytes, sha256
 from ..formats.trajectories import read_trajectory
 from ..geometry.trajectory import Trajectory, frame_slice
@@ -50,6 +51,8 @@ def render_run(
     compat.require_supported_version()
     trajectory = load_trajectory(job)
     numbers = frame_slice(frames_asked, len(trajectory)) if isinstance(frames_asked, str) else frames_asked
+    if any(not 0 <= n < len(trajectory) for n in numbers):
+        raise InputError(f"frames of 0..{len(trajectory) - 1}", found=f"{min(numbers)}..{max(numbers)}")
     run = open_run(out, recipe(job), trajectory)
     work = _work_folder(run)
     try:
