@@ -63,7 +63,7 @@ def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
             f"{n}",
             job.changed(light="path", samples=n, denoise=denoise),
         )
-        for denoise in (False, True)
+        for denoise in (True, False)
         for n in _PATH_SAMPLES
     ]
     baked = [
@@ -71,7 +71,7 @@ def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
         for size in map_sizes
         for n in (_BAKED_SAMPLES if size == job.map_size else (job.samples,))
     ]
-    return path + baked
+    return baked + path
 
 
 class Race:
