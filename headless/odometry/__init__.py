@@ -1,0 +1,1 @@
+"""Camera motion from colour and depth: odometers behind one protocol, and adapters to other people's."""

@@ -1,0 +1,64 @@
+"""ICP+RGB-D: T. Whelan et al., "Robust real-time visual odometry for dense RGB-D mapping", ICRA 2013, section IV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .geometric import PlaneTerm
+from .icp import Icp, IcpSettings
+from .minimise import Descent, Limits, Linearise, descend
+from .photometric import PhotometricTerm
+from .protocol import Result
+from .pyramid import Level
+from .system import System
+
+
+@dataclass(frozen=True)
+class IcpRgbdSettings(IcpSettings):
+    """weights: "consistent"; "kintinuous2013" repeats a slip (matrix weighted by w^2, right-hand side by w);
+    "variance" divides each term by its own variance, which makes it independent of units.
+    """
+
+    weight_rgbd: float = 0.1
+    weights: str = "consistent"
+    least_gradients: tuple[float, ...] = (12, 5, 3)
+    most_dz_m: float = 0.07
+
+
+PRESETS = {
+    "paper": IcpRgbdSettings(),
+    "kintinuous2013": IcpRgbdSettings(weights="kintinuous2013"),
+    "best": IcpRgbdSettings(
+        iterations=(4, 5, 4), strides=(2, 1, 1), filter=False, normal_step=2, nu=5.0, smallest_step=5e-6,
+        weights="variance", weight_rgbd=0.3, least_gradients=(12, 3, 2),
+    ),
+}
+
+
+class IcpRgbd(Icp):
+    name = "icp_rgbd"
+    settings: IcpRgbdSettings
+
+    def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
+        s, levels = self.settings, []
+        for n in reversed(range(len(reference))):
+            plane = PlaneTerm(reference[n], current[n], s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu)
+            light = PhotometricTerm(reference[n], current[n], s.least_gradients[n], s.most_dz_m, 13.0, s.nu)
+            descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
+            levels.append((_joint(plane, light, s), descent, plane.residual.size))
+        return descend(levels, guess, Limits(s.largest_step_m))
+
+
+def _joint(plane: PlaneTerm, light: PhotometricTerm, settings: IcpRgbdSettings) -> Linearise:
+    def linearise(T: np.ndarray, iteration: int) -> System:
+        w = settings.weight_rgbd
+        geometry, colour = plane(T, iteration), light(T, iteration)
+        if settings.weights == "variance":
+            geometry, colour = geometry.scaled(plane.sigma**-2), colour.scaled((w / light.sigma) ** 2)
+        else:
+            colour = colour.scaled(w * w, w if settings.weights == "kintinuous2013" else None)
+        return geometry.plus(colour)
+
+    return linearise
