@@ -49,26 +49,83 @@ def render_run(
     `frames_asked` is a slice as text or the frames' numbers. `blend` keeps a copy of the prepared scene, camera keyed, to be played in Blender. Raises InputError, WorkError.
     """
     compat.require_supported_version()
-    trajectory = load_trajectory(job)
-    numbers = frame_slice(frames_asked, len(trajectory)) if isinstance(frames_asked, str) else frames_asked
-    if any(not 0 <= n < len(trajectory) for n in numbers):
-        raise InputError(f"frames of 0..{len(trajectory) - 1}", found=f"{min(numbers)}..{max(numbers)}")
-    run = open_run(out, recipe(job), trajectory)
-    work = _work_folder(run)
-    try:
-        missing = run.missing(numbers)
+    numbers = checked_frames(frames_asked, len(load_trajectory(job)))
+    with Session(job, out, emit) as session:
+        missing = session.run.missing(numbers)
         emit({"event": "start", "frames": len(numbers), "missing": len(missing)})
         if not missing:
             return True
-        run.check_space(len(missing))
-        with output.blender_output_in(work / "blender.log"):
-            _prepare(job, trajectory, emit)
-            if blend is not None:
-                bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()), copy=True, compress=True)
-            emit({"event": "ready"})
-            return _loop(job, trajectory, run, missing, work, emit, should_stop)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+        session.run.check_space(len(missing))
+        session.prepare()
+        if blend is not None:
+            bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()), copy=True, compress=True)
+        started = time.perf_counter()
+        rendered, whole = session.loop(missing, should_stop)
+    seconds = time.perf_counter() - started
+    emit({"event": "done" if whole else "stopped", "rendered": rendered, "seconds": seconds})
+    return whole
+
+
+class Session:
+    """A run taken up in `out`, its scene built at the first frame and kept; then any frames of it, as often as asked.
+
+    `threads` for Cycles; default: all cores of this process. Use as a context manager: Blender's chatter goes to a log meanwhile.
+    """
+
+    def __init__(self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None) -> None:
+        compat.require_supported_version()
+        self.job, self.emit, self.threads = job, emit, threads
+        self.trajectory = load_trajectory(job)
+        self.run = open_run(out, recipe(job), self.trajectory)
+        self.work = _work_folder(self.run)
+        self._output = output.blender_output_in(self.work / "blender.log")
+        self._ready = False
+
+    def __enter__(self) -> Session:
+        self._output.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._output.__exit__(None, None, None)
+        shutil.rmtree(self.work, ignore_errors=True)
+
+    def prepare(self) -> None:
+        """Build the scene, once."""
+        if not self._ready:
+            _prepare(self.job, self.trajectory, self.emit)
+            self._use_threads()
+            self._ready = True
+            self.emit({"event": "ready"})
+
+    def bake(self) -> Path:
+        """Find or make the light map; leaves the scene to be built anew."""
+        self._ready = False
+        return bake_light(self.job, self.emit, self._use_threads)
+
+    def render(self, numbers: Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
+        """Frames of `numbers` rendered now, and whether all of them are there."""
+        missing = self.run.missing(checked_frames(numbers, len(self.trajectory)))
+        if missing:
+            self.prepare()
+        return self.loop(missing, should_stop)
+
+    def loop(self, missing: list[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
+        """As render, for frames known to be missing, once the scene stands."""
+        rendered = _loop(self.job, self.trajectory, self.run, missing, self.work, self.emit, should_stop)
+        return rendered, rendered == len(missing)
+
+    def _use_threads(self) -> None:
+        if self.threads:
+            render = bpy.context.scene.render
+            render.threads_mode, render.threads = "FIXED", self.threads
+
+
+def checked_frames(asked: str | Sequence[int], count: int) -> Sequence[int]:
+    """Frame numbers of a slice or a list. Raises InputError for a frame that the trajectory does not have."""
+    numbers = frame_slice(asked, count) if isinstance(asked, str) else asked
+    if any(not 0 <= n < count for n in numbers):
+        raise InputError(f"frames of 0..{count - 1}", found=f"{min(numbers)}..{max(numbers)}")
+    return numbers
 
 
 def load_trajectory(job: RenderJob) -> Trajectory:
@@ -107,8 +164,8 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
     camera.keyframe(trajectory.T_world_camera, job.camera)
 
 
-def bake_light(job: RenderJob, emit: Emit) -> Path:
-    """Open the job's scene and find or make its light map, in the folder that is returned."""
+def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None) -> Path:
+    """Open the job's scene and find or make its light map, in the folder that is returned. `configure()` before the work."""
     compat.require_supported_version()
 
     def note(text: str) -> None:
@@ -120,6 +177,7 @@ def bake_light(job: RenderJob, emit: Emit) -> Path:
         if job.lambertian:
             lambertian.apply()
         settings.apply(job)
+        configure()
         return _light(job, note)
 
 
@@ -137,9 +195,9 @@ def _loop(
     work: Path,
     emit: Emit,
     should_stop: Callable[[], bool],
-) -> bool:
-    """Render, and close each frame while Cycles is at the next: at most one frame is open besides the one in work."""
-    started, rendered, closing = time.perf_counter(), 0, None
+) -> int:
+    """Render, and close each frame while Cycles is at the next: at most one frame is open besides the one in work. How many were done."""
+    rendered, closing = 0, None
     with ThreadPoolExecutor(1) as closer:
         for number in missing:
             if should_stop():
@@ -152,9 +210,7 @@ def _loop(
             closing = closer.submit(_close, run, number, raw, raw_depth, blurred, seconds)
             rendered += 1
         _finish(closing, emit)
-    seconds = time.perf_counter() - started
-    emit({"event": "done" if rendered == len(missing) else "stopped", "rendered": rendered, "seconds": seconds})
-    return rendered == len(missing)
+    return rendered
 
 
 def _render(number: int, name: Path, antialias: bool) -> tuple[Path, Path]:

@@ -1,0 +1,173 @@
+"""The worker process that the farm and the panel share: JSON commands a line in, JSON events a line out, one scene built once.
+
+    python .../child.py JOB.json OUT
+    blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
+
+JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10}. Commands:
+{"frames": [..]}, {"bake": true}, {"stop": true}. At the end of input, or when the parent is gone, the frame in work is
+finished and the process ends. Events are listed in headless/README.md. Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import queue
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+#: A process whose parent is gone gets this long to finish its frame.
+GRACE_S = 60.0
+#: Signs of life, so that a stopped process can be told from a long frame.
+ALIVE_S = 2.0
+
+
+class Events:
+    """One JSON object a line on what was standard output; all else that is printed goes to standard error."""
+
+    def __init__(self) -> None:
+        self._stream = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
+        os.dup2(2, 1)
+        self._lock = threading.Lock()
+
+    def __call__(self, event: dict) -> None:
+        with self._lock:
+            try:
+                self._stream.write(json.dumps(event) + "\n")
+            except OSError:
+                pass  # the parent is gone: the watch below ends this process
+
+
+class Commands:
+    """Standard input read in a thread; `stopped` is set by {"stop": true}, by the end of input, and when the parent is gone."""
+
+    def __init__(self) -> None:
+        self.stopped = threading.Event()
+        self._queue: queue.SimpleQueue[dict | None] = queue.SimpleQueue()
+        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._watch_parent, args=(os.getppid(),), daemon=True).start()
+
+    def next(self) -> dict | None:
+        """Waits; None when there is nothing more to do."""
+        return self._queue.get()
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            command = json.loads(line)
+            if command.get("stop"):
+                self.stopped.set()
+                self._queue.put(None)
+            else:
+                self._queue.put(command)
+        self._orphaned()
+
+    def _watch_parent(self, parent: int) -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        self._orphaned()
+
+    def _orphaned(self) -> None:
+        self.stopped.set()
+        self._queue.put(None)
+        threading.Timer(GRACE_S, os._exit, (130,)).start()
+
+
+def main(arguments: list[str]) -> int:
+    """Serve commands until there are no more."""
+    emit, commands = Events(), Commands()
+    try:
+        job_file, out = arguments
+        content = json.loads(Path(job_file).read_text("utf-8"))
+    except (ValueError, OSError) as error:
+        emit({"event": "error", "text": f"expected JOB.json OUT, found {arguments}: {error}", "code": 2})
+        return 2
+    options = content if isinstance(content.get("job"), dict) else {"job": content}
+    _share_the_machine(options)
+    _load_package()
+    from iclnuim.errors import IclnuimError
+
+    try:
+        return _serve(options, Path(out), emit, commands)
+    except IclnuimError as error:
+        emit({"event": "error", "text": str(error), "code": error.exit_code})
+        return error.exit_code
+    except BaseException as error:
+        traceback.print_exc()
+        text = f"{type(error).__name__}: {error}; this should not happen, please report it"
+        emit({"event": "error", "text": text, "code": 3, "bug": True})
+        return 3
+
+
+def _serve(options: dict, out: Path, emit: Callable[[dict], None], commands: Commands) -> int:
+    from iclnuim.blender import compat, worker
+    from iclnuim.job import RenderJob
+
+    job = RenderJob.from_dict(options["job"])
+    if job.denoise and not compat.has_denoiser():
+        emit({"event": "note", "text": "this Blender has no OpenImageDenoise: rendering without"})
+        job = job.changed(denoise=False)
+    with worker.Session(job, out, emit, options.get("threads")) as session:
+        emit({"event": "start", "frames": len(session.trajectory), "pid": os.getpid()})
+        threading.Thread(target=_signs_of_life, args=(emit,), daemon=True).start()
+        while (command := commands.next()) is not None:
+            begun, stopped = time.perf_counter(), commands.stopped
+            if command.get("bake"):
+                rendered, whole = 0, True
+                emit({"event": "baked", "folder": str(session.bake())})
+            else:
+                rendered, whole = session.render(command["frames"], stopped.is_set)
+            seconds = round(time.perf_counter() - begun, 4)
+            emit({"event": "chunk" if whole else "stopped", "rendered": rendered, "seconds": seconds, "rss_mb": _rss_mb()})
+            if not whole:
+                return 130
+    emit({"event": "done"})
+    return 0
+
+
+def _signs_of_life(emit: Callable[[dict], None]) -> None:
+    while True:
+        time.sleep(ALIVE_S)
+        emit({"event": "alive"})
+
+
+def _share_the_machine(options: dict) -> None:
+    """Own cores and priority, before Blender counts them."""
+    if options.get("cores") and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, set(options["cores"]))
+    if options.get("nice") and hasattr(os, "nice"):
+        os.nice(options["nice"])
+
+
+def _rss_mb() -> float:
+    """Resident memory of this process; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    except OSError:
+        return 0.0
+
+
+def _load_package() -> None:
+    """This package as `iclnuim`, wherever it is installed and however its folder is called."""
+    if "iclnuim" in sys.modules:
+        return
+    package = Path(__file__).resolve().parents[1]
+    spec = importlib.util.spec_from_file_location(
+        "iclnuim", package / "__init__.py", submodule_search_locations=[str(package)]
+    )
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{package} is no package")
+    sys.modules["iclnuim"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["iclnuim"])
+
+
+if __name__ == "__main__":
+    sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__).resolve().parent]
+    code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
