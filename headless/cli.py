@@ -25,6 +25,7 @@ COMMANDS = {
     "inspect": "what is wrong with a sequence that anyone made; preview pictures",
     "pack": "the archive to publish: files, checksums, licence, preview, recipe",
     "evaluate": "trajectory error against ground truth: ATE, RPE",
+    "odometry": "camera motion from colour and depth: ours and others' odometers",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",
     "table": "a table of the paper from our own files, beside the printed figures",
@@ -72,7 +73,7 @@ def _run(command: str, argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
     parser.set_defaults(run=getattr(module, "run", None))
     module.configure(parser)
-    args = parser.parse_args(argv)
+    args = parser.parse_args(getattr(module, "spelled_out", list)(argv))
     return args.run(args, Console(getattr(args, "quiet", False), getattr(args, "json", False))) or 0
 
 

@@ -7,6 +7,7 @@ by the settings of iclnuim.evaluation, so that nothing heavy is imported before 
 from __future__ import annotations
 
 import argparse
+import os
 
 from ..console import Console
 from ..error_text import error_text
@@ -18,6 +19,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
     _configure_ate(actions)
     _configure_rpe(actions)
+
+
+def spelled_out(argv: list[str]) -> list[str]:
+    """`DIR EST` -> `ate GROUNDTRUTH EST`, the ground truth being the one in the folder."""
+    if not argv or not os.path.isdir(argv[0]):
+        return argv
+    from pathlib import Path
+
+    from iclnuim.dataset.images import find_truth
+    from iclnuim.errors import InputError
+
+    truth = find_truth(Path(argv[0]))
+    if truth is None:
+        raise InputError("a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)", path=argv[0], found="none")
+    return ["ate", str(truth), *argv[1:]]
 
 
 def _configure_ate(actions: argparse._SubParsersAction) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
 from .minimise import Descent, Limits, descend
-from .photometric import PhotometricTerm
-from .protocol import Frame, Result
+from .photometric import PhotometricTerm, flat
+from .protocol import Frame, Result, failure
 from .pyramid import Level, pyramid
 
 
@@ -35,7 +35,7 @@ class DvoSettings:
 PRESETS = {
     "paper": DvoSettings(),
     "best": DvoSettings(
-        iterations=30, least_decrease=1e-3, smallest_step=2e-6, depth="mean", least_gradient=2.0, least_inliers=0.01
+        iterations=6, least_decrease=1e-3, smallest_step=2e-6, depth="mean", least_gradient=5.0, least_inliers=0.01
     ),
 }
 
@@ -50,12 +50,19 @@ class Dvo:
         return pyramid(frame, camera, max(self.settings.levels) + 1, depth=self.settings.depth)
 
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
+        if flat(reference, current):
+            return failure("image: no contrast")
         s, sigma, levels = self.settings, 5.0, []
         chosen = [n for n in s.levels if n < len(reference)] or [len(reference) - 1]
         for level in chosen:
             term = PhotometricTerm(
-                reference[level], current[level], s.least_gradient, s.most_dz_m,
-                nu=s.nu, each_time=level == chosen[0], sigma=sigma,
+                reference[level],
+                current[level],
+                s.least_gradient,
+                s.most_dz_m,
+                nu=s.nu,
+                each_time=level == chosen[0],
+                sigma=sigma,
             )
             descent = Descent(s.iterations, s.least_decrease, s.smallest_step, undo=True)
             levels.append((term, descent, reference[level].grey.size))

@@ -26,9 +26,9 @@ class Sequence:
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def frames(self) -> Iterator[tuple[float, Frame | str]]:
-        """(stamp, frame), or (stamp, why it cannot be read) for a missing, broken or odd pair."""
-        for pair in self.pairs:
+    def frames(self, first: int | None = None) -> Iterator[tuple[float, Frame | str]]:
+        """Of all pairs or the first ones: (stamp, frame), or (stamp, why it cannot be read) for a missing, broken or odd pair."""
+        for pair in self.pairs[:first]:
             try:
                 yield pair.stamp_s, self.load(pair)
             except InputError as error:

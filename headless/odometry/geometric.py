@@ -34,8 +34,17 @@ class PlaneTerm:
     def __call__(self, T: np.ndarray, iteration: int) -> System:
         one, two = self.reference, self.current
         kernels.plane_residuals(
-            T, one.k, one.depth_z_m, one.normals, two.depth_z_m, two.normals, self.stride,
-            self.most_distance_m, math.cos(math.radians(self.most_angle_deg)), self.residual, self.partner,
+            T,
+            one.k,
+            one.depth_z_m,
+            one.normals,
+            two.depth_z_m,
+            two.normals,
+            self.stride,
+            self.most_distance_m,
+            math.cos(math.radians(self.most_angle_deg)),
+            self.residual,
+            self.partner,
         )
         if self.nu > 0:
             self.sigma = max(kernels.student_scale(self.residual, self.nu, self.sigma, 10), 1e-5)

@@ -32,9 +32,7 @@ class IcpSettings:
 
 PRESETS = {
     "paper": IcpSettings(),
-    "best": IcpSettings(
-        iterations=(4, 5, 4), strides=(2, 1, 1), filter=False, normal_step=2, nu=5.0, smallest_step=5e-6, hold=True
-    ),
+    "best": IcpSettings(iterations=(0, 4, 3), filter=False, smallest_step=5e-6, hold=True),
 }
 
 
@@ -51,10 +49,10 @@ class Icp:
 
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
         s, levels = self.settings, []
-        for n in reversed(range(len(reference))):
+        for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
             term = PlaneTerm(reference[n], current[n], s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu)
             levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), term.residual.size))
-        return descend(levels, guess, Limits(s.largest_step_m, hold=s.hold))
+        return descend(levels, guess, Limits(s.largest_step_m, flag=True, hold=s.hold))
 
 
 def filtered(depth_z_m: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from .geometric import PlaneTerm
 from .icp import Icp, IcpSettings
 from .minimise import Descent, Limits, Linearise, descend
-from .photometric import PhotometricTerm
+from .photometric import PhotometricTerm, flat
 from .protocol import Result
 from .pyramid import Level
 from .system import System
@@ -31,8 +31,13 @@ PRESETS = {
     "paper": IcpRgbdSettings(),
     "kintinuous2013": IcpRgbdSettings(weights="kintinuous2013"),
     "best": IcpRgbdSettings(
-        iterations=(4, 5, 4), strides=(2, 1, 1), filter=False, normal_step=2, nu=5.0, smallest_step=5e-6,
-        weights="variance", weight_rgbd=0.3, least_gradients=(12, 3, 2),
+        iterations=(0, 4, 3),
+        filter=False,
+        nu=5.0,
+        smallest_step=5e-6,
+        weights="variance",
+        weight_rgbd=0.05,
+        least_gradients=(12, 6, 4),
     ),
 }
 
@@ -42,8 +47,10 @@ class IcpRgbd(Icp):
     settings: IcpRgbdSettings
 
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
+        if flat(reference, current):
+            return super().align(reference, current, guess)
         s, levels = self.settings, []
-        for n in reversed(range(len(reference))):
+        for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
             plane = PlaneTerm(reference[n], current[n], s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu)
             light = PhotometricTerm(reference[n], current[n], s.least_gradients[n], s.most_dz_m, 13.0, s.nu)
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)

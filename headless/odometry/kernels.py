@@ -1,4 +1,5 @@
-"""The compiled loops over pixels. Each image row sums for itself and rows are added in order: threads change no bit.
+"""The compiled loops over pixels. One thread on purpose: a row pass takes half a millisecond, which the
+barriers of a thread pool on a busy machine exceed many times, and so no number of threads can change a bit.
 
 Residuals and weights come first, normal equations after, so that a scale can be estimated in between. Twists are
 (translation, rotation) applied from the left in the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
@@ -10,15 +11,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 SUMS = 34
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def halve_depth(z, out):
     """2x2 mean in inverse depth (exact on planes) where the four belong together, else their nearest; 0 = missing."""
-    for v in prange(out.shape[0]):
+    for v in range(out.shape[0]):
         for u in range(out.shape[1]):
             near, far, inverse, n = 1e9, 0.0, 0.0, 0
             for i in range(2):
@@ -35,22 +36,27 @@ def halve_depth(z, out):
                 out[v, u] = near if n == 4 else 0
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def normals(z, k, s, out):
     """Unit normals by differences over +-s pixels; none where depth jumps or a neighbour is missing."""
     h, w = z.shape
     fx, fy, cx, cy = k
-    for v in prange(h):
+    for v in range(h):
         for u in range(w):
             if v < s or v >= h - s or u < s or u >= w - s or not z[v, u] > 0:
                 continue
-            l, r, a, b = z[v, u - s], z[v, u + s], z[v - s, u], z[v + s, u]
+            e, r, a, b = z[v, u - s], z[v, u + s], z[v - s, u], z[v + s, u]
             limit = (0.02 + 0.02 * s) * z[v, u]
-            if not (l > 0 and r > 0 and a > 0 and b > 0):
+            if not (e > 0 and r > 0 and a > 0 and b > 0):
                 continue
-            if abs(l - z[v, u]) > limit or abs(r - z[v, u]) > limit or abs(a - z[v, u]) > limit or abs(b - z[v, u]) > limit:
+            if (
+                abs(e - z[v, u]) > limit
+                or abs(r - z[v, u]) > limit
+                or abs(a - z[v, u]) > limit
+                or abs(b - z[v, u]) > limit
+            ):
                 continue
-            x1, y1, z1 = ((u + s - cx) * r - (u - s - cx) * l) / fx, (v - cy) * (r - l) / fy, r - l
+            x1, y1, z1 = ((u + s - cx) * r - (u - s - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
             x2, y2, z2 = (u - cx) * (b - a) / fx, ((v + s - cy) * b - (v - s - cy) * a) / fy, b - a
             nx, ny, nz = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
             length = math.sqrt(nx * nx + ny * ny + nz * nz)
@@ -58,7 +64,7 @@ def normals(z, k, s, out):
                 out[v, u, 0], out[v, u, 1], out[v, u, 2] = nx / length, ny / length, nz / length
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def photometric_residuals(T, k, I0, Z0, gx, gy, I1, Z1, least_gradient, most_dz, most_depth, residual):
     """residual = I1(warped) - I0, bilinear; NaN without depth or gradient, outside, or behind another surface.
 
@@ -66,7 +72,7 @@ def photometric_residuals(T, k, I0, Z0, gx, gy, I1, Z1, least_gradient, most_dz,
     """
     h, w = I0.shape
     fx, fy, cx, cy = k
-    for v in prange(h):
+    for v in range(h):
         for u in range(w):
             residual[v, u] = np.nan
             z = Z0[v, u]
@@ -92,12 +98,12 @@ def photometric_residuals(T, k, I0, Z0, gx, gy, I1, Z1, least_gradient, most_dz,
             residual[v, u] = top + t * (bottom - top) - I0[v, u]
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def photometric_sums(k, Z0, gx, gy, residual, sigma, nu, rows):
     """Inverse compositional: the slope of the reference image, taken once. nu <= 0: plain least squares."""
     h, w = Z0.shape
     fx, fy, cx, cy = k
-    for v in prange(h):
+    for v in range(h):
         J = np.empty(6)
         for u in range(w):
             r = residual[v, u]
@@ -112,12 +118,12 @@ def photometric_sums(k, Z0, gx, gy, residual, sigma, nu, rows):
             _add(rows[v], J, r, weight, x, y, z)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def plane_residuals(T, k, Z0, N0, Z1, N1, stride, most_distance, least_cosine, residual, partner):
     """Projective association: residual = n . (T p1 - p0) in metres, NaN without a partner; T is T_reference_current."""
     h, w = Z0.shape
     fx, fy, cx, cy = k
-    for row in prange(residual.shape[0]):
+    for row in range(residual.shape[0]):
         v = row * stride
         for column in range(residual.shape[1]):
             u = column * stride
@@ -151,11 +157,11 @@ def plane_residuals(T, k, Z0, N0, Z1, N1, stride, most_distance, least_cosine, r
             partner[row, column] = i * w + j
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def plane_sums(T, k, N0, Z1, stride, residual, partner, sigma, nu, rows):
     fx, fy, cx, cy = k
     w = N0.shape[1]
-    for row in prange(residual.shape[0]):
+    for row in range(residual.shape[0]):
         J = np.empty(6)
         for column in range(residual.shape[1]):
             r = residual[row, column]

@@ -24,10 +24,11 @@ class Descent:
 
 @dataclass(frozen=True)
 class Limits:
-    """What counts as a failure, and whether degenerate directions are held."""
+    """What counts as a failure; flag: tell degenerate geometry (of point-to-plane terms alone); hold: and hold it."""
 
     largest_step_m: float = 0.3
     least_inliers: float = 0.02
+    flag: bool = False
     hold: bool = False
 
 
@@ -60,8 +61,15 @@ def descend(levels: list[tuple[Linearise, Descent, int]], guess: np.ndarray, lim
 
 
 def _judged(
-    T: np.ndarray, guess: np.ndarray, system: System | None, pixels: int, used: int, held: int, settled: bool,
-    limits: Limits, started: float,
+    T: np.ndarray,
+    guess: np.ndarray,
+    system: System | None,
+    pixels: int,
+    used: int,
+    held: int,
+    settled: bool,
+    limits: Limits,
+    started: float,
 ) -> Result:
     if system is None or not np.isfinite(T).all():
         return failure("equations: no finite solution")
@@ -70,6 +78,15 @@ def _judged(
         return failure(f"step: {jump:.3f} m, more than {limits.largest_step_m} m")
     smallest = system.smallest_eigenvalue()
     return Result(
-        T, settled, used, float(np.sqrt(max(system.error, 0))), system.count / pixels, system.A, smallest,
-        smallest < DEGENERATE, held, time.perf_counter() - started, "" if settled else "iterations used up",
+        T,
+        settled,
+        used,
+        float(np.sqrt(max(system.error, 0))),
+        system.count / pixels,
+        system.A,
+        smallest,
+        limits.flag and smallest < DEGENERATE,
+        held,
+        time.perf_counter() - started,
+        "" if settled else "iterations used up",
     )

@@ -10,6 +10,14 @@ from . import kernels
 from .pyramid import Level
 from .system import System
 
+#: Grey levels (standard deviation) below which an image is black, white or covered.
+LEAST_CONTRAST = 1.0
+
+
+def flat(*frames: list[Level]) -> bool:
+    """Whether one of the pyramids holds nothing to align by light."""
+    return any(float(levels[-1].grey.std()) < LEAST_CONTRAST for levels in frames)
+
 
 @dataclass
 class PhotometricTerm:
@@ -32,8 +40,18 @@ class PhotometricTerm:
         one, two = self.reference, self.current
         gx, gy = one.gradients
         kernels.photometric_residuals(
-            np.linalg.inv(T), one.k, one.grey, one.depth_z_m, gx, gy, two.grey, two.depth_z_m,
-            self.least_gradient, self.most_dz_m, self.most_depth_m, self.residual,
+            np.linalg.inv(T),
+            one.k,
+            one.grey,
+            one.depth_z_m,
+            gx,
+            gy,
+            two.grey,
+            two.depth_z_m,
+            self.least_gradient,
+            self.most_dz_m,
+            self.most_depth_m,
+            self.residual,
         )
         if self.nu > 0 and (iteration == 0 or self.each_time):
             self.sigma = max(kernels.student_scale(self.residual, self.nu, self.sigma, 20), 1e-3)

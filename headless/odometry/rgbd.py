@@ -11,8 +11,8 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
 from .minimise import Descent, Limits, descend
-from .photometric import PhotometricTerm
-from .protocol import Frame, Result
+from .photometric import PhotometricTerm, flat
+from .protocol import Frame, Result, failure
 from .pyramid import Level, pyramid
 
 
@@ -32,9 +32,7 @@ class RgbdSettings:
 
 PRESETS = {
     "paper": RgbdSettings(),
-    "best": RgbdSettings(
-        iterations=(0, 10, 10, 10), least_gradients=(12, 3, 2, 1), most_depth_m=13.0, nu=5.0, smallest_step=5e-6
-    ),
+    "best": RgbdSettings(iterations=(0, 3, 4, 5), least_gradients=(12, 6, 4, 2), most_depth_m=13.0, smallest_step=5e-6),
 }
 
 
@@ -48,6 +46,8 @@ class Rgbd:
         return pyramid(frame, camera, len(self.settings.iterations))
 
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
+        if flat(reference, current):
+            return failure("image: no contrast")
         s, levels = self.settings, []
         for n in reversed(range(len(reference))):
             if s.iterations[n]:

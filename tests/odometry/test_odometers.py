@@ -1,0 +1,133 @@
+"""Odometers on frames made by formula: a textured corner of three planes seen by a camera that moves as we tell it."""
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+
+numba = pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim_bench.odometry.protocol import Frame  # noqa: E402
+from iclnuim_bench.odometry.registry import OURS, odometer  # noqa: E402
+from iclnuim_bench.odometry.system import System, moved  # noqa: E402
+from iclnuim_bench.odometry.track import track  # noqa: E402
+
+CAMERA = PinholeCamera.parse("160x120")
+CORNER = np.array([[0.8, 0.0, 0.6], [-0.8, 0.0, 0.6], [0.0, 0.8, 0.6]])
+TWIST = np.array([0.006, -0.004, 0.005, 0.004, -0.003, 0.005])
+
+
+def seen(T_world_camera, planes=CORNER, stamp_s=0.0, bare=False):
+    """n . x = 2 for each plane; the nearest hit counts; texture by position in space."""
+    rays = CAMERA.rays() @ T_world_camera[:3, :3].T
+    origin, nearest = T_world_camera[:3, 3], np.full(rays.shape[:2], np.inf)
+    for n in planes / np.linalg.norm(planes, axis=1)[:, None]:
+        slope = rays @ n
+        z = np.where(slope > 1e-6, (2 - n @ origin) / np.maximum(slope, 1e-6), np.inf)
+        nearest = np.minimum(nearest, z)
+    x, y, z = np.moveaxis(origin + rays * nearest[..., None], -1, 0)
+    grey = 128 + 40 * np.sin(9 * x + 2 * z) + 40 * np.sin(11 * y - 3 * z) + 20 * np.sin(7 * z + 4 * x)
+    return Frame.of(grey * 0 if bare else grey, nearest, stamp_s)
+
+
+def path(count):
+    pose, poses = np.eye(4), []
+    for _ in range(count):
+        poses.append(pose)
+        pose = pose @ SE3.exp(TWIST).matrix
+    return poses
+
+
+def tracked(name, frames, preset="best", policy="hold"):
+    return list(track(odometer(name, preset), CAMERA, enumerate(frames), policy))
+
+
+@pytest.mark.parametrize("preset", ["paper", "best"])
+@pytest.mark.parametrize("name", OURS)
+def test_a_known_motion_is_found(name, preset):
+    poses = path(4)
+    found = tracked(name, [seen(T) for T in poses], preset)
+    assert not any(f.lost for f in found)
+    error = np.linalg.norm(found[-1].T_world_camera[:3, 3] - poses[-1][:3, 3])
+    # the bilateral filter of `paper` rounds the corner's edges, the more the fewer pixels there are
+    assert error < (0.2 if preset == "paper" else 0.1) * np.linalg.norm(poses[-1][:3, 3])
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_the_same_frames_give_the_same_path_whatever_the_number_of_threads(name):
+    frames = [seen(T) for T in path(3)]
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = tracked(name, frames)[-1].T_world_camera
+    finally:
+        numba.set_num_threads(before)
+    assert np.abs(tracked(name, frames)[-1].T_world_camera - one).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("fault", ["empty depth", "NaN depth", "other size", "unreadable"])
+def test_a_bad_frame_is_reported_and_the_frames_around_it_are_tracked(name, fault):
+    poses = path(4)
+    frames = [seen(T) for T in poses]
+    nothing = np.zeros((120, 160))
+    frames[2] = {
+        "empty depth": Frame.of(nothing, nothing, 0),
+        "NaN depth": Frame.of(frames[2].grey, nothing * np.nan, 0),
+        "other size": Frame.of(np.ones((60, 80)), np.ones((60, 80)), 0),
+        "unreadable": "image: missing",
+    }[fault]
+    found = tracked(name, frames)
+    assert [f.lost for f in found] == [False, False, True, False]
+    assert found[2].result.reason and not found[2].result.converged
+    error = np.linalg.norm(found[3].T_world_camera[:3, 3] - poses[3][:3, 3])
+    assert error < 0.15 * np.linalg.norm(poses[3][:3, 3])
+
+
+@pytest.mark.parametrize("name", ["dvo", "rgbd"])
+def test_a_black_image_is_lost_to_photometric_odometers_and_the_next_is_found(name):
+    frames = [seen(T) for T in path(4)]
+    frames[2] = Frame.of(frames[2].grey * 0, frames[2].depth_z_m, 0)
+    found = tracked(name, frames)
+    assert not found[1].lost and not found[3].lost
+    assert found[2].lost and "contrast" in found[2].result.reason
+
+
+def test_a_black_image_leaves_the_joint_odometer_its_geometry():
+    poses = path(4)
+    frames = [seen(T, bare=i == 2) for i, T in enumerate(poses)]
+    found = tracked("icp_rgbd", frames)
+    assert not any(f.lost for f in found)
+    assert np.linalg.norm(found[-1].T_world_camera[:3, 3] - poses[-1][:3, 3]) < 0.15 * np.linalg.norm(poses[-1][:3, 3])
+
+
+def test_a_single_frame_is_a_path_of_one_pose():
+    found = tracked("dvo", [seen(np.eye(4))])
+    assert len(found) == 1 and not found[0].lost and np.array_equal(found[0].T_world_camera, np.eye(4))
+
+
+def test_a_bare_wall_is_degenerate_and_held_and_a_corner_is_not():
+    wall = [seen(T, np.array([[0.0, 0.0, 1.0]])) for T in path(3)]
+    corner = tracked("icp", [seen(T) for T in path(3)])
+    assert all(f.result.degenerate and f.result.held == 3 for f in tracked("icp", wall)[1:])
+    assert not any(f.result.degenerate or f.result.held for f in corner)
+    assert np.abs(tracked("icp", wall)[-1].T_world_camera[:2, 3]).max() < 0.02
+
+
+def test_colour_and_depth_of_different_size_are_refused():
+    with pytest.raises(InputError, match="depth of the image's size"):
+        Frame.of(np.zeros((4, 4)), np.zeros((4, 5)), 0)
+
+
+def test_the_step_solves_the_equations_as_numpy_does():
+    rng = np.random.default_rng(3)
+    J, r, p = rng.normal(size=(50, 6)), rng.normal(size=50), rng.normal(size=(50, 3))
+    centre = p.mean(axis=0)
+    system = System(J.T @ J, J.T @ r, 1.0, 50, centre, 2.0)
+    np.testing.assert_allclose(system.step()[0], np.linalg.lstsq(J, r, rcond=None)[0], rtol=1e-8)
+    np.testing.assert_allclose(moved(np.eye(4), np.zeros(6)), np.eye(4), atol=1e-15)
+
+
+def test_an_unknown_odometer_names_the_known_ones():
+    with pytest.raises(InputError, match="icp_rgbd"):
+        odometer("orb")

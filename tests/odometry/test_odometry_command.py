@@ -1,0 +1,53 @@
+"""`iclnuim odometry` on the official frames, judged by `iclnuim evaluate DIR EST`."""
+
+import json
+
+import pytest
+
+pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim_bench.cli import main  # noqa: E402
+
+
+@pytest.fixture
+def stretch(samples, tmp_path):
+    """Frames 600..607 of office kt0 beside the left-handed ground truth."""
+    folder = tmp_path / "kt0"
+    for kind in ("rgb", "depth"):
+        (folder / kind).mkdir(parents=True)
+        for i in range(600, 608):
+            (folder / kind / f"{i}.png").symlink_to(samples / "or_kt0" / kind / f"{i}.png")
+    for truth in (samples / "or_kt0").glob("*.gt.freiburg"):
+        (folder / truth.name).symlink_to(truth)
+    return folder
+
+
+def test_an_estimate_of_official_frames_is_evaluated_without_options(stretch, tmp_path, capsys):
+    estimate = tmp_path / "est.txt"
+    assert main(["odometry", "icp", str(stretch), "-o", str(estimate), "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", str(stretch), str(estimate), "--json", "--quiet"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["pairs"] == 8
+    assert report["translation_error_m"]["rmse"] < 0.001
+
+
+def test_a_missing_image_is_named_and_left_out_of_the_path(stretch, tmp_path, capsys):
+    (stretch / "depth/603.png").unlink()
+    lines = [f"{i} depth/{i}.png {i} rgb/{i}.png\n" for i in range(600, 608)]
+    (stretch / "associations.txt").write_text("".join(lines))
+    estimate = tmp_path / "est.txt"
+    assert main(["odometry", "dvo", str(stretch), "-o", str(estimate), "--json"]) == 0
+    out, notes = capsys.readouterr()
+    assert json.loads(out)["runs"][0]["lost"] == 1
+    assert "20.1" in notes and "603.png" in notes
+    assert len([line for line in estimate.read_text().splitlines() if not line.startswith("#")]) == 7
+
+
+def test_an_unknown_method_is_bad_input(stretch, capsys):
+    assert main(["odometry", "orb", str(stretch)]) == 2
+    assert "icp_rgbd" in capsys.readouterr().err
+
+
+def test_evaluate_says_when_a_folder_has_no_ground_truth(tmp_path, capsys):
+    assert main(["evaluate", str(tmp_path), "est.txt"]) == 2
+    assert "ground truth" in capsys.readouterr().err
