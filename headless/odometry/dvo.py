@@ -35,7 +35,7 @@ class DvoSettings:
 PRESETS = {
     "paper": DvoSettings(),
     "best": DvoSettings(
-        iterations=6, least_decrease=1e-3, smallest_step=2e-6, depth="mean", least_gradient=5.0, least_inliers=0.01
+        iterations=4, least_decrease=1e-3, smallest_step=2e-6, depth="mean", least_gradient=5.0, least_inliers=0.01
     ),
 }
 

@@ -32,7 +32,7 @@ class RgbdSettings:
 
 PRESETS = {
     "paper": RgbdSettings(),
-    "best": RgbdSettings(iterations=(0, 3, 4, 5), least_gradients=(12, 6, 4, 2), most_depth_m=13.0, smallest_step=5e-6),
+    "best": RgbdSettings(iterations=(0, 2, 4, 5), least_gradients=(12, 6, 4, 2), most_depth_m=13.0, smallest_step=5e-6),
 }
 
 
