@@ -6,12 +6,14 @@ import argparse
 from pathlib import Path
 
 from iclnuim.dataset.frames import frames_of_run
-from iclnuim.dataset.run_folder import open_run
+from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter
-from iclnuim.errors import WorkError
 from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
+from ..farm import rendering
+from ..farm.cores import own_cores
+from ..farm.sequences import SequenceStage
 from ..options import common
 from ..sensor_options import add_sensor_options, sensor_from
 from . import render
@@ -26,28 +28,42 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand"
     )
+    render.add_farm_options(parser)
     common(parser, "iclnuim make kt2 --quick", json=False)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     sensor, frames = sensor_from(args), render.frames_from(args)
-    try:
-        from iclnuim.blender import worker
-    except ImportError:
-        raise WorkError("make needs the bpy package; try: pip install bpy, or `iclnuim doctor`") from None
-    job = render.usable_here(render.job_from(args), args, console)
+    job = render.job_from(args)
     out = args.out or Path("out") / job.sequence
-    trajectory = worker.load_trajectory(job)
+    trajectory = load_trajectory(job)
     numbers = list(frame_slice(frames, len(trajectory)))
-    raw = open_run(out / "raw", worker.recipe(job), trajectory)
     variants = {out / "clean": SequenceSettings(seed=sensor.seed), out / "noisy": sensor}
-    writer = SequenceWriter(frames_of_run(raw, trajectory, numbers), variants)
-    if writer.missing and not render.render_here(job, raw.path, writer.missing, console):
-        return 130
-    progress = console.progress(len(writer.missing), "sequences")
-    writer.write(on_frame=lambda number: progress.advance())
-    if not args.keep_raw:
-        for number in numbers:
-            raw.frame_file(number).unlink(missing_ok=True)
-    console.note(f"{out}/clean and {out}/noisy hold {len(numbers)} frames each")
-    return 0
+    with (
+        render.stop_on_signals() as stopped,
+        rendering.taken_up(job, out / "raw", console, stopped, args.workers, render.care_from(args)) as held,
+    ):
+        writer = SequenceWriter(frames_of_run(held.run, trajectory, numbers), variants)
+        code = _frames_and_sequences(held, writer, numbers, args.keep_raw)
+    if code == 0:
+        console.note(f"{out}/clean and {out}/noisy hold {len(numbers)} frames each")
+    return code
+
+
+def _frames_and_sequences(held: rendering.LocalRun, writer: SequenceWriter, numbers: list[int], keep_raw: bool) -> int:
+    """Pairs are made of finished frames while others are being rendered."""
+    stage = SequenceStage(writer, held.run, len(own_cores()), keep_raw)
+    asked = held.should_stop
+    held.should_stop = lambda: asked() or stage.broken
+    try:
+        there = set(held.run.frame_numbers()).intersection(numbers)
+        finished = there.difference(held.run.missing(sorted(there)))
+        for number in sorted(finished):
+            stage.add(number)
+        outcome = held.render([n for n in writer.missing if n not in finished], stage.add)
+    finally:
+        stage.close()
+    code = rendering.report(outcome, held.console)
+    if code == 0:
+        stage.complete()
+    return code

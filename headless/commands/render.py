@@ -1,23 +1,23 @@
-"""`iclnuim render`: EXR frames with RGB and exact depth, in this process by bpy, or in a Blender found on the PATH."""
+"""`iclnuim render`: EXR frames with RGB and exact depth, by worker processes on all cores."""
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from iclnuim import job as jobs
 from iclnuim import shipped
-from iclnuim.errors import InputError, WorkError
+from iclnuim.dataset.run_folder import load_trajectory
+from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
+from ..farm import rendering
+from ..farm.local import Care
 from ..options import common
 
 
@@ -27,7 +27,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender"
     )
+    add_farm_options(parser)
     common(parser, "iclnuim render kt2 --quick", json=False)
+
+
+def add_farm_options(parser: argparse.ArgumentParser) -> None:
+    """How the work is shared: nothing here changes a pixel."""
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="processes that render, two cores or more for each; default: all cores, two each"
+    )
+    parser.add_argument(
+        "--stuck-after", type=float, metavar="S", help="seconds without any sign of life until a worker is replaced; default: 120"
+    )
 
 
 def add_job_options(parser: argparse.ArgumentParser) -> None:
@@ -67,10 +78,19 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     job, out, frames = job_from(args), args.out, frames_from(args)
     out = out or Path("out") / job.sequence / "raw"
-    if importlib.util.find_spec("bpy") is None:
-        return _run_in_blender_binary(job, out, frames, args, console)
-    finished = render_here(usable_here(job, args, console), out, frames, console, args.blend)
-    return 0 if finished else 130
+    if args.blend is not None:
+        finished = render_here(usable_here(job, args, console), out, frames, console, args.blend)
+        return 0 if finished else 130
+    numbers = frame_slice(frames, len(load_trajectory(job)))
+    with stop_on_signals() as stopped, rendering.taken_up(job, out, console, stopped, args.workers, care_from(args)) as held:
+        return rendering.report(held.render(numbers), console)
+
+
+def care_from(args: argparse.Namespace) -> Care:
+    """How long a worker may say nothing."""
+    if args.stuck_after is not None and args.stuck_after < 5:
+        raise InputError("--stuck-after of at least 5 s", found=args.stuck_after)
+    return Care() if args.stuck_after is None else Care(silent_s=args.stuck_after)
 
 
 def job_from(args: argparse.Namespace) -> jobs.RenderJob:
@@ -158,17 +178,3 @@ def stop_on_signals() -> Iterator:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
-
-
-def _run_in_blender_binary(
-    job: jobs.RenderJob, out: Path, frames: str, args: argparse.Namespace, console: Console
-) -> int:
-    blender = shutil.which("blender")
-    if blender is None:
-        raise WorkError(
-            "neither the bpy package nor a blender binary is there; try: pip install bpy, or `iclnuim doctor`"
-        )
-    script = Path(__file__).resolve().parents[1] / "render.py"
-    return subprocess.run(
-        [blender, "-b", "--python-exit-code", "3", "-P", str(script), "--", *sys.argv[2:]], check=False
-    ).returncode

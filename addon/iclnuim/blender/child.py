@@ -3,7 +3,7 @@
     python .../child.py JOB.json OUT
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
-JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10}. Commands:
+JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE}. Commands:
 {"frames": [..]}, {"bake": true}, {"stop": true}. At the end of input, or when the parent is gone, the frame in work is
 finished and the process ends. Events are listed in headless/README.md. Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
 """
@@ -19,6 +19,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 #: A process whose parent is gone gets this long to finish its frame.
@@ -36,11 +37,22 @@ class Events:
         self._lock = threading.Lock()
 
     def __call__(self, event: dict) -> None:
-        with self._lock:
-            try:
-                self._stream.write(json.dumps(event) + "\n")
-            except OSError:
-                pass  # the parent is gone: the watch below ends this process
+        with self._lock, suppress(OSError):  # the parent is gone: the watch below ends this process
+            self._stream.write(json.dumps(event) + "\n")
+
+
+class Journal:
+    """Passes events on, and appends finished frames to a file first: one line each, whole lines even where several processes write."""
+
+    def __init__(self, path: str, emit: Callable[[dict], None]) -> None:
+        self._file, self._emit = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644), emit
+
+    def __call__(self, event: dict) -> None:
+        if event["event"] == "frame":
+            line = {"frame": event["frame"], "pid": os.getpid(), "time_s": round(time.time(), 3)}
+            with suppress(OSError):  # a full disk: the next frame says so
+                os.write(self._file, json.dumps(line).encode() + b"\n")
+        self._emit(event)
 
 
 class Commands:
@@ -111,6 +123,7 @@ def _serve(options: dict, out: Path, emit: Callable[[dict], None], commands: Com
     if job.denoise and not compat.has_denoiser():
         emit({"event": "note", "text": "this Blender has no OpenImageDenoise: rendering without"})
         job = job.changed(denoise=False)
+    emit = Journal(options["journal"], emit) if options.get("journal") else emit
     with worker.Session(job, out, emit, options.get("threads")) as session:
         emit({"event": "start", "frames": len(session.trajectory), "pid": os.getpid()})
         threading.Thread(target=_signs_of_life, args=(emit,), daemon=True).start()

@@ -25,10 +25,9 @@ import bpy
 import numpy as np
 
 from .. import __version__, shipped
-from ..dataset.run_folder import RunFolder, open_run
+from ..dataset.run_folder import RunFolder, load_trajectory, open_run, trajectory_file
 from ..errors import InputError
 from ..formats.files import read_bytes, sha256
-from ..formats.trajectories import read_trajectory
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
 from . import bake, camera, compat, exposure, frames, lambertian, light_map, output, preflight, scene, settings
@@ -128,22 +127,17 @@ def checked_frames(asked: str | Sequence[int], count: int) -> Sequence[int]:
     return numbers
 
 
-def load_trajectory(job: RenderJob) -> Trajectory:
-    """The poses a job follows, in our world."""
-    return read_trajectory(_trajectory_file(job)).trajectory
-
-
 def recipe(job: RenderJob) -> dict:
     """The content of sequence.json."""
     return {
         "schema_version": 1,
         "job": job.to_dict(),
-        "trajectory_sha256": sha256(read_bytes(_trajectory_file(job))),
+        "trajectory_sha256": sha256(read_bytes(trajectory_file(job))),
         "scene_sha256": scene.scene_sha256(job.scene),
         "blender": compat.version_line(),
         "versions": {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__},
         "source_commit": shipped.source_commit(),
-        "machine": {"system": platform.platform(), "processor": _processor()},
+        "machine": {"system": platform.platform(), "processor": _processor(), "features": _features()},
     }
 
 
@@ -245,12 +239,6 @@ def _finish(closing: Future | None, emit: Emit) -> None:
         emit(closing.result())
 
 
-def _trajectory_file(job: RenderJob) -> Path:
-    return (
-        shipped.trajectory_file(job.trajectory) if job.trajectory in shipped.sequence_names() else Path(job.trajectory)
-    )
-
-
 def _work_folder(run: RunFolder) -> Path:
     """A folder for Blender's raw frames, named after this process; those of processes that died here are removed."""
     host = platform.node()
@@ -273,6 +261,15 @@ def _alive(process: int) -> bool:
     except PermissionError:
         return True
     return True
+
+
+def _features() -> list[str]:
+    """What decides which of Cycles' kernels runs: equal bytes are promised between processors of equal features only."""
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("flags"):
+                return sorted(set(line.split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"})
+    return []
 
 
 def _processor() -> str:

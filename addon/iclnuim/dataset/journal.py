@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ..errors import WorkError
+from ..formats.files import atomic_write_text
 
 
 @dataclass(frozen=True)
@@ -25,14 +27,14 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.entries: dict[int, JournalEntry] = {}
-        text = path.read_text("utf-8", "replace") if path.is_file() else ""
-        whole, newline, rest = text.rpartition("\n")
-        for line in whole.split("\n"):
+        data = path.read_bytes() if path.is_file() else b""
+        whole, newline, rest = data.rpartition(b"\n")
+        for line in whole.decode("utf-8", "replace").split("\n"):
             entry = _parsed(line)
             if entry is not None:
                 self.entries[entry.frame] = entry
         if rest:
-            path.write_text(whole + newline, "utf-8")
+            os.truncate(path, len(whole + newline))  # in place: a kill in the middle of writing anew would lose all entries
 
     def add(self, entry: JournalEntry) -> None:
         """Append one line. Raises WorkError where it cannot be written."""
@@ -42,6 +44,11 @@ class Journal:
         except OSError as error:
             raise WorkError(f"{self.path}: cannot write: {error.strerror or error}") from None
         self.entries[entry.frame] = entry
+
+    def sort(self) -> None:
+        """One line a frame, in order: the same frames leave the same file, however often the work was broken off."""
+        lines = [json.dumps(asdict(self.entries[number])) + "\n" for number in sorted(self.entries)]
+        atomic_write_text(self.path, "".join(lines))
 
 
 def _parsed(line: str) -> JournalEntry | None:

@@ -17,12 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import shipped
 from ..errors import InputError, WorkError
 from ..formats import exr
 from ..formats.files import read_json, sha256, write_json
-from ..formats.trajectories import write_trajectory
+from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
+from ..job import RenderJob
 
 #: Bytes a pixel may take in a finished frame (half RGB, float Z, not compressed), for the check of space.
 BYTES_PER_PIXEL = 10
@@ -87,6 +89,18 @@ class RunFolder:
         half = np.clip(rgb, 0, 65504).astype(np.float16)
         channels = {"R": half[..., 0], "G": half[..., 1], "B": half[..., 2], "Z": depth_z_m.astype(np.float32)}
         exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key})
+
+
+def trajectory_file(job: RenderJob) -> Path:
+    """The file of a job's poses, shipped or the user's own."""
+    return (
+        shipped.trajectory_file(job.trajectory) if job.trajectory in shipped.sequence_names() else Path(job.trajectory)
+    )
+
+
+def load_trajectory(job: RenderJob) -> Trajectory:
+    """The poses a job follows, in our world."""
+    return read_trajectory(trajectory_file(job)).trajectory
 
 
 def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -118,10 +118,34 @@ class SequenceWriter:
         The first error stops the work; finished frames stay. Raises InputError for a frame that cannot be read,
         WorkError where one cannot be written.
         """
-        for entries in _made_frames(self.source, self.missing, self.targets, workers or _cores()):
-            for target, entry in entries:
-                target.journal.add(entry)
-            on_frame(entries[0][1].frame)
+        with ThreadPoolExecutor(workers or _cores()) as pool:
+            waiting = [pool.submit(self.make, number) for number in self.missing]
+            try:
+                for done in as_completed(waiting):
+                    on_frame(self.note(done.result()))
+            finally:
+                for future in waiting:
+                    future.cancel()
+        return self.complete()
+
+    def make(self, number: int) -> list[tuple[_Target, JournalEntry]]:
+        """What each sequence lacked of a frame, written; on any thread. `note` what it returns, on one thread."""
+        light, depth_z_m = self.source.load(number)
+        lacking = [t for t in self.targets if number not in t.finished]
+        return [(t, t.make(number, light, depth_z_m, self.source.camera)) for t in lacking]
+
+    def note(self, entries: list[tuple[_Target, JournalEntry]]) -> int:
+        """Into the journals; the frame's number."""
+        for target, entry in entries:
+            target.journal.add(entry)
+        return entries[0][1].frame
+
+    def stands(self, number: int) -> bool:
+        """Whether the frame's images, read back, are in every sequence what its journal says."""
+        return all(_stands(t.journal, number, t.places[number]) for t in self.targets)
+
+    def complete(self) -> list[WrittenSequence]:
+        """Lists and recipe of all frames, once they are made."""
         return [target.completed(self.source) for target in self.targets]
 
 
@@ -150,6 +174,7 @@ class _Target:
         for form, folder in zip(self.forms, folders, strict=True):
             form.write_texts(folder, contents, form)
         counts = total(self.journal.entries[n].invalid_depth for n in numbers)
+        self.journal.sort()
         finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
         found = len(self.finished.intersection(source.numbers))
         return WrittenSequence(folders, len(source.numbers) - found, found, counts)
@@ -170,26 +195,6 @@ def _target(source: FrameSource, out: Path, settings: SequenceSettings, forms: l
 def _folders(out: Path, forms: list[Dialect]) -> tuple[Path, ...]:
     """One dialect lies in `out` itself, several in a folder each."""
     return (out,) if len(forms) == 1 else tuple(out / form.name for form in forms)
-
-
-def _made_frames(
-    source: FrameSource, numbers: list[int], targets: list[_Target], workers: int
-) -> Iterator[list[tuple[_Target, JournalEntry]]]:
-    """What each target lacked of a frame, as frames are done, in any order."""
-
-    def make(number: int) -> list[tuple[_Target, JournalEntry]]:
-        light, depth_z_m = source.load(number)
-        lacking = [t for t in targets if number not in t.finished]
-        return [(t, t.make(number, light, depth_z_m, source.camera)) for t in lacking]
-
-    with ThreadPoolExecutor(max(1, workers)) as pool:
-        waiting = [pool.submit(make, number) for number in numbers]
-        try:
-            for done in as_completed(waiting):
-                yield done.result()
-        finally:
-            for future in waiting:
-                future.cancel()
 
 
 def _write_image(files: list[Path], image: np.ndarray) -> str:

@@ -1,0 +1,135 @@
+"""One command at a time on an output folder, also on shared file systems: a file with host, process and heartbeat."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import threading
+import uuid
+from contextlib import suppress
+from pathlib import Path
+
+from iclnuim.errors import WorkError
+
+#: The holder touches its file this often; on other hosts a file that was not touched for STALE_S belongs to nobody.
+BEAT_S, STALE_S = 5.0, 90.0
+
+
+class OutputLock:
+    """`with OutputLock(folder):` holds it. Raises WorkError that says who works there already.
+
+    The file appears by a hard link, which is atomic on NFS too. Whoever finds a dead holder's file renames it away and looks
+    at what was renamed, so that of two that do so only one goes on.
+    """
+
+    def __init__(self, folder: Path, name: str = "lock") -> None:
+        self.path = Path(folder) / name
+        self._mine = {"host": platform.node(), "pid": os.getpid(), "born": _born(os.getpid()), "token": uuid.uuid4().hex}
+        self._end = threading.Event()
+
+    def __enter__(self) -> OutputLock:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        while not self._take():
+            holder = self._holder()
+            if holder is not None and self._lives(holder):
+                raise WorkError(
+                    f"{self.path.parent.parent}: process {holder.get('pid')} on {holder.get('host')} works there already; "
+                    f"wait for it, stop it, or use another --out"
+                )
+            if holder is not None:
+                self._bury(holder)
+        threading.Thread(target=self._beat, daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._end.set()
+        if self.held():
+            self.path.unlink(missing_ok=True)
+
+    def held(self) -> bool:
+        """Whether the file is still ours: a holder asleep for longer than STALE_S may have lost it."""
+        holder = self._holder()
+        return holder is not None and holder.get("token") == self._mine["token"]
+
+    def _take(self) -> bool:
+        draft = self.path.with_name(f".{self.path.name}-{self._mine['token']}")
+        try:
+            draft.write_text(json.dumps(self._mine) + "\n", "utf-8")
+            try:
+                os.link(draft, self.path)
+                return True
+            except FileExistsError:
+                return False
+            except OSError:  # a file system without links
+                return self._take_without_links()
+        finally:
+            draft.unlink(missing_ok=True)
+
+    def _take_without_links(self) -> bool:
+        try:
+            with open(self.path, "x", encoding="utf-8") as file:
+                file.write(json.dumps(self._mine) + "\n")
+        except FileExistsError:
+            return False
+        return True
+
+    def _holder(self) -> dict | None:
+        """What the file says; {} where it cannot be read, None where there is none."""
+        try:
+            content = json.loads(self.path.read_text("utf-8"))
+        except FileNotFoundError:
+            return None
+        except (ValueError, OSError):
+            return {}
+        return content if isinstance(content, dict) else {}
+
+    def _lives(self, holder: dict) -> bool:
+        if holder.get("host") == self._mine["host"] and isinstance(holder.get("pid"), int):
+            return _born(holder["pid"]) == holder.get("born") is not None
+        return self._age_s() < STALE_S
+
+    def _age_s(self) -> float:
+        """Since the last heartbeat, both times from the file server's clock."""
+        probe = self.path.with_name(f".clock-{self._mine['token']}")
+        try:
+            probe.touch()
+            return probe.stat().st_mtime - self.path.stat().st_mtime
+        except FileNotFoundError:
+            return STALE_S
+        finally:
+            probe.unlink(missing_ok=True)
+
+    def _bury(self, holder: dict) -> None:
+        grave = self.path.with_name(f".{self.path.name}-dead-{self._mine['token']}")
+        try:
+            os.rename(self.path, grave)
+        except FileNotFoundError:
+            return
+        with suppress(ValueError, OSError):
+            if json.loads(grave.read_text("utf-8")) != holder:  # somebody else's, taken in between: give it back
+                os.link(grave, self.path)
+        grave.unlink(missing_ok=True)
+
+    def _beat(self) -> None:
+        while not self._end.wait(BEAT_S):
+            with suppress(OSError):
+                os.utime(self.path)
+
+
+def _born(pid: int) -> str | None:
+    """When a process of this host started, as the kernel counts; None when it is gone. Numbers are used again, births are not."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return None if fields[0] == "Z" else fields[19]
+    except (OSError, IndexError):
+        pass
+    if Path("/proc/self/stat").exists():
+        return None
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return None
+    except PermissionError:
+        pass
+    return "unknown"
