@@ -28,7 +28,7 @@ def figure(results: Sequence[Result]) -> Figure:
         _draw(right, line, [np.nan if r.flicker is None else 255 * r.flicker for r in line], style)
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
-    right.set_ylim(bottom=0)
+    right.set_yscale("log")
     for axes in (left, right):
         axes.set_xscale("log")
         axes.set_xlabel("seconds a frame, 640 x 480 (numbers: samples a pixel)")
