@@ -34,10 +34,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def add_farm_options(parser: argparse.ArgumentParser) -> None:
     """How the work is shared: nothing here changes a pixel."""
     parser.add_argument(
-        "--workers", type=int, metavar="N", help="processes that render, two cores or more for each; default: all cores, two each"
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes that render, two cores or more for each; default: all cores, two each",
     )
     parser.add_argument(
-        "--stuck-after", type=float, metavar="S", help="seconds without any sign of life until a worker is replaced; default: 120"
+        "--stuck-after",
+        type=float,
+        metavar="S",
+        help="seconds without any sign of life until a worker is replaced; default: 120",
     )
 
 
@@ -66,7 +72,9 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
         "--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes"
     )
     parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
-    parser.add_argument("--exposure", type=float, metavar="S", help="seconds the shutter is open: motion blur; default: 0")
+    parser.add_argument(
+        "--exposure", type=float, metavar="S", help="seconds the shutter is open: motion blur; default: 0"
+    )
     parser.add_argument(
         "--readout", type=float, metavar="S", help="seconds from first row to last: rolling shutter; default: 0"
     )
@@ -82,7 +90,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
         finished = render_here(usable_here(job, args, console), out, frames, console, args.blend)
         return 0 if finished else 130
     numbers = frame_slice(frames, len(load_trajectory(job)))
-    with stop_on_signals() as stopped, rendering.taken_up(job, out, console, stopped, args.workers, care_from(args)) as held:
+    with (
+        stop_on_signals() as stopped,
+        rendering.taken_up(job, out, console, stopped, args.workers, care_from(args)) as held,
+    ):
         return rendering.report(held.render(numbers), console)
 
 

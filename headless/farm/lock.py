@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import threading
+import time
 import uuid
 from contextlib import suppress
 from pathlib import Path
@@ -19,13 +20,17 @@ BEAT_S, STALE_S = 5.0, 90.0
 class OutputLock:
     """`with OutputLock(folder):` holds it. Raises WorkError that says who works there already.
 
-    The file appears by a hard link, which is atomic on NFS too. Whoever finds a dead holder's file renames it away and looks
-    at what was renamed, so that of two that do so only one goes on.
+    The file appears by a hard link, which is atomic on NFS too.
     """
 
     def __init__(self, folder: Path, name: str = "lock") -> None:
         self.path = Path(folder) / name
-        self._mine = {"host": platform.node(), "pid": os.getpid(), "born": _born(os.getpid()), "token": uuid.uuid4().hex}
+        self._mine = {
+            "host": platform.node(),
+            "pid": os.getpid(),
+            "born": _born(os.getpid()),
+            "token": uuid.uuid4().hex,
+        }
         self._end = threading.Event()
 
     def __enter__(self) -> OutputLock:
@@ -87,29 +92,38 @@ class OutputLock:
     def _lives(self, holder: dict) -> bool:
         if holder.get("host") == self._mine["host"] and isinstance(holder.get("pid"), int):
             return _born(holder["pid"]) == holder.get("born") is not None
-        return self._age_s() < STALE_S
+        return self._age_s(self.path) < STALE_S
 
-    def _age_s(self) -> float:
-        """Since the last heartbeat, both times from the file server's clock."""
+    def _age_s(self, path: Path) -> float:
+        """Since a file was touched, both times from the file server's clock; 0 where it is gone."""
         probe = self.path.with_name(f".clock-{self._mine['token']}")
         try:
             probe.touch()
-            return probe.stat().st_mtime - self.path.stat().st_mtime
+            return probe.stat().st_mtime - path.stat().st_mtime
         except FileNotFoundError:
-            return STALE_S
+            return 0.0
         finally:
             probe.unlink(missing_ok=True)
 
     def _bury(self, holder: dict) -> None:
-        grave = self.path.with_name(f".{self.path.name}-dead-{self._mine['token']}")
+        """Remove a dead holder's file. One at a time, and after a second look: else a new holder's could go."""
+        spade = self.path.with_name(f".{self.path.name}-spade")
         try:
-            os.rename(self.path, grave)
-        except FileNotFoundError:
+            os.close(os.open(spade, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+        except FileExistsError:
+            self._wait_for(spade)
             return
-        with suppress(ValueError, OSError):
-            if json.loads(grave.read_text("utf-8")) != holder:  # somebody else's, taken in between: give it back
-                os.link(grave, self.path)
-        grave.unlink(missing_ok=True)
+        try:
+            if self._holder() == holder:
+                self.path.unlink(missing_ok=True)
+        finally:
+            spade.unlink(missing_ok=True)
+
+    def _wait_for(self, spade: Path) -> None:
+        """Another one is at it; one that died there is not waited for."""
+        time.sleep(0.05)
+        if self._age_s(spade) > STALE_S:
+            spade.unlink(missing_ok=True)
 
     def _beat(self) -> None:
         while not self._end.wait(BEAT_S):

@@ -104,7 +104,9 @@ class LocalRun:
             if event["event"] == "error" and not event.get("bug"):
                 raise (InputError if event.get("code") == 2 else WorkError)(event["text"])
             if event["event"] == "exit":
-                raise WorkError(f"a worker does not start (code {event['code']}): {worker.last_words()}; its log: {worker.log}")
+                raise WorkError(
+                    f"a worker does not start (code {event['code']}): {worker.last_words()}; its log: {worker.log}"
+                )
         raise KeyboardInterrupt
 
     def _close_opener(self) -> None:
@@ -139,6 +141,8 @@ def taken_up(
     trajectory, out = load_trajectory(job), Path(out)
     worker_command()
     stood = out.exists()
+    if stood and not out.is_dir():
+        raise InputError("a folder", path=out, found="a file", hint="another --out")
     try:
         with OutputLock(out / ".farm"):
             held = LocalRun(job, out, trajectory, console, should_stop, workers, care or Care())
@@ -165,5 +169,7 @@ def report(outcome: Outcome, console: Console) -> int:
         console.note(f"{outcome.deaths} workers ended before their time and were replaced")
     if outcome.failed:
         listed = "; ".join(f"frame {n}: {log}" for n, log in sorted(outcome.failed.items())[:10])
-        raise WorkError(f"{len(outcome.failed)} frames failed and were given up, the rest is done; their logs: {listed}")
+        raise WorkError(
+            f"{len(outcome.failed)} frames failed and were given up, the rest is done; their logs: {listed}"
+        )
     return 0

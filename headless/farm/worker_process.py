@@ -30,7 +30,9 @@ def worker_command() -> list[str]:
         return [sys.executable, str(CHILD)]
     blender = shutil.which("blender")
     if blender is None:
-        raise WorkError("neither the bpy package nor a blender binary is there; try: pip install bpy, or `iclnuim doctor`")
+        raise WorkError(
+            "neither the bpy package nor a blender binary is there; try: pip install bpy, or `iclnuim doctor`"
+        )
     return _by_blender(blender)
 
 

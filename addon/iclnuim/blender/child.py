@@ -135,7 +135,14 @@ def _serve(options: dict, out: Path, emit: Callable[[dict], None], commands: Com
             else:
                 rendered, whole = session.render(command["frames"], stopped.is_set)
             seconds = round(time.perf_counter() - begun, 4)
-            emit({"event": "chunk" if whole else "stopped", "rendered": rendered, "seconds": seconds, "rss_mb": _rss_mb()})
+            emit(
+                {
+                    "event": "chunk" if whole else "stopped",
+                    "rendered": rendered,
+                    "seconds": seconds,
+                    "rss_mb": _rss_mb(),
+                }
+            )
             if not whole:
                 return 130
     emit({"event": "done"})

@@ -34,7 +34,9 @@ class Journal:
             if entry is not None:
                 self.entries[entry.frame] = entry
         if rest:
-            os.truncate(path, len(whole + newline))  # in place: a kill in the middle of writing anew would lose all entries
+            os.truncate(
+                path, len(whole + newline)
+            )  # in place: a kill in the middle of writing anew would lose all entries
 
     def add(self, entry: JournalEntry) -> None:
         """Append one line. Raises WorkError where it cannot be written."""

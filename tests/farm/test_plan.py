@@ -1,0 +1,43 @@
+"""The plan: every missing frame in exactly one chunk, whatever the sizes; the cores of a machine shared without rest."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from iclnuim.errors import InputError
+from iclnuim_bench.farm.cores import split
+from iclnuim_bench.farm.plan import chunks_of, local_size, size_for_seconds
+
+
+@given(st.lists(st.integers(0, 10**6), unique=True, max_size=300), st.integers(1, 400))
+def test_each_frame_is_in_one_chunk_in_its_order_and_none_is_too_long(frames, size):
+    chunks = chunks_of(frames, size)
+    assert [n for chunk in chunks for n in chunk.frames] == frames
+    assert all(1 <= len(chunk.frames) <= size for chunk in chunks)
+    assert [chunk.number for chunk in chunks] == list(range(len(chunks)))
+    lengths = [len(chunk.frames) for chunk in chunks] or [0]
+    assert max(lengths) - min(lengths) <= 1
+
+
+@given(st.integers(0, 10**5), st.integers(1, 256))
+def test_local_chunks_keep_all_workers_busy_to_the_end(frames, workers):
+    size = local_size(frames, workers)
+    assert size >= 1 and (size == 1 or frames / size >= 8 * workers)
+
+
+def test_chunks_for_a_cluster_fill_the_time():
+    assert size_for_seconds(300, 0.1) == 3000
+    assert size_for_seconds(300, 1000) == 1
+    with pytest.raises(InputError, match="above 0"):
+        size_for_seconds(300, 0)
+
+
+@given(st.integers(1, 200), st.sampled_from(["baked", "path"]))
+def test_every_core_has_one_worker_and_every_worker_two_cores(count, light):
+    shares = split(light, None, list(range(count)))
+    assert sorted(core for share in shares for core in share) == list(range(count))
+    assert all(len(share) >= min(2, count) for share in shares)
+
+
+def test_more_workers_than_pairs_of_cores_are_refused():
+    with pytest.raises(InputError, match="1 to 2 workers on 4 cores"):
+        split("path", 3, [0, 1, 2, 3])
