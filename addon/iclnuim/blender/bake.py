@@ -46,7 +46,10 @@ _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """size: of the square map, in texels; samples: a texel and source of light; coarse_size, coarse_samples: of the map in between."""
+    """size: of the square map, in texels; samples: a texel and source of light; coarse_size, coarse_samples: of the map in between,
+
+    which is never larger than the map itself.
+    """
 
     size: int = 2048
     samples: int = 32
@@ -59,6 +62,7 @@ class BakeSettings:
             least = 0 if name == "seed" else 16 if name.endswith("size") else 2
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise InputError(f"{name} as a whole number from {least} up", found=value)
+        object.__setattr__(self, "coarse_size", min(self.coarse_size, self.size))
 
 
 def prepare(scene_key_extra: dict, settings: BakeSettings, cache: Path, report: Report = lambda text: None) -> Path:
