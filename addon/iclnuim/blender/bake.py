@@ -46,9 +46,9 @@ _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """size: of the square map, in texels; samples: a texel and source of light; coarse_size, coarse_samples: of the map in between,
+    """size: of the square map, in texels; samples: a texel and source of light.
 
-    which is never larger than the map itself.
+    coarse_size, coarse_samples: of the map in between, which is never larger than the map itself.
     """
 
     size: int = 2048
