@@ -1,0 +1,50 @@
+"""`iclnuim status`: the files alone say what is done."""
+
+import json
+
+import numpy as np
+import pytest
+from iclnuim.dataset.run_folder import load_trajectory, open_run
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.job import shipped_job
+from iclnuim_bench.cli import main
+
+
+@pytest.fixture
+def run(tmp_path):
+    job = shipped_job("kt2").changed(camera=PinholeCamera.parse("16x12"))
+    run = open_run(tmp_path / "out/raw", {"job": job.to_dict()}, load_trajectory(job))
+    for number in (0, 1, 3):
+        run.write_frame(number, np.zeros((12, 16, 3)), np.ones((12, 16)))
+    return run
+
+
+def told(capsys, *arguments):
+    assert main(["status", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_folder_tells_which_frames_are_missing(run, capsys):
+    values = told(capsys, run.path, "--frames", ":5")
+    assert (values["frames"], values["finished"], values["missing_frames"]) == (5, 3, [2, 4])
+    assert told(capsys, run.path.parent, "--frames", ":5")["missing_frames"] == [2, 4]
+
+
+def test_a_broken_frame_counts_as_missing(run, capsys):
+    file = run.frame_file(1)
+    file.write_bytes(file.read_bytes()[:-20])
+    assert told(capsys, run.path, "--frames", ":4")["missing_frames"] == [1, 2]
+
+
+def test_frames_that_became_pairs_are_not_missed(run, capsys):
+    for name in ("clean", "noisy"):
+        (run.path.parent / name).mkdir()
+        (run.path.parent / name / "frames.jsonl").write_text('{"frame": 0}\n{"fra')
+    run.frame_file(0).unlink()
+    values = told(capsys, run.path, "--frames", ":4")
+    assert (values["in_sequences"], values["missing_frames"]) == (1, [2])
+
+
+def test_a_folder_without_a_run_is_bad_input(tmp_path, capsys):
+    assert main(["status", str(tmp_path)]) == 2
+    assert "no sequence.json" in capsys.readouterr().err
