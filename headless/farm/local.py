@@ -134,7 +134,7 @@ class LocalFarm:
         now = time.monotonic()
         for worker in self._workers:
             patience = self._care.silent_s if worker.ready else self._care.starting_s
-            if now - worker.last_heard_s > patience:
+            if worker.busy and now - worker.last_heard_s > patience:
                 worker.kill()
 
     def _buried(self, worker: WorkerProcess, code: int) -> None:
