@@ -1,0 +1,1 @@
+"""Surfaces from depth: the truncated signed distance volume."""
