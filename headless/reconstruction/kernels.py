@@ -152,7 +152,5 @@ def trace(K, R, t, origin, voxel, far, index, tsdf, weight, colour, depth, norma
                         for a in range(3):
                             rgb[v, u, a] = colour[row, (i & 7) * 64 + (j & 7) * 8 + (k & 7), a]
                     break
-                if before <= 0.0 and f > 0.0:
-                    pass  # leaving a surface from behind: not a hit
                 before, z_before = f, z
                 z += 4.0 / length if math.isnan(f) else 1.0 / length
