@@ -10,6 +10,7 @@ from . import shipped
 from .errors import InputError
 from .formats.files import read_json
 from .geometry.camera import PinholeCamera
+from .geometry.scene_axes import SceneReading
 from .sensor.exposure import Exposure
 
 SCHEMA_VERSION = 1
@@ -26,6 +27,7 @@ class RenderJob:
     with OpenImageDenoise. Without `antialias` one ray passes through each pixel's centre, as in the paper (section II);
     Z is that of the centre in any case. `lambertian` leaves reflections out. `map_size` (texels) and `map_samples`: the light map's.
     `exposure_s` and `readout_s` (seconds): motion blur and rolling shutter of RGB, see sensor.exposure.
+    `reading`: axes and units of a scene file; left out of the recipe where nothing is asked for.
     """
 
     sequence: str
@@ -42,6 +44,7 @@ class RenderJob:
     seed: int = 0
     exposure_s: float = 0.0
     readout_s: float = 0.0
+    reading: SceneReading = field(default_factory=SceneReading)
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT_DEFAULTS:
@@ -74,7 +77,9 @@ class RenderJob:
     def to_dict(self) -> dict:
         """The inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}
+        reading = values.pop("reading").to_dict()
+        made = {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}
+        return {**made, "reading": reading} if reading else made
 
     @classmethod
     def from_dict(cls, content: dict) -> RenderJob:
@@ -94,6 +99,8 @@ class RenderJob:
             if not isinstance(content["camera"], dict):
                 raise InputError("camera as an object of width, height, fx, fy, cx, cy", found=content["camera"])
             content["camera"] = PinholeCamera.from_dict(content["camera"])
+        if "reading" in content:
+            content["reading"] = SceneReading.from_dict(content["reading"])
         return cls(**content)
 
     def changed(self, **settings: object) -> RenderJob:
@@ -127,6 +134,7 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
         job,
         scene=_inside(path, job.scene, shipped.SCENE_NAMES),
         trajectory=_inside(path, job.trajectory, shipped.sequence_names()),
+        reading=replace(job.reading, textures=job.reading.textures and _inside(path, job.reading.textures, ())),
     )
 
 

@@ -1,7 +1,8 @@
-"""Where the shipped scenes and trajectories lie: inside the installed package, or in the checkout's top level."""
+"""Where the shipped scenes and trajectories lie (the installed package, or the checkout's top level), and the cache."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -18,6 +19,14 @@ def folder(name: str) -> Path:
         if place.is_dir():
             return place
     raise InputError(f"a folder {name}/ in the package or the checkout", path=_PACKAGE, hint="installing iclnuim again")
+
+
+def cache_folder() -> Path:
+    """ICLNUIM_CACHE, or iclnuim below XDG_CACHE_HOME, or ~/.cache/iclnuim."""
+    own = os.environ.get("ICLNUIM_CACHE")
+    if own:
+        return Path(own).expanduser()
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser() / "iclnuim"
 
 
 def sequence_names() -> list[str]:

@@ -4,8 +4,9 @@
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
 JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE}. Commands:
-{"frames": [..]}, {"bake": true}, {"stop": true}. At the end of input, or when the parent is gone, the frame in work is
-finished and the process ends. Events are listed in headless/README.md. Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
+{"frames": [..]}, also with "sequences": {..} to be made of them (dataset/variants.py), {"bake": true}, {"stop": true}. At the end of
+input, or when the parent is gone, the frame in work is finished and the process ends. Events are listed in headless/README.md.
+Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from iclnuim.blender import worker
+
+Emit = Callable[[dict], None]
 #: A process whose parent is gone gets this long to finish its frame.
 GRACE_S = 60.0
 #: Signs of life, so that a stopped process can be told from a long frame.
@@ -44,11 +50,11 @@ class Events:
 class Journal:
     """Passes events on, and appends finished frames to a file first: one line each, whole lines even where several processes write."""
 
-    def __init__(self, path: str, emit: Callable[[dict], None]) -> None:
+    def __init__(self, path: str, emit: Emit) -> None:
         self._file, self._emit = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644), emit
 
     def __call__(self, event: dict) -> None:
-        if event["event"] == "frame":
+        if event["event"] == "frame" and not event.get("found"):
             line = {"frame": event["frame"], "pid": os.getpid(), "time_s": round(time.time(), 3)}
             with suppress(OSError):  # a full disk: the next frame says so
                 os.write(self._file, json.dumps(line).encode() + b"\n")
@@ -115,7 +121,7 @@ def main(arguments: list[str]) -> int:
         return 3
 
 
-def _serve(options: dict, out: Path, emit: Callable[[dict], None], commands: Commands) -> int:
+def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
     from iclnuim.blender import compat, worker
     from iclnuim.job import RenderJob
 
@@ -133,7 +139,7 @@ def _serve(options: dict, out: Path, emit: Callable[[dict], None], commands: Com
                 rendered, whole = 0, True
                 emit({"event": "baked", "folder": str(session.bake())})
             else:
-                rendered, whole = session.render(command["frames"], stopped.is_set)
+                rendered, whole = _render(session, command, emit, stopped.is_set)
             seconds = round(time.perf_counter() - begun, 4)
             emit(
                 {
@@ -149,7 +155,20 @@ def _serve(options: dict, out: Path, emit: Callable[[dict], None], commands: Com
     return 0
 
 
-def _signs_of_life(emit: Callable[[dict], None]) -> None:
+def _render(session: worker.Session, command: dict, emit: Emit, should_stop: Callable[[], bool]) -> tuple[int, bool]:
+    """Frames, then the sequences made of them; what is wrong with these is said before the first frame."""
+    from iclnuim.dataset import variants
+
+    wanted, numbers = command.get("sequences"), command["frames"]
+    writer = variants.begin_variants(session.run, session.trajectory, numbers, wanted) if wanted else None
+    rendered, whole = session.render(numbers, should_stop)
+    if writer is not None and whole:
+        emit({"event": "missing", "of": "sequences", "missing": len(writer.missing)})
+        whole = variants.write_unless(writer, lambda n: emit({"event": "written", "frame": n}), should_stop)
+    return rendered, whole
+
+
+def _signs_of_life(emit: Emit) -> None:
     while True:
         time.sleep(ALIVE_S)
         emit({"event": "alive"})

@@ -50,3 +50,36 @@ def has_denoiser() -> bool:
         return bool(getattr(_cycles, "with_openimagedenoise", False))
     except ImportError:
         return False
+
+
+def import_fbx(path: str) -> object:
+    """4.5 brought a reader of its own; before, and in builds without it, the add-on's. Raises AttributeError where there is none."""
+    for group, name in (("wm", "fbx_import"), ("import_scene", "fbx")):
+        reader = getattr(getattr(bpy.ops, group), name)
+        if _is_there(reader):
+            return reader(filepath=path)
+    raise AttributeError("fbx")
+
+
+def import_usd(path: str) -> object:
+    """Materials by their preview, lamps, no light from outside the file. Raises AttributeError in builds without USD."""
+    if not _is_there(bpy.ops.wm.usd_import):
+        raise AttributeError("usd")
+    known = bpy.ops.wm.usd_import.get_rna_type().properties.keys()
+    wanted = {"import_usd_preview": True, "set_frame_range": False, "apply_unit_conversion_scale": True}
+    return bpy.ops.wm.usd_import(filepath=path, **{k: v for k, v in wanted.items() if k in known})
+
+
+def _is_there(operator: object) -> bool:
+    try:
+        operator.get_rna_type()
+    except (KeyError, RuntimeError, AttributeError):
+        return False
+    return True
+
+
+def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
+    """All F-curves of an action, whatever they drive; nothing is changed. See `fcurves` for where they lie."""
+    if not hasattr(action, "layers"):
+        return list(action.fcurves)
+    return [c for layer in action.layers for strip in layer.strips for bag in strip.channelbags for c in bag.fcurves]

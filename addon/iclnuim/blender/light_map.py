@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import tempfile
 import zipfile
@@ -14,17 +13,10 @@ import numpy as np
 
 from ..errors import WorkError
 from ..formats.exr import write_exr
+from ..shipped import cache_folder as cache_folder
 from .lit_scene import MapLayout
 
 MAP, LAYOUT, RECIPE = "light.exr", "layout.npz", "recipe.json"
-
-
-def cache_folder() -> Path:
-    """ICLNUIM_CACHE, or iclnuim below XDG_CACHE_HOME, or ~/.cache/iclnuim."""
-    own = os.environ.get("ICLNUIM_CACHE")
-    if own:
-        return Path(own).expanduser()
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser() / "iclnuim"
 
 
 def is_whole(folder: Path) -> bool:

@@ -108,6 +108,7 @@ def batches(count: int) -> list[slice]:
 
 def _run_bake(target: bpy.types.Object) -> None:
     layer = bpy.context.view_layer
+    layer.update()  # else an object that was just linked may not be among its objects yet
     for thing in layer.objects:
         thing.select_set(thing == target)
     layer.objects.active = target

@@ -35,6 +35,10 @@ class Part:
 def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
     """The evaluated scene as the renderer would see it: what is hidden only in the viewport is shown, and the reverse."""
     with ExitStack() as stack:
+        for collection in scene.collection.children_recursive:
+            stack.enter_context(kept(collection, hide_viewport=collection.hide_render))
+        for layer in _layers(bpy.context.view_layer.layer_collection):
+            stack.enter_context(kept(layer, hide_viewport=False))
         for thing in scene.objects:
             stack.enter_context(kept(thing, hide_viewport=thing.hide_render))
             hidden = thing.hide_get()
@@ -47,6 +51,11 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         depsgraph.update()
         yield depsgraph
+
+
+def _layers(layer: bpy.types.LayerCollection) -> list[bpy.types.LayerCollection]:
+    """All below `layer`; the top one is never hidden."""
+    return [inner for child in layer.children for inner in (child, *_layers(child))]
 
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:

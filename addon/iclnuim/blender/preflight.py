@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from . import moving
+
 #: Depth is float32: at this distance from the origin its steps reach about 0.1 mm.
 FAR_M = 1000.0
 
@@ -73,26 +75,13 @@ def _place(scene: bpy.types.Scene) -> list[str]:
 
 
 def _motion(scene: bpy.types.Scene, baked: bool) -> list[str]:
-    moving = sorted(o.name for o in scene.objects if o.type != "CAMERA" and _moves(o))
-    if not moving:
+    moves = moving.names(scene)
+    if not moves:
         return []
     consequence = (
         "baked light would be wrong there: render with --light path"
         if baked
         else "each frame shows them at its own time"
     )
-    return [f"objects or lights that move ({', '.join(moving)[:120]}): {consequence}"]
+    return [f"objects or lights that move ({', '.join(moves)[:120]}): {consequence}"]
 
-
-def _moves(thing: bpy.types.Object) -> bool:
-    """Animated by itself, its data, its shape keys or its simulation."""
-    data = [thing, thing.data, getattr(thing.data, "shape_keys", None), getattr(thing.data, "node_tree", None)]
-    animated = any(
-        d is not None and getattr(d, "animation_data", None) and (d.animation_data.action or d.animation_data.drivers)
-        for d in data
-    )
-    return (
-        animated
-        or thing.rigid_body is not None
-        or any(m.type in {"CLOTH", "SOFT_BODY", "FLUID", "ARMATURE"} for m in thing.modifiers)
-    )

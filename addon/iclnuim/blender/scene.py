@@ -1,4 +1,4 @@
-"""Opening a scene: a shipped one, or anybody's .blend, .obj, .glb. The file itself is never written."""
+"""Opening a scene: a shipped one, or anybody's file. The file itself is never written."""
 
 from __future__ import annotations
 
@@ -9,43 +9,44 @@ import bpy
 
 from .. import scenes, shipped
 from ..errors import InputError
-from . import session
-
-IMPORTERS = {
-    ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path),
-    ".glb": lambda path: bpy.ops.import_scene.gltf(filepath=path),
-    ".gltf": lambda path: bpy.ops.import_scene.gltf(filepath=path),
-}
+from ..geometry.scene_axes import SceneReading
+from . import import_files, own_scene, scene_paths, session
 
 
-def open_scene(name: str) -> list[str]:
+def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
     """Reset the session and open `name`; returns notes worth telling. Raises InputError for what cannot be opened."""
     session.reset()
-    if name in scenes.SCENES:
+    if is_shipped(name):
         _open_shipped(name)
         return []
-    path = _checked_file(name)
-    try:
-        if path.suffix.lower() == ".blend":
-            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
-        else:
-            IMPORTERS[path.suffix.lower()](str(path))
-    except RuntimeError as error:
-        raise InputError(
-            "a scene that Blender can open", path=path, found=str(error).strip().splitlines()[-1]
-        ) from None
-    if not any(o.type in {"MESH", "CURVE", "SURFACE", "META", "FONT"} for o in bpy.context.scene.objects):
-        raise InputError("a scene with at least one surface", path=path, found="none")
-    return _add_light_where_there_is_none()
+    return own_scene.open_file(_checked_file(name), reading or SceneReading())
+
+
+def is_shipped(name: str) -> bool:
+    return name in scenes.SCENES
 
 
 def scene_sha256(name: str) -> str:
-    """What tells one version of a scene from another: the hash of its file."""
-    path = _shipped_file(name) if name in scenes.SCENES else _checked_file(name)
+    """What tells one version of a scene from another: the hash of its file, and of what it takes from beside it.
+
+    Textures of a file that only Blender can read count once it is open: open it first.
+    """
+    if not is_shipped(name):
+        return scene_paths.sha256(_checked_file(name))
+    path = _shipped_file(name)
     if path is not None:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     sources = sorted(Path(scenes.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()
+
+
+def _checked_file(name: str) -> Path:
+    try:
+        return import_files.checked_file(name)
+    except InputError as error:
+        if error.path is not None:
+            raise
+        raise InputError(f"a scene: {', '.join(scenes.SCENES)} or {error.expected[2:]}", found=name) from None
 
 
 def _shipped_file(name: str) -> Path | None:
@@ -63,30 +64,3 @@ def _open_shipped(name: str) -> None:
         scenes.build_scene(name)
     else:
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
-
-
-def _checked_file(name: str) -> Path:
-    path = Path(name).expanduser().resolve()
-    kinds = (".blend", *IMPORTERS)
-    if path.suffix.lower() not in kinds:
-        raise InputError(f"a scene: {', '.join(scenes.SCENES)} or a file ending in {', '.join(kinds)}", found=name)
-    if not path.is_file():
-        raise InputError("a scene file", path=path, found="nothing of that name")
-    return path
-
-
-def _add_light_where_there_is_none() -> list[str]:
-    """Imported geometry often has no light at all: then an even grey sky, and a note."""
-    world = bpy.context.scene.world
-    if world is not None or any(o.type == "LIGHT" for o in bpy.context.scene.objects) or _any_emission():
-        return []
-    world = bpy.data.worlds.new("Neutral light")
-    world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    bpy.context.scene.world = world
-    return ["the scene has no light: an even white sky was added"]
-
-
-def _any_emission() -> bool:
-    trees = [m.node_tree for m in bpy.data.materials if m.use_nodes and m.node_tree]
-    return any(node.type == "EMISSION" for tree in trees for node in tree.nodes)

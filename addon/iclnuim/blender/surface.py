@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from . import light_surfaces
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -19,8 +21,12 @@ class Surface:
 
 
 def triangles() -> Surface:
-    """All surfaces a camera ray can meet: evaluated (modifiers, instances), without what is hidden from the render."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
+    """All surfaces a camera ray can meet: evaluated as for a render (modifiers, instances), without what is hidden from it."""
+    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        return _triangles(depsgraph)
+
+
+def _triangles(depsgraph: bpy.types.Depsgraph) -> Surface:
     vertices, faces, owners, names, count = [], [], [], [], 0
     for instance in depsgraph.object_instances:
         thing = instance.object
@@ -39,6 +45,14 @@ def triangles() -> Surface:
     if not vertices:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int32), ())
     return Surface(np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners), tuple(names))
+
+
+def triangle_count() -> int:
+    """How many triangles the open scene renders, those of every instance counted; curves and texts left out."""
+    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        shown = (i.object for i in depsgraph.object_instances)
+        meshes = (thing.data for thing in shown if thing.type == "MESH" and _is_seen(thing))
+        return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
 
 
 def _is_seen(thing: bpy.types.Object) -> bool:

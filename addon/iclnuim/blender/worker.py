@@ -5,7 +5,8 @@
     {"event": "note", "text": ...}
     {"event": "start", "frames": asked for, "missing": still to be rendered}
     {"event": "ready"}: the scene stands, frames follow
-    {"event": "frame", "frame": number, "cycles": seconds in Blender, "close": seconds to turn its file into ours}
+    {"event": "frame", "frame": number, "cycles": seconds in Blender, "close": seconds to turn its file into ours},
+        "found": true where another process had finished it meanwhile
     {"event": "done", "rendered": ..., "seconds": ...} or {"event": "stopped", "rendered": ...}
 """
 
@@ -26,11 +27,25 @@ import numpy as np
 
 from .. import __version__, shipped
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, trajectory_file
-from ..errors import InputError
-from ..formats.files import read_bytes, sha256
+from ..errors import InputError, WorkError
+from ..formats.files import read_bytes, sha256, writer_died
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
-from . import bake, camera, compat, exposure, frames, lambertian, light_map, output, preflight, scene, settings
+from . import (
+    bake,
+    camera,
+    compat,
+    exposure,
+    frames,
+    lambertian,
+    light_index,
+    light_map,
+    output,
+    own_scene,
+    preflight,
+    scene,
+    settings,
+)
 
 Emit = Callable[[dict], None]
 
@@ -73,9 +88,11 @@ class Session:
 
     def __init__(self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None) -> None:
         compat.require_supported_version()
-        self.job, self.emit, self.threads = job, emit, threads
+        self.emit, self.threads = emit, threads
         self.trajectory = load_trajectory(job)
-        self.run = open_run(out, recipe(job), self.trajectory)
+        self._opened = not scene.is_shipped(job.scene)
+        self.job = _opened(job, emit) if self._opened else job
+        self.run = open_run(out, recipe(self.job), self.trajectory)
         self.work = _work_folder(self.run)
         self._output = output.blender_output_in(self.work / "blender.log")
         self._ready = False
@@ -91,20 +108,22 @@ class Session:
     def prepare(self) -> None:
         """Build the scene, once."""
         if not self._ready:
-            _prepare(self.job, self.trajectory, self.emit)
+            _prepare(self.job, self.trajectory, self.emit, self._opened)
             self._use_threads()
-            self._ready = True
+            self._ready, self._opened = True, False
             self.emit({"event": "ready"})
 
     def bake(self) -> Path:
         """Find or make the light map; leaves the scene to be built anew."""
-        self._ready = False
-        return bake_light(self.job, self.emit, self._use_threads)
+        opened, self._ready, self._opened = self._opened, False, False
+        return bake_light(self.job, self.emit, self._use_threads, opened)
 
     def render(self, numbers: Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
         """Frames of `numbers` rendered now, and whether all of them are there."""
         missing = self.run.missing(checked_frames(numbers, len(self.trajectory)))
+        self.emit({"event": "missing", "of": "frames", "missing": len(missing)})
         if missing:
+            self.run.check_space(len(missing))
             self.prepare()
         return self.loop(missing, should_stop)
 
@@ -141,13 +160,24 @@ def recipe(job: RenderJob) -> dict:
     }
 
 
-def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
-    """Open the scene, light it, key the camera, fix every setting."""
+def _opened(job: RenderJob, emit: Emit) -> RenderJob:
+    """Open somebody's own scene before its run is taken up: its textures count in the recipe, and what moves decides the light."""
+    with output.blender_output_in(Path(os.devnull)):
+        notes = scene.open_scene(job.scene, job.reading)
+        job, more = own_scene.lit_as_it_can_be(job)
+    for text in [*notes, *more]:
+        emit({"event": "note", "text": text})
+    return job
+
+
+def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -> None:
+    """Open the scene unless that was done, light it, key the camera, fix every setting."""
 
     def note(text: str) -> None:
         emit({"event": "note", "text": text})
 
-    for text in [*scene.open_scene(job.scene), *preflight.findings(job.light == "baked")]:
+    notes = [] if opened else scene.open_scene(job.scene, job.reading)
+    for text in [*notes, *preflight.findings(job.light == "baked")]:
         note(text)
     if job.lambertian:
         lambertian.apply()
@@ -158,15 +188,25 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit) -> None:
     camera.keyframe(trajectory.T_world_camera, job.camera)
 
 
-def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None) -> Path:
-    """Open the job's scene and find or make its light map, in the folder that is returned. `configure()` before the work."""
+def bake_light(
+    job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None, opened: bool = False
+) -> Path:
+    """Open the job's scene, unless it is, and find or make its light map, in the folder that is returned. `configure()` before the work.
+
+    Raises InputError for a scene that cannot be lit so.
+    """
     compat.require_supported_version()
 
     def note(text: str) -> None:
         emit({"event": "note", "text": text})
 
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
-        for text in [*scene.open_scene(job.scene), *preflight.findings(True)]:
+        for text in [] if opened else scene.open_scene(job.scene, job.reading):
+            note(text)
+        hindrance = own_scene.why_not_baked(bpy.context.scene)
+        if hindrance:
+            raise InputError("a scene whose light can be baked", path=job.scene, found=hindrance, hint="--light path")
+        for text in preflight.findings(True):
             note(text)
         if job.lambertian:
             lambertian.apply()
@@ -178,7 +218,10 @@ def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambd
 def _light(job: RenderJob, note: Callable[[str], None]) -> Path:
     """The light map of the open scene."""
     map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
-    return bake.prepare({}, map_settings, light_map.cache_folder(), note)
+    cache = light_map.cache_folder()
+    folder = bake.prepare({}, map_settings, cache, note)
+    light_index.note(cache, job, folder)
+    return folder
 
 
 def _loop(
@@ -229,9 +272,12 @@ def _close(
 ) -> dict:
     """Blender's raw frame -> the finished file; returns its event."""
     begun = time.perf_counter()
+    event = {"event": "frame", "frame": number, "cycles": cycles_seconds}
+    if run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
+        return {**event, "close": 0.0, "found": True}
     rgb, depth_z_m = frames.read(raw, raw_depth)
     run.write_frame(number, rgb if blurred is None else blurred, depth_z_m)
-    return {"event": "frame", "frame": number, "cycles": cycles_seconds, "close": time.perf_counter() - begun}
+    return {**event, "close": time.perf_counter() - begun}
 
 
 def _finish(closing: Future | None, emit: Emit) -> None:
@@ -240,16 +286,22 @@ def _finish(closing: Future | None, emit: Emit) -> None:
 
 
 def _work_folder(run: RunFolder) -> Path:
-    """A folder for Blender's raw frames, named after this process; those of processes that died here are removed."""
-    host = platform.node()
-    for old in run.path.glob(f".work-{host}-*"):
+    """A folder for Blender's raw frames, named after this process; those of processes that died here are removed.
+
+    It lies in the run folder, or in ICLNUIM_SCRATCH: a node's own disk.
+    """
+    host, place = platform.node(), Path(os.environ.get("ICLNUIM_SCRATCH") or run.path)
+    for old in place.glob(f".work-{host}-*"):
         if not _alive(int(old.name.rsplit("-", 1)[1])):
             shutil.rmtree(old, ignore_errors=True)
     for leftover in (run.path / "exr").glob(".*.tmp.exr"):
-        if not _alive(int(leftover.name.split(".")[2].split("-")[0])):
+        if writer_died(leftover):
             leftover.unlink(missing_ok=True)
-    work = run.path / f".work-{host}-{os.getpid()}"
-    work.mkdir(exist_ok=True)
+    work = place / f".work-{host}-{os.getpid()}"
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{work}: cannot make the folder: {error.strerror or error}") from None
     return work
 
 

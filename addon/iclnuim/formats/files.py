@@ -5,11 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 import uuid
 from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import InputError, WorkError
+
+#: Stands for this host in temporary names: process numbers alone say nothing on a shared file system.
+_HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 
 
 def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
@@ -18,7 +22,7 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
     Whatever fails, `path` is either as before or whole. An OSError becomes WorkError with the path in it.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{_HOST}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}")
     try:
         write(temporary)
         os.replace(temporary, path)
@@ -26,6 +30,20 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         raise WorkError(f"{path}: cannot write: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def writer_died(temporary: Path) -> bool:
+    """Whether a file of `atomic_write` was left by a process of this host that is gone; those of other hosts may be in work."""
+    try:
+        process, host, _ = temporary.name.split(".")[-3].split("-")
+        if host == _HOST:
+            os.kill(int(process), 0)
+            return False
+    except ProcessLookupError:
+        return True
+    except (IndexError, ValueError, PermissionError):
+        pass
+    return False
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:

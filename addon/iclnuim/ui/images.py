@@ -8,15 +8,20 @@ import numpy as np
 from . import session
 
 
-def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> bpy.types.Image:
+def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True) -> bpy.types.Image:
     """(h, w, 3) uint8 as the image `name`, in an image editor; one is opened beside the 3D view where there is none."""
     image = _image(name, picture)
     if not bpy.app.background:
-        area = _editor(context)
-        if area is not None:
+        area = _open_editor(context) or (_split(context) if open_editor else None)
+        if area is not None and area.spaces.active.image != image:
             area.spaces.active.image = image
             _fit(context, area)
     return image
+
+
+def editor_is_open(context: bpy.types.Context) -> bool:
+    """Whether there is an image editor to show a picture in without changing the window."""
+    return not bpy.app.background and _open_editor(context) is not None
 
 
 def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
@@ -48,13 +53,15 @@ def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
     return image
 
 
-def _editor(context: bpy.types.Context) -> bpy.types.Area | None:
-    """An image editor of the window, by splitting the 3D view if need be."""
+def _open_editor(context: bpy.types.Context) -> bpy.types.Area | None:
+    areas = (area for window in context.window_manager.windows for area in window.screen.areas)
+    return next((area for area in areas if area.type == "IMAGE_EDITOR"), None)
+
+
+def _split(context: bpy.types.Context) -> bpy.types.Area | None:
+    """A new image editor beside the 3D view."""
     window = context.window or context.window_manager.windows[0]
     areas = window.screen.areas
-    for area in areas:
-        if area.type == "IMAGE_EDITOR":
-            return area
     views = [area for area in areas if area.type == "VIEW_3D"]
     if not views:
         return None

@@ -21,6 +21,8 @@ from ..geometry.trajectory import Trajectory, adopt
 from ..job import RenderJob
 from . import session
 
+DEFAULT_OUT = "//iclnuim"
+
 
 def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     """The path chosen, scaled and moved, and a sentence on how it was taken. Raises InputError."""
@@ -33,12 +35,18 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
 
 
 def output_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Absolute. What begins with // lies beside the saved .blend, before it is saved in the extension's own folder. Raises InputError."""
-    if settings.out.startswith("//") and not bpy.data.filepath:
-        return (session.user_folder("out") / settings.out[2:]).resolve()
-    if not settings.out.strip():
-        raise InputError("an output folder", found="none", hint="choosing a Folder under Output")
-    return Path(bpy.path.abspath(settings.out)).expanduser().resolve()
+    """Absolute. What begins with // lies beside the saved .blend, before it is saved in the extension's own folder."""
+    out = settings.out.strip() or DEFAULT_OUT
+    if out.startswith("//") and not bpy.data.filepath:
+        return (session.user_folder("out") / out[2:]).resolve()
+    return Path(bpy.path.abspath(out)).expanduser().resolve()
+
+
+def scene_name(settings: bpy.types.PropertyGroup) -> str:
+    """What the settings call the scene: a shipped name, the path of a file, or OPEN."""
+    if settings.scene_source == "FILE" and settings.scene_file:
+        return str(Path(bpy.path.abspath(settings.scene_file)).expanduser().resolve())
+    return settings.scene_source
 
 
 def job(context: bpy.types.Context, out: Path) -> RenderJob:
@@ -114,12 +122,10 @@ def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGrou
 
 
 def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
-    if settings.scene_source == "FILE":
-        if not settings.scene_file:
-            raise InputError("a scene file", found="none", hint="choosing one under Scene")
-        return str(Path(bpy.path.abspath(settings.scene_file)).resolve())
+    if settings.scene_source == "FILE" and not settings.scene_file:
+        raise InputError("a scene file", found="none", hint="choosing one under Scene")
     if settings.scene_source != "OPEN":
-        return settings.scene_source
+        return scene_name(settings)
     path = out / "scene.blend"
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
         raise InputError(

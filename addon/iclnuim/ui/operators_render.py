@@ -1,5 +1,6 @@
 """Operators of rendering: bake, preview, render, cancel, resume. Each only describes a task and hands it to the child."""
 
+import functools
 import shutil
 import tempfile
 from pathlib import Path
@@ -14,6 +15,7 @@ from ..formats.trajectories import read_trajectory
 from ..job import RenderJob
 from ..sensor.models import depth_model, rgb_model
 from . import images, inputs, session
+from .last_frame import LastFrame
 from .messages import in_words
 from .pictures import frame_picture
 
@@ -27,8 +29,10 @@ class ICLNUIM_OT_bake(bpy.types.Operator):
 
     @in_words
     def execute(self, context):
-        job = inputs.job(context, inputs.output_folder(context.scene.iclnuim))
-        session.start({"task": "bake", "job": job.changed(light="baked").to_dict()})
+        folder = _own_folder()
+        job = inputs.job(context, folder).changed(light="baked")
+        finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
+        session.start("bake", job, folder / "raw", {"bake": True}, "the light is baked and lies in the cache", finish)
 
 
 class ICLNUIM_OT_render(bpy.types.Operator):
@@ -83,12 +87,11 @@ class ICLNUIM_OT_preview(bpy.types.Operator):
     @in_words
     def execute(self, context):
         settings = context.scene.iclnuim
-        folder = Path(tempfile.mkdtemp(dir=session.user_folder("preview")))
+        folder = _own_folder()
         chosen = inputs.trajectory(context)[0]
         number = min(max(context.scene.frame_current, 0), len(chosen) - 1)
         sensor = SequenceSettings(depth_model(settings.depth_noise), rgb_model(settings.rgb_noise), settings.seed)
         job = inputs.job(context, folder)
-        task = {"task": "render", "job": job.to_dict(), "out": str(folder / "raw"), "frames": [number]}
 
         def finish() -> None:
             light, depth_z_m = read_frame(folder / "raw" / "exr" / f"{number:06}.exr", job.camera)
@@ -99,12 +102,27 @@ class ICLNUIM_OT_preview(bpy.types.Operator):
             images.show(bpy.context, PREVIEW, picture)
             session.current.work.message = f"frame {number} stands in the image editor as “{PREVIEW}”"
 
-        session.start(task, finish)
+        session.start("preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish)
+
+
+def _own_folder() -> Path:
+    """A new folder for what is soon thrown away; all of them go when the extension is switched off."""
+    return Path(tempfile.mkdtemp(dir=session.user_folder("preview")))
 
 
 def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | None) -> None:
-    task = {"task": "render", "job": job.to_dict(), "out": str(out / "raw"), "frames": numbers, "sequences": sequences}
-    session.start(task)
+    when_done = f"{len(numbers)} frames are" if len(numbers) != 1 else "1 frame is"
+    when_done += f" in {out / 'raw'}"
+    if sequences is not None:
+        when_done += "; sequences: " + ", ".join(Path(folder).name for folder in sequences["variants"])
+    session.start(
+        "render",
+        job,
+        out / "raw",
+        {"frames": numbers, "sequences": sequences},
+        when_done,
+        on_tick=LastFrame(out / "raw/exr", job.camera).look,
+    )
 
 
 register, unregister = bpy.utils.register_classes_factory(

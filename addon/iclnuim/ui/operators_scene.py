@@ -1,15 +1,16 @@
 """Operators of scene and trajectory: bring the room into the window, key the camera, read the path again."""
 
+from pathlib import Path
+
 import bpy
 
 from .. import shipped
 from ..blender import camera as keyed_camera
-from ..blender import scene as scene_files
+from ..blender import import_files, placing
 from ..errors import InputError
-from . import inputs, path
+from . import inputs, path, session
 from .messages import in_words
-
-COLLECTION = "ICL-NUIM scene"
+from .work import in_panel_words
 
 
 class ICLNUIM_OT_load_scene(bpy.types.Operator):
@@ -24,11 +25,13 @@ class ICLNUIM_OT_load_scene(bpy.types.Operator):
             raise InputError("a shipped scene or a file to show", found="the open file, which is here already")
         file = _scene_file(settings)
         collection = _fresh_collection(context.scene)
-        if file.lower().endswith(".blend"):
+        if file.suffix.lower() == ".blend":
             _append(context.scene, file, collection)
         else:
-            _import(file, collection)
+            _import(context, file, settings.reading(), collection)
+        collection[path.SHOWN] = inputs.scene_name(settings)
         _hide_the_default_cube(context.scene)
+        _hide_symbols(context)
         path.refresh(context)
 
 
@@ -61,33 +64,32 @@ class ICLNUIM_OT_refresh(bpy.types.Operator):
         path.refresh(context)
 
 
-def _scene_file(settings) -> str:
+def _scene_file(settings) -> Path:
     if settings.scene_source == "FILE":
-        file = bpy.path.abspath(settings.scene_file)
-        if not file:
+        if not settings.scene_file:
             raise InputError("a scene file", found="none", hint="choosing one under Scene")
-        return str(scene_files._checked_file(file))
+        return import_files.checked_file(inputs.scene_name(settings))
     file = shipped.folder("blend") / f"{settings.scene_source}.blend"
     if not file.is_file():
         raise InputError(
             "the shipped scene", path=file, found="nothing of that name", hint="installing the extension again"
         )
-    return str(file)
+    return file
 
 
 def _fresh_collection(scene) -> bpy.types.Collection:
-    old = bpy.data.collections.get(COLLECTION)
+    old = bpy.data.collections.get(path.COLLECTION)
     if old is not None:
         for thing in list(old.all_objects):
             bpy.data.objects.remove(thing)
         bpy.data.collections.remove(old)
-    collection = bpy.data.collections.new(COLLECTION)
+    collection = bpy.data.collections.new(path.COLLECTION)
     scene.collection.children.link(collection)
     return collection
 
 
-def _append(scene, file: str, collection) -> None:
-    with bpy.data.libraries.load(file, link=False) as (there, here):
+def _append(scene, file: Path, collection) -> None:
+    with bpy.data.libraries.load(str(file), link=False) as (there, here):
         here.objects, here.worlds = list(there.objects), list(there.worlds)[:1]
     for thing in here.objects:
         if thing is not None:
@@ -96,26 +98,35 @@ def _append(scene, file: str, collection) -> None:
         scene.world = here.worlds[0]
 
 
-def _import(file: str, collection) -> None:
-    before = set(bpy.data.objects)
+def _import(context, file: Path, reading, collection) -> None:
+    """By way of a scene of its own: how the file is read is guessed from all that is there."""
+    before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
+    context.window.scene = own
     try:
-        scene_files.IMPORTERS[file[file.rindex(".") :].lower()](file)
-    except RuntimeError as error:
-        raise InputError(
-            "a scene that Blender can import", path=file, found=str(error).strip().splitlines()[-1]
-        ) from None
-    for thing in set(bpy.data.objects) - before:
-        for holder in thing.users_collection:
-            holder.objects.unlink(thing)
-        collection.objects.link(thing)
+        import_files.load(file)
+        placed = placing.place(file, reading, list(own.objects))
+        for thing in list(own.collection.all_objects):
+            collection.objects.link(thing)
+    finally:
+        context.window.scene = before
+        bpy.data.scenes.remove(own)
+    session.current.work.message = in_panel_words(placed.sentence)
 
 
 def _hide_the_default_cube(scene) -> None:
     """The start-up file's cube, light and camera would stand in the room; they are hidden, not removed."""
     for name in ("Cube", "Light"):
         thing = scene.collection.all_objects.get(name)
-        if thing is not None and thing.name not in bpy.data.collections[COLLECTION].all_objects:
+        if thing is not None and thing.name not in bpy.data.collections[path.COLLECTION].all_objects:
             thing.hide_viewport = thing.hide_render = True
+
+
+def _hide_symbols(context) -> None:
+    """Spot lamps draw circles as wide as the garden; the panel has the switch that brings them back."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.spaces.active.overlay.show_extras = False
 
 
 def _remove_own_camera(scene, keep: bool) -> None:

@@ -5,9 +5,10 @@ import textwrap
 import bpy
 
 from ..geometry.camera import blender_from_pinhole
-from . import session
+from . import inputs, light_state, session
 
 _WIDTH_OF_A_LETTER_PX = 7
+_MOST_NOTES = 4
 
 
 def _words(layout, context, text: str, icon: str = "NONE") -> None:
@@ -47,8 +48,12 @@ class ICLNUIM_PT_scene(_SubPanel, bpy.types.Panel):
         layout.prop(settings, "scene_source", text="")
         if settings.scene_source == "FILE":
             layout.prop(settings, "scene_file", text="")
+            for name in ("scene_up", "scene_unit", "scene_mirror", "scene_textures"):
+                layout.prop(settings, name)
         if settings.scene_source != "OPEN":
             layout.operator("iclnuim.load_scene", icon="IMPORT")
+            if getattr(context.space_data, "overlay", None) is not None:
+                layout.prop(context.space_data.overlay, "show_extras", text="Symbols of lamps and cameras")
 
 
 class ICLNUIM_PT_trajectory(_SubPanel, bpy.types.Panel):
@@ -102,8 +107,7 @@ class ICLNUIM_PT_light(_SubPanel, bpy.types.Panel):
             layout.prop(settings, "map_size")
             layout.prop(settings, "map_samples")
             layout.operator("iclnuim.bake", icon="LIGHT_SUN")
-            count = session.baked_maps()
-            _words(layout, context, f"{count} light map{'' if count == 1 else 's'} in the cache")
+            _words(layout, context, light_state.line(settings))
 
 
 class ICLNUIM_PT_sensor(_SubPanel, bpy.types.Panel):
@@ -118,7 +122,14 @@ class ICLNUIM_PT_output(_SubPanel, bpy.types.Panel):
     bl_label = "Output"
 
     def content(self, layout, settings, context):
-        layout.prop(settings, "out", text="")
+        folder = inputs.output_folder(settings)
+        row = layout.row(align=True)
+        row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
+        shown = row.row(align=True)
+        shown.enabled = folder.is_dir()
+        shown.operator("wm.path_open", text="", icon="FILEBROWSER").filepath = str(folder)
+        if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
+            _words(layout, context, f"until the file is saved: {folder}")
         layout.prop(settings, "frames")
         row = layout.row(align=True)
         row.prop(settings, "write_clean", toggle=True)
@@ -143,6 +154,9 @@ class ICLNUIM_PT_render(_SubPanel, bpy.types.Panel):
         if work.message:
             icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
             _words(layout, context, work.message, icon)
+        for note in work.notes[-_MOST_NOTES:]:
+            if note != work.message:
+                _words(layout, context, note, "DOT")
 
     def _progress(self, layout, work):
         share = work.done / work.total if work.total else 0.0

@@ -10,10 +10,25 @@ from ..geometry.trajectory import Trajectory, statistics
 from . import inputs, session, viewport
 from .work import in_panel_words
 
+COLLECTION = "ICL-NUIM scene"
+#: A property of that collection: the scene it was filled with.
+SHOWN = "iclnuim_scene"
+_DECIDES = (
+    "scene_source",
+    "scene_file",
+    "trajectory_source",
+    "trajectory_file",
+    "scale",
+    "use_start",
+    "start_location",
+    "start_rotation",
+)
+
 
 def refresh(context: bpy.types.Context) -> None:
     """Read the path chosen, note its statistics, hand it to the viewport. Bad input becomes a line in the panel."""
     held = session.current
+    held.path_key = _key(context.scene)
     try:
         chosen, sentence = inputs.trajectory(context)
     except IclnuimError as error:
@@ -23,6 +38,23 @@ def refresh(context: bpy.types.Context) -> None:
     held.path_lines = _lines(chosen, sentence)
     held.path_warning = _walls(context, chosen)
     viewport.set_path(chosen.T_world_camera, context.scene.iclnuim.camera())
+
+
+def refresh_if_changed(context: bpy.types.Context) -> None:
+    """After an undo or redo, which change settings without saying so."""
+    if session.current.path_key != _key(context.scene):
+        refresh(context)
+
+
+def _key(scene: bpy.types.Scene) -> tuple:
+    values = (getattr(scene.iclnuim, name) for name in _DECIDES)
+    return scene.name, _shown(), *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values)
+
+
+def _shown() -> str | None:
+    """Which scene stands in our collection."""
+    collection = bpy.data.collections.get(COLLECTION)
+    return collection.get(SHOWN) if collection is not None else None
 
 
 def _lines(path: Trajectory, sentence: str) -> list[str]:
@@ -36,9 +68,10 @@ def _lines(path: Trajectory, sentence: str) -> list[str]:
 
 
 def _walls(context: bpy.types.Context, path: Trajectory) -> str:
-    """A warning where the straight way between two poses meets a surface of the open scene."""
-    if not any(o.type == "MESH" for o in context.scene.objects):
-        return ""
+    """A warning where the straight way between two poses meets a surface of the open scene, if that is the one chosen."""
+    name = inputs.scene_name(context.scene.iclnuim)
+    if name not in ("OPEN", _shown()):
+        return "another scene stands here: Show the Scene Here" if _shown() else ""
     depsgraph = context.evaluated_depsgraph_get()
     points = path.positions_m
     steps = np.diff(points, axis=0)

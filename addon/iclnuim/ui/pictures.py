@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 #: Blue, cyan, green, yellow, red: near to far, small to large.
 _STOPS = np.array([[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]])
 _PAPER, _INK, _GRID = 255, (30, 30, 30), (215, 215, 215)
 
-#: Glyphs of 3 x 5 dots, a digit a row, its bits the dots from left to right.
+#: Glyphs of 5 x 7 dots: a digit of base 32 a row, from the top; its bits are the dots from left to right.
 _GLYPHS = {
-    "0": "75557", "1": "26227", "2": "71747", "3": "71717", "4": "55711", "5": "74717", "6": "74757", "7": "71222",
-    "8": "75757", "9": "75717", ".": "00002", "-": "00700", " ": "00000", "A": "25755", "T": "72222", "E": "74647",
-    "M": "57755", "C": "74447", "S": "34216", "R": "65655", "P": "65644", "(": "12221", ")": "42224", "/": "11244",
-    "F": "74644", "O": "75557", "I": "72227", "N": "65555", "D": "65556", "G": "34553", "H": "55755", "L": "44447",
-    "U": "55557", "X": "55255", "Y": "55222", "B": "65656", "V": "55552", "W": "55775", ",": "00024", ":": "02020",
+    "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22", "5": "vgu11he", "6": "68guhhe",
+    "7": "v124888", "8": "ehhehhe", "9": "ehhf12c", ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842",
+    ")": "8422248", ":": "0cc0cc0", "/": "01248g0", "A": "ehhhvhh", "E": "vgguggv", "R": "uhhukih", "T": "v444444",
+    "a": "00e1fhf", "b": "ggmphhu", "c": "00egghe", "d": "11djhhf", "e": "00ehvge", "f": "698s888", "g": "0fhhf1e",
+    "h": "ggmphhh", "i": "40c444e", "l": "c44444e", "m": "00qllhh", "n": "00mphhh", "o": "00ehhhe", "p": "00uhugg",
+    "r": "00mpggg", "s": "00ege1u", "t": "88s8896", "u": "00hhhjd", "v": "00hhha4", "w": "00hhlla", "x": "00ha4ah",
+    "y": "00hhf1e",
 }  # fmt: skip
+_NONE = "0000000"
 
 
 def ramp(share: np.ndarray) -> np.ndarray:
@@ -38,55 +43,77 @@ def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndar
 
 def frame_picture(rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
     """Clean colour and depth above, the sensor's below: (2h, 2w, 3) uint8; one range of depth for both."""
-    seen = depth_z_m[depth_z_m > 0]
-    # a garden seen through the window would take all colours for itself
-    near_m, far_m = map(float, np.quantile(seen, (0.01, 0.95))) if seen.size else (0.0, 1.0)
+    near_m, far_m = _depth_range(depth_z_m)
     top = np.hstack([rgb, depth_colours(depth_z_m, near_m, far_m)])
     bottom = np.hstack([noisy_rgb, depth_colours(noisy_z_m, near_m, far_m)])
     return np.vstack([top, bottom])
 
 
+def colour_and_depth(rgb: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
+    """Side by side: (h, 2w, 3) uint8."""
+    return np.hstack([rgb, depth_colours(depth_z_m, *_depth_range(depth_z_m))])
+
+
+def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
+    """Metres from blue to red. A garden seen through the window would take all colours for itself."""
+    seen = depth_z_m[depth_z_m > 0]
+    near_m, far_m = np.quantile(seen, (0.01, 0.95)) if seen.size else (0.0, 1.0)
+    return float(near_m), float(far_m)
+
+
 def error_plot(
-    stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 720, height: int = 480
+    stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 960, height: int = 600
 ) -> np.ndarray:
     """Error over time in centimetres, coloured as in the view, the RMSE as a dark line: (height, width, 3) uint8."""
     image = np.full((height, width, 3), _PAPER, np.uint8)
-    left, right, top, bottom = 80, width - 20, 50, height - 50
-    most_cm = _round_up(float(error_m.max()) * 100)
+    left, right, top, bottom = 90, width - 30, 70, height - 70
     seconds = float(stamps_s[-1] - stamps_s[0]) or 1.0
-    for k in range(5):
-        row = round(bottom - k / 4 * (bottom - top))
-        image[row, left:right] = _GRID
-        write(image, f"{most_cm * k / 4:.3g}", 12, row - 5)
-        column = round(left + k / 4 * (right - left))
-        image[top:bottom, min(column, right - 1)] = _GRID
-        write(image, f"{seconds * k / 4:.3g}", min(column - 8, width - 50), bottom + 10)
-    x = left + (stamps_s - stamps_s[0]) / seconds * (right - left - 1)
-    y = bottom - error_m * 100 / most_cm * (bottom - top)
-    columns = np.arange(left, right)
-    rows = np.interp(columns, x, y)
-    colours = (error_colours(np.interp(columns, x, error_m)) * 255).astype(np.uint8)
-    for place, height_px, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
-        a, b = sorted((int(round(before)), int(round(height_px))))
-        image[a - 1 : b + 2, place] = colour
-    image[max(round(bottom - rmse_m * 100 / most_cm * (bottom - top)), 0), left:right] = _INK
-    write(image, f"ATE (CM) OVER TIME (S), RMSE {rmse_m * 100:.2f} CM", left, 16, 3)
+    ticks_cm, ticks_s = _ticks(float(error_m.max()) * 100), _ticks(seconds, beyond=False)
+
+    def row(error_cm):
+        return np.rint(bottom - np.asarray(error_cm) / ticks_cm[-1] * (bottom - top)).astype(int)
+
+    for tick in ticks_cm:
+        image[row(tick), left:right] = _GRID
+        write(image, f"{tick:.6g}", left - 14, row(tick) - 7, align="right")
+    for tick in ticks_s:
+        column = round(left + tick / seconds * (right - left - 1))
+        image[top:bottom, column] = _GRID
+        write(image, f"{tick:.6g}", column, bottom + 12, align="centre")
+    _curve(image, left, right, stamps_s - stamps_s[0], seconds, error_m, row)
+    image[row(rmse_m * 100) : row(rmse_m * 100) + 2, left:right] = _INK
+    write(image, f"Error of position over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
+    write(image, "cm", left - 14, top - 26, align="right")
+    write(image, "time (s)", right, bottom + 40, align="right")
     return image
 
 
-def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2) -> None:
-    """Letters of 3 x 5 dots onto the image, in place; capitals only."""
-    for letter in text.upper():
-        dots = np.array([[int(row) >> (2 - k) & 1 for k in range(3)] for row in _GLYPHS.get(letter, "00000")], bool)
-        block = np.kron(dots, np.ones((size, size), bool))
-        target = image[y : y + block.shape[0], x : x + block.shape[1]]
-        target[block[: target.shape[0], : target.shape[1]]] = _INK
-        x += 4 * size
+def _curve(
+    image: np.ndarray, left: int, right: int, times_s: np.ndarray, seconds: float, error_m: np.ndarray, row: Callable
+) -> None:
+    """A coloured column of pixels from each value to the next, in place."""
+    columns = np.arange(left, right)
+    values_m = np.interp((columns - left) / (right - left - 1) * seconds, times_s, error_m)
+    colours = (error_colours(values_m) * 255).astype(np.uint8)
+    rows = row(values_m * 100)
+    for column, here, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
+        image[min(here, before) - 1 : max(here, before) + 2, column] = colour
 
 
-def _round_up(value: float) -> float:
-    """To 1, 2 or 5 times a power of ten, times 4 divisible."""
-    if value <= 0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(next(m * power for m in (1, 2, 4, 5, 8, 10) if m * power >= value * 0.999))
+def _ticks(most: float, beyond: bool = True) -> np.ndarray:
+    """Round numbers from 0, about five of them, up to the first one `beyond` `most` or the last one before it."""
+    most = most if most > 0 else 1.0
+    power = 10.0 ** np.floor(np.log10(most / 5))
+    step = next(m * power for m in (1, 2, 5, 10) if m * power >= most / 6 * 0.999)
+    count = np.ceil(most / step - 1e-9) if beyond else np.floor(most / step + 1e-9)
+    return np.arange(int(count) + 1) * step
+
+
+def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: str = "left") -> None:
+    """Letters of 5 x 7 dots onto the image, in place; (x, y) is the upper left, middle or right end of the line."""
+    rows = [[int(letter, 32) << 1 for letter in _GLYPHS.get(c, _NONE)] for c in text]  # a column between letters
+    dots = [[[row >> (5 - k) & 1 for k in range(6)] for row in glyph] for glyph in rows]
+    block = np.kron(np.concatenate([np.array(glyph, bool) for glyph in dots], 1), np.ones((size, size), bool))
+    x -= {"left": 0, "centre": block.shape[1] // 2, "right": block.shape[1]}[align]
+    target = image[max(y, 0) : y + block.shape[0], max(x, 0) : x + block.shape[1]]
+    target[block[max(-y, 0) :, max(-x, 0) :][: target.shape[0], : target.shape[1]]] = _INK

@@ -13,6 +13,7 @@ from bpy.props import (
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
+from ..geometry.scene_axes import MIRRORS, UNITS_M, UP, SceneReading
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 
@@ -20,7 +21,7 @@ SCENES = (
     ("living_room", "Living room", "The shipped living room, 4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
     ("office", "Office", "The shipped office, 5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
     ("OPEN", "The open file", "The scene in this window; a copy of it is put into the output folder and rendered"),
-    ("FILE", "A file", "Any .blend, .obj, .glb or .gltf; metres, z up once imported"),
+    ("FILE", "A file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; turned to z up and metres"),
 )
 TRAJECTORIES = (
     ("kt0", "kt0", "1510 frames (paper, Table I); passes a bare wall"),
@@ -48,6 +49,12 @@ DIALECTS = (
     ("euroc", "EuRoC", "mav0/cam0/data, stamps in nanoseconds"),
     ("nerf", "NeRF", "transforms.json beside the images"),
 )
+AS_FILE = ("AUTO", "As the file says", "Where its format does not say, a guess from its shape, which is told")
+UPS = (AS_FILE, *((axis, axis, f"The file's {axis} axis points up") for axis in UP))
+UNITS = (AS_FILE, *((name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items()))
+MIRRORED = tuple(
+    (axis, axis, "Nothing is mirrored" if axis == "none" else f"The {axis} axis is mirrored") for axis in MIRRORS
+)
 ALIGNMENTS = tuple(
     (name, name, text)
     for name, text in (
@@ -71,7 +78,22 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
 
     scene_source: EnumProperty(name="Scene", items=SCENES, default="living_room", update=_path_changed)
     scene_file: StringProperty(
-        name="File", subtype="FILE_PATH", description="Scene file (.blend, .obj, .glb, .gltf), lengths in metres"
+        name="File",
+        subtype="FILE_PATH",
+        update=_path_changed,
+        description="Scene file: .blend, .glb, .gltf, .obj, .ply, .usd or .fbx",
+    )
+    scene_up: EnumProperty(
+        name="Up", items=UPS, description="Axis that points up in the file; here and in what is rendered, z does"
+    )
+    scene_unit: EnumProperty(
+        name="Unit", items=UNITS, description="What the file's lengths are in; here and in what is rendered, metres"
+    )
+    scene_mirror: EnumProperty(name="Mirror", items=MIRRORED, description="Axis of the file to mirror before all else")
+    scene_textures: StringProperty(
+        name="Textures",
+        subtype="DIR_PATH",
+        description="A further folder that the file's textures may come from; empty: only the file's own",
     )
     trajectory_source: EnumProperty(name="Trajectory", items=TRAJECTORIES, default="kt2", update=_path_changed)
     trajectory_file: StringProperty(
@@ -224,8 +246,8 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
     out: StringProperty(
         name="Folder",
         subtype="DIR_PATH",
-        default="//iclnuim",
-        description="Output folder; raw/, clean/ and noisy/ are made in it. // is the folder of the saved .blend, or the extension's own while it is not saved",
+        default="",
+        description="Output folder; raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is not saved",
     )
     dialects: EnumProperty(name="Dialects", items=DIALECTS, options={"ENUM_FLAG"}, default={"tum"})
     write_clean: BoolProperty(
@@ -261,6 +283,17 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
             fx = self.width / 1.33
         return PinholeCamera(self.width, self.height, fx, round(self.fy, 4), round(self.cx, 4), round(self.cy, 4))
 
+    def reading(self) -> SceneReading:
+        """How a scene file is to be read."""
+        if self.scene_source != "FILE":
+            return SceneReading()
+        return SceneReading(
+            up=None if self.scene_up == "AUTO" else self.scene_up,
+            unit_m=UNITS_M.get(self.scene_unit),
+            mirror=self.scene_mirror,
+            textures=bpy.path.abspath(self.scene_textures) or None,
+        )
+
     def to_job(self, scene: str, trajectory: str) -> RenderJob:
         """The job, given a shipped name or a file for scene and trajectory (inputs.py). Raises InputError."""
         return RenderJob(
@@ -277,6 +310,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
             seed=self.seed,
             exposure_s=round(self.exposure_ms, 4) / 1000,
             readout_s=round(self.readout_ms, 4) / 1000,
+            reading=self.reading(),
         )
 
     def frame_numbers(self, count: int) -> list[int]:
@@ -284,7 +318,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         return list(frame_slice(self.frames, count))
 
     def sequences(self, out) -> dict | None:
-        """What task_process.py shall make of the frames; None where nothing is asked for. Raises InputError."""
+        """What the worker shall make of the frames (dataset/variants.py); None where nothing is asked for. Raises InputError."""
         if not (self.write_clean or self.write_noisy):
             return None
         if not self.dialects:

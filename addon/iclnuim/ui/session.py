@@ -14,10 +14,13 @@ from pathlib import Path
 import bpy
 
 from ..errors import IclnuimError, WorkError
+from ..formats.files import write_json
+from ..job import RenderJob
 from .work import ChildProcess, Work, in_panel_words
 
 POLL_S = 0.1
 PACKAGE = __package__.rpartition(".")[0]
+CHILD = Path(__file__).parents[1] / "blender" / "child.py"
 
 
 @dataclass
@@ -27,14 +30,15 @@ class Session:
     work: Work = field(default_factory=Work)
     path_lines: list[str] = field(default_factory=list)
     path_warning: str = ""
+    path_key: tuple = ()
     evaluation: object | None = None
     evaluation_lines: list[str] = field(default_factory=list)
     on_done: Callable[[], None] | None = None
+    on_tick: Callable[[Work], None] | None = None
     waiting: set[Callable[[], None]] = field(default_factory=set)
 
 
 current = Session()
-_counted: dict = {"at_s": float("-inf"), "maps": 0}
 
 
 def user_folder(name: str) -> Path:
@@ -53,21 +57,28 @@ def cache_folder() -> Path:
     return Path(own) if own else user_folder("cache")
 
 
-def baked_maps() -> int:
-    """How many light maps the cache holds; looked up once a second at most, for the panel asks at every redraw."""
-    if time.monotonic() - _counted["at_s"] > 1.0:
-        folder = cache_folder() / "light"
-        _counted.update(at_s=time.monotonic(), maps=len(list(folder.glob("*/recipe.json"))))
-    return _counted["maps"]
+def start(
+    kind: str,
+    job: RenderJob,
+    out: Path,
+    command: dict,
+    when_done: str = "done",
+    on_done: Callable[[], None] | None = None,
+    on_tick: Callable[[Work], None] | None = None,
+) -> None:
+    """Begin `command` of `job` in a worker process that writes into `out`; `on_done()` afterwards, where all went well,
+    `on_tick(work)` ten times a second meanwhile.
 
-
-def start(task: dict, on_done: Callable[[], None] | None = None) -> None:
-    """Begin `task` in a child; in background mode, where timers never fire, wait for its end. Raises WorkError."""
-    script = str(Path(__file__).with_name("task_process.py"))
+    In background mode, where timers never fire, wait for its end. Raises WorkError.
+    """
     current.work.refuse_a_second()
+    job_file = user_folder("log") / "job.json"
+    write_json(job_file, {"job": job.to_dict(), "nice": 10})
     environment = {"ICLNUIM_CACHE": str(cache_folder())}
-    current.work.start(task, ChildProcess(_command(script), user_folder("log") / "child.txt", environment))
+    child = ChildProcess(_command(job_file, out), user_folder("log") / "child.txt", environment)
+    current.work.start(kind, command, child, when_done)
     current.on_done = on_done
+    current.on_tick = None if bpy.app.background else on_tick
     if bpy.app.background:
         while current.work.busy:
             time.sleep(POLL_S)
@@ -108,9 +119,11 @@ def _tick() -> float | None:
     changed = current.work.poll()
     if changed:
         redraw()
+    if current.on_tick is not None:
+        current.on_tick(current.work)
     if current.work.busy:
         return POLL_S
-    finish, current.on_done = current.on_done, None
+    finish, current.on_done, current.on_tick = current.on_done, None, None
     if finish is not None and current.work.phase == "done":
         try:
             finish()
@@ -128,8 +141,10 @@ def redraw() -> None:
                 area.tag_redraw()
 
 
-def _command(script: str) -> list[str]:
+def _command(job_file: Path, out: Path) -> list[str]:
     """The same Blender again; where it is Python's module bpy, Python."""
+    arguments = [str(job_file), str(out)]
     if getattr(bpy.app, "module", False) or not bpy.app.binary_path:
-        return [sys.executable, script]
-    return [bpy.app.binary_path, "-b", "--factory-startup", "--python-exit-code", "3", "-P", script]
+        return [sys.executable, str(CHILD), *arguments]
+    blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python-exit-code", "3"]
+    return [*blender, "-P", str(CHILD), "--", *arguments]

@@ -8,6 +8,7 @@ from bpy.app.handlers import persistent
 
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
+from . import session
 from .pictures import error_colours
 
 PATH_COLOUR, FRUSTUM_COLOUR = (1.0, 0.55, 0.1, 1.0), (0.25, 0.75, 1.0, 0.9)
@@ -105,16 +106,29 @@ def _file_opened(*_) -> None:
     path.refresh(bpy.context)
 
 
+@persistent
+def _undone(*_) -> None:
+    """The settings may be other ones."""
+    from . import path
+
+    path.refresh_if_changed(bpy.context)
+
+
 def register() -> None:
     global _handle
     bpy.app.handlers.load_post.append(_file_opened)
+    bpy.app.handlers.undo_post.append(_undone)
+    bpy.app.handlers.redo_post.append(_undone)
     if not bpy.app.background:
+        session.later(_file_opened)
         _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
 def unregister() -> None:
     global _handle
     bpy.app.handlers.load_post.remove(_file_opened)
+    bpy.app.handlers.undo_post.remove(_undone)
+    bpy.app.handlers.redo_post.remove(_undone)
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None

@@ -1,13 +1,15 @@
-"""A piece of work in a child Blender, as a state machine without Blender: start, poll, cancel; events in, words out."""
+"""A piece of work in a worker process, as a state machine without Blender: start, poll, cancel; events in, words out."""
 
 from __future__ import annotations
 
 import json
 import os
 import queue
+import re
 import subprocess
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, cast
@@ -16,6 +18,7 @@ from ..errors import WorkError
 
 #: A child that was asked to stop gets this long to finish its frame; then it is ended, and the frame is rendered again on resume.
 GRACE_S = 4.0
+STOP = {"stop": True}
 BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
 
 
@@ -33,7 +36,7 @@ class Work:
     last_frame: int | None = None
     message: str = ""
     notes: list[str] = field(default_factory=list)
-    result: dict = field(default_factory=dict)
+    _when_done: str = ""
     _child: ChildProcess | None = None
     _stage_begun_s: float = 0.0
     _stopping_since_s: float | None = None
@@ -47,14 +50,14 @@ class Work:
         if self.busy:
             raise WorkError(f"a {self.kind} is running here already; wait for it, or press Cancel first")
 
-    def start(self, task: dict, child: ChildProcess) -> None:
-        """Begin. Raises WorkError where work is going on already."""
+    def start(self, kind: str, command: dict, child: ChildProcess, when_done: str = "done") -> None:
+        """Begin `command` (see blender/child.py), a `kind` of work in the panel's words. Raises WorkError where work is going on already."""
         self.refuse_a_second()
         for name, value in vars(Work()).items():
             setattr(self, name, value)
-        self.phase, self.kind, self.message = "starting", task["task"], "Blender starts in the background"
-        self._child = child
-        child.send(task)
+        self.phase, self.kind, self.message = "starting", kind, "Blender starts in the background"
+        self._child, self._when_done = child, when_done
+        child.send(command)
 
     def poll(self, now_s: float | None = None) -> bool:
         """Take in what the child has said; True when anything changed. Never waits."""
@@ -74,7 +77,7 @@ class Work:
             at_once = self.phase in ("starting", "preparing")
             self.phase, self.message = "stopping", "stopping; finished frames stay"
             self._stopping_since_s = (time.monotonic() if now_s is None else now_s) - (GRACE_S if at_once else 0.0)
-            self._child.ask_to_stop()
+            self._child.send(STOP)
 
     def end(self) -> None:
         """End the child at once."""
@@ -85,15 +88,16 @@ class Work:
             self._child = None
 
     def handle(self, event: dict, now_s: float) -> None:
-        """One event of the child (blender/worker.py, ui/task_process.py), or its end."""
+        """One event of the child (headless/README.md lists them), or its end."""
         {
             "note": self._note,
-            "start": self._stage,
+            "start": lambda event, now: self._become("preparing", "the scene is opened and lit"),
+            "missing": self._missing,
             "ready": self._ready,
             "frame": self._frame,
-            "stage": self._stage,
+            "written": self._frame,
+            "chunk": self._all_done,
             "error": self._error,
-            "result": lambda event, now: self.result.update(event),
             "exit": self._exit,
         }.get(str(event.get("event")), lambda event, now: None)(event, now_s)
 
@@ -107,20 +111,26 @@ class Work:
         return (self.total - self.done) / rate if rate else None
 
     def _note(self, event: dict, now_s: float) -> None:
-        self.notes.append(event["text"])
-        if self.phase != "stopping":
-            self.message = event["text"]
+        text = in_panel_words(event["text"])
+        self.notes.append(text)
+        self._become(self.phase, text)
 
-    def _stage(self, event: dict, now_s: float) -> None:
-        self.done, self.total, self._stage_begun_s = 0, event.get("missing", 0), now_s
-        if self.phase != "stopping":
-            self.phase = event.get("phase", "preparing")
-            self.message = event.get("text", "the scene is opened and lit")
+    def _missing(self, event: dict, now_s: float) -> None:
+        self.done, self.total, self._stage_begun_s = 0, event["missing"], now_s
+        if event["of"] == "sequences":
+            self._become("writing", "sequences are written")
 
     def _ready(self, event: dict, now_s: float) -> None:
         self._stage_begun_s = now_s
+        self._become("rendering", "rendering")
+
+    def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":
-            self.phase, self.message = "rendering", "rendering"
+            self.phase, self.message = phase, message
+
+    def _all_done(self, event: dict, now_s: float) -> None:
+        if self._child is not None:
+            self._child.send(STOP)
 
     def _frame(self, event: dict, now_s: float) -> None:
         self.done += 1
@@ -136,7 +146,7 @@ class Work:
         if self.phase == "stopping" or event.get("code") == 130:
             self.phase, self.message = "stopped", "stopped; finished frames stay, Resume goes on from here"
         elif event.get("code") == 0:
-            self.phase, self.message = "done", self.result.get("text", "done")
+            self.phase, self.message = "done", self._when_done
         else:
             self.phase = "failed"
             self.message = (
@@ -151,15 +161,19 @@ def in_panel_words(text: str) -> str:
         ("another --out", "another Folder under Output"),
         ("--frames", "fewer Frames"),
         ("--light path", "Light: Path traced"),
+        ("--up and --units decide", "Up and Unit under Scene decide"),
+        ("--up decide", "Up under Scene decides"),
+        ("--units decide", "Unit under Scene decides"),
+        ("--textures", "Textures under Scene"),
         ("--no-denoise with more --samples", "Denoise: Off with more Samples"),
         ("--from FORMAT", "another file"),
     ):
         text = text.replace(option, field_name)
-    return text
+    return re.sub(r"(\w+)_sha256 \S+ there, \S+ asked", r"another \1", text)
 
 
 class ChildProcess:
-    """A process that takes one JSON task on standard input and says one JSON event a line on standard output."""
+    """A process that takes JSON commands on standard input and says JSON events on standard output, one a line."""
 
     def __init__(self, command: list[str], log: Path, environment: dict[str, str] | None = None) -> None:
         """Raises WorkError where it cannot be started."""
@@ -179,11 +193,12 @@ class ChildProcess:
             raise WorkError(f"{command[0]}: cannot be started: {error.strerror or error}") from None
         threading.Thread(target=self._read, daemon=True).start()
 
-    def send(self, task: dict) -> None:
-        self._write(json.dumps(task))
-
-    def ask_to_stop(self) -> None:
-        self._write("stop")
+    def send(self, command: dict) -> None:
+        """Never fails: where the process has ended, its exit event says how."""
+        with suppress(OSError, ValueError):
+            stdin = cast(IO[bytes], self._process.stdin)
+            stdin.write(json.dumps(command).encode() + b"\n")
+            stdin.flush()
 
     def events(self) -> list[dict]:
         """What was said since the last call."""
@@ -195,14 +210,6 @@ class ChildProcess:
     def end(self) -> None:
         if self._process.poll() is None:
             self._process.terminate()
-
-    def _write(self, line: str) -> None:
-        try:
-            stdin = cast(IO[bytes], self._process.stdin)
-            stdin.write(line.encode() + b"\n")
-            stdin.flush()
-        except (OSError, ValueError):
-            pass  # it has ended; its exit event says how
 
     def _read(self) -> None:
         for line in cast(IO[bytes], self._process.stdout):
