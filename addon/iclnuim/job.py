@@ -27,7 +27,8 @@ class RenderJob:
     with OpenImageDenoise. Without `antialias` one ray passes through each pixel's centre, as in the paper (section II);
     Z is that of the centre in any case. `lambertian` leaves reflections out. `map_size` (texels) and `map_samples`: the light map's.
     `exposure_s` and `readout_s` (seconds): motion blur and rolling shutter of RGB, see sensor.exposure.
-    `reading`: axes and units of a scene file; left out of the recipe where nothing is asked for.
+    `reading`: axes and units of a scene file. `ground_truth`: instances and normals beside RGB and Z. Both are left out of the recipe where
+    nothing is asked for, so that runs from before they were there keep theirs.
     """
 
     sequence: str
@@ -45,6 +46,7 @@ class RenderJob:
     exposure_s: float = 0.0
     readout_s: float = 0.0
     reading: SceneReading = field(default_factory=SceneReading)
+    ground_truth: bool = False
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT_DEFAULTS:
@@ -62,7 +64,7 @@ class RenderJob:
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise InputError(f"{name} as a whole number of {least}..{most}", found=value)
         Exposure(self.exposure_s, self.readout_s)
-        for name in ("denoise", "antialias", "lambertian"):
+        for name in ("denoise", "antialias", "lambertian", "ground_truth"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} true or false", found=getattr(self, name))
         for name in ("sequence", "scene", "trajectory"):
@@ -77,9 +79,9 @@ class RenderJob:
     def to_dict(self) -> dict:
         """The inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        reading = values.pop("reading").to_dict()
+        late = {"reading": values.pop("reading").to_dict(), "ground_truth": values.pop("ground_truth")}
         made = {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}
-        return {**made, "reading": reading} if reading else made
+        return {**made, **{key: value for key, value in late.items() if value}}
 
     @classmethod
     def from_dict(cls, content: dict) -> RenderJob:

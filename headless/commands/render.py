@@ -78,6 +78,8 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--readout", type=float, metavar="S", help="seconds from first row to last: rolling shutter; default: 0"
     )
+    truth = "also instances, classes and normals of every pixel, and objects.json; see docs/ground_truth.md"
+    parser.add_argument("--ground-truth", action="store_true", default=None, help=truth)
     parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
     parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples, and of noise; default: 0")
@@ -115,10 +117,8 @@ def job_from(args: argparse.Namespace) -> jobs.RenderJob:
         job = jobs.read_recipe(args.sequence) if args.sequence.endswith(".json") else jobs.shipped_job(args.sequence)
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     files = {name: _absolute(getattr(args, name)) for name in ("scene", "trajectory")}
-    plain = {
-        name: getattr(args, name)
-        for name in ("light", "samples", "denoise", "antialias", "lambertian", "map_size", "map_samples", "seed")
-    }
+    settings = "light samples denoise antialias lambertian map_size map_samples seed ground_truth"
+    plain = {name: getattr(args, name) for name in settings.split()}
     return job.changed(camera=camera, exposure_s=args.exposure, readout_s=args.readout, **files, **plain)
 
 

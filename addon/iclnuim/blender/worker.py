@@ -26,9 +26,11 @@ import bpy
 import numpy as np
 
 from .. import __version__, shipped
+from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, trajectory_file
 from ..errors import InputError, WorkError
-from ..formats.files import read_bytes, sha256, writer_died
+from ..formats.files import read_bytes, sha256, write_json, writer_died
+from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
 from . import (
@@ -37,9 +39,11 @@ from . import (
     compat,
     exposure,
     frames,
+    ground_truth,
     lambertian,
     light_index,
     light_map,
+    objects,
     output,
     own_scene,
     preflight,
@@ -108,7 +112,9 @@ class Session:
     def prepare(self) -> None:
         """Build the scene, once."""
         if not self._ready:
-            _prepare(self.job, self.trajectory, self.emit, self._opened)
+            table = _prepare(self.job, self.trajectory, self.emit, self._opened)
+            if table is not None:
+                write_json(self.run.path / OBJECTS, table)
             self._use_threads()
             self._ready, self._opened = True, False
             self.emit({"event": "ready"})
@@ -170,8 +176,8 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     return job
 
 
-def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -> None:
-    """Open the scene unless that was done, light it, key the camera, fix every setting."""
+def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -> dict | None:
+    """Open the scene unless that was done, light it, key the camera, fix every setting. With ground truth, the table of objects."""
 
     def note(text: str) -> None:
         emit({"event": "note", "text": text})
@@ -182,10 +188,16 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -
     if job.lambertian:
         lambertian.apply()
     settings.apply(job)
+    if job.ground_truth:
+        ground_truth.number_objects()
+        table = objects.table()
     if job.light == "baked":
         bake.apply(_light(job, note))
         bake.apply_render_settings(bpy.context.scene)
+    if job.ground_truth:
+        ground_truth.put_out()
     camera.keyframe(trajectory.T_world_camera, job.camera)
+    return table if job.ground_truth else None
 
 
 def bake_light(
@@ -240,21 +252,27 @@ def _loop(
             if should_stop():
                 break
             begun = time.perf_counter()
-            raw, raw_depth = _render(number, work / str(rendered % 2), job.antialias)
+            raw, raw_depth = _render(number, work / str(rendered % 2), _depth_apart(job))
             blurred = None if job.exposure.instant else _blurred(number, job, trajectory, raw_depth, work)
             seconds = time.perf_counter() - begun
             _finish(closing, emit)
-            closing = closer.submit(_close, run, number, raw, raw_depth, blurred, seconds)
+            T_world_camera = trajectory.T_world_camera[number] if job.ground_truth else None
+            closing = closer.submit(_close, run, number, raw, raw_depth, blurred, T_world_camera, seconds)
             rendered += 1
         _finish(closing, emit)
     return rendered
 
 
-def _render(number: int, name: Path, antialias: bool) -> tuple[Path, Path]:
+def _depth_apart(job: RenderJob) -> bool:
+    """Z is that of the first sample at any rate, but not with a wide filter; normals are a mean over the samples."""
+    return job.antialias or (job.ground_truth and job.samples > 1)
+
+
+def _render(number: int, name: Path, depth_apart: bool) -> tuple[Path, Path]:
     """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed."""
     raw = raw_depth = name.with_suffix(".exr")
     frames.render(number, raw)
-    if antialias:
+    if depth_apart:
         raw_depth = name.with_name(f"{name.name}-depth.exr")
         with settings.depth_only():
             frames.render(number, raw_depth)
@@ -268,15 +286,22 @@ def _blurred(number: int, job: RenderJob, trajectory: Trajectory, raw_depth: Pat
 
 
 def _close(
-    run: RunFolder, number: int, raw: Path, raw_depth: Path, blurred: np.ndarray | None, cycles_seconds: float
+    run: RunFolder,
+    number: int,
+    raw: Path,
+    raw_depth: Path,
+    blurred: np.ndarray | None,
+    T_world_camera: SE3 | None,
+    cycles_seconds: float,
 ) -> dict:
-    """Blender's raw frame -> the finished file; returns its event."""
+    """Blender's raw frame -> the finished file, with ground truth where the camera's pose is given; returns its event."""
     begun = time.perf_counter()
     event = {"event": "frame", "frame": number, "cycles": cycles_seconds}
     if run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
         return {**event, "close": 0.0, "found": True}
     rgb, depth_z_m = frames.read(raw, raw_depth)
-    run.write_frame(number, rgb if blurred is None else blurred, depth_z_m)
+    further = {} if T_world_camera is None else ground_truth.read(raw_depth, T_world_camera)
+    run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
     return {**event, "close": time.perf_counter() - begun}
 
 

@@ -17,6 +17,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
 from .depth_units import metres_from_depth16
+from .ground_truth import TruthImages
 from .images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
 from .run_folder import RunFolder
 
@@ -29,7 +30,7 @@ class FrameSource:
 
     `load(number)` gives scene-linear light (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
     holds the stamp of every frame there is, also of those not asked for; `truth_of(numbers)` the ground truth to
-    write beside those frames, None where there is none. `origin` goes into the recipe.
+    write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them.
     """
 
     camera: PinholeCamera
@@ -38,6 +39,7 @@ class FrameSource:
     load: LoadFrame
     truth_of: Callable[[tuple[int, ...]], Trajectory | None]
     origin: dict
+    truth_images: TruthImages | None = None
 
 
 def run_frames(folder: Path, frames: str = "::") -> FrameSource:
@@ -74,7 +76,8 @@ def _run_source(
         return read_frame(folder / "exr" / f"{number:06}.exr", camera)
 
     stamps_s = dict(enumerate(truth.stamps_s.tolist()))
-    return FrameSource(camera, tuple(sorted(numbers)), stamps_s, load, lambda some: truth[np.array(some)], origin)
+    more = TruthImages(folder) if origin.get("run", {}).get("job", {}).get("ground_truth") else None
+    return FrameSource(camera, tuple(sorted(numbers)), stamps_s, load, lambda some: truth[np.array(some)], origin, more)
 
 
 def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:

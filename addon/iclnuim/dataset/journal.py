@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from ..errors import WorkError
@@ -13,12 +13,18 @@ from ..formats.files import atomic_write_text
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """Frame number, SHA-256 of both images, and how many pixels of rendered depth became 0, by kind."""
+    """Frame number, SHA-256 of both images, how many pixels of rendered depth became 0, by kind, and SHA-256 of ground-truth images, by kind."""
 
     frame: int
     rgb_sha256: str
     depth_sha256: str
     invalid_depth: dict[str, int]
+    truth_sha256: dict[str, str] = field(default_factory=dict)
+
+    def to_line(self) -> str:
+        """JSON; the last item only where there is any."""
+        content = asdict(self)
+        return json.dumps(content if self.truth_sha256 else {k: v for k, v in content.items() if k != "truth_sha256"}) + "\n"
 
 
 class Journal:
@@ -42,14 +48,14 @@ class Journal:
         """Append one line. Raises WorkError where it cannot be written."""
         try:
             with open(self.path, "a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(entry)) + "\n")
+                file.write(entry.to_line())
         except OSError as error:
             raise WorkError(f"{self.path}: cannot write: {error.strerror or error}") from None
         self.entries[entry.frame] = entry
 
     def sort(self) -> None:
         """One line a frame, in order: the same frames leave the same file, however often the work was broken off."""
-        lines = [json.dumps(asdict(self.entries[number])) + "\n" for number in sorted(self.entries)]
+        lines = [self.entries[number].to_line() for number in sorted(self.entries)]
         atomic_write_text(self.path, "".join(lines))
 
 

@@ -1,6 +1,7 @@
 """The folder of a render run: what belongs in it, which frames are done, and that no other recipe is mixed in.
 
-OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0)
+OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0); with ground truth also
+                         instance and normal.X, .Y, .Z (float, cv camera's frame), and OUT/objects.json
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
+from .ground_truth import CHANNELS
 
 #: Bytes a pixel may take in a finished frame (half RGB, float Z, not compressed), for the check of space.
 BYTES_PER_PIXEL = 10
@@ -66,7 +68,8 @@ class RunFolder:
         except InputError:
             return False
         size = (self.camera.height, self.camera.width)
-        return all(name in channels and channels[name].shape == size for name in "RGBZ")
+        wanted = (*"RGBZ", *(CHANNELS if self.recipe["job"].get("ground_truth") else ()))
+        return all(name in channels and channels[name].shape == size for name in wanted)
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
         """Those of `numbers` still to be rendered, in order."""
@@ -84,11 +87,13 @@ class RunFolder:
                 f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; try --frames or another --out"
             )
 
-    def write_frame(self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray) -> None:
-        """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing. Whole or not at all."""
+    def write_frame(
+        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, further: Mapping[str, np.ndarray] | None = None
+    ) -> None:
+        """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing; further channels as they are. Whole or not at all."""
         half = np.clip(rgb, 0, 65504).astype(np.float16)
         channels = {"R": half[..., 0], "G": half[..., 1], "B": half[..., 2], "Z": depth_z_m.astype(np.float32)}
-        exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key})
+        exr.write_exr(self.frame_file(number), {**channels, **(further or {})}, attributes={"recipe": self.key})
 
 
 def trajectory_file(job: RenderJob) -> Path:

@@ -16,11 +16,15 @@ from ..formats.png import write_png
 from ..geometry.camera import PinholeCamera
 from ..sensor.models import DepthNoise, RgbNoise, depth_model, rgb_model
 from ..sensor.randomness import DEPTH, RGB, frame_generator
+from . import ground_truth
 from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, total
 from .dialects import Contents, Dialect, dialect
 from .frames import FrameSource
 from .journal import Journal, JournalEntry
 from .recipe import begin, finish
+
+#: The files of a frame by kind of image: rgb, depth, and the kinds of ground truth.
+Places = dict[str, list[Path]]
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,8 @@ class SequenceWriter:
         """What each sequence lacked of a frame, written; on any thread. `note` what it returns, on one thread."""
         light, depth_z_m = self.source.load(number)
         lacking = [t for t in self.targets if number not in t.finished]
-        return [(t, t.make(number, light, depth_z_m, self.source.camera)) for t in lacking]
+        truth = self.source.truth_images.images(number) if self.source.truth_images else {}
+        return [(t, t.make(number, light, depth_z_m, self.source.camera, truth)) for t in lacking]
 
     def note(self, entries: list[tuple[_Target, JournalEntry]]) -> int:
         """Into the journals; the frame's number."""
@@ -158,13 +163,16 @@ class _Target:
     forms: list[Dialect]
     recipe: dict
     journal: Journal
-    places: dict[int, tuple[list[Path], list[Path]]]
+    places: dict[int, Places]
     finished: frozenset[int]
 
-    def make(self, number: int, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera) -> JournalEntry:
+    def make(
+        self, number: int, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, truth: dict[str, np.ndarray]
+    ) -> JournalEntry:
         image, units, invalid = noisy_images(light, depth_z_m, camera, number, self.settings)
-        rgb, depth = self.places[number]
-        return JournalEntry(number, _write_image(rgb, image), _write_image(depth, units), invalid)
+        images = {"rgb": image, "depth": units, **truth}
+        digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
+        return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)
 
     def completed(self, source: FrameSource) -> WrittenSequence:
         """Text files and recipe, once all frames asked for are there."""
@@ -173,6 +181,8 @@ class _Target:
         folders = _folders(self.out, self.forms)
         for form, folder in zip(self.forms, folders, strict=True):
             form.write_texts(folder, contents, form)
+            if source.truth_images:
+                source.truth_images.write_tables(folder)
         counts = total(self.journal.entries[n].invalid_depth for n in numbers)
         self.journal.sort()
         finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
@@ -186,7 +196,8 @@ def _target(source: FrameSource, out: Path, settings: SequenceSettings, forms: l
     recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in forms])
     journal = Journal(out / "frames.jsonl")
     folders = _folders(out, forms)
-    places = {n: _image_files(forms, folders, n, t) for n, t in source.stamps_s.items()}
+    kinds = ground_truth.KINDS if source.truth_images else ()
+    places = {n: _image_files(forms, folders, n, t, kinds) for n, t in source.stamps_s.items()}
     finished = frozenset(n for n in places if _stands(journal, n, places[n]))
     _make_folders(places[n] for n in source.numbers)
     return _Target(out, settings, forms, recipe, journal, places, finished)
@@ -210,22 +221,25 @@ def _write_image(files: list[Path], image: np.ndarray) -> str:
 
 
 def _image_files(
-    forms: list[Dialect], folders: tuple[Path, ...], number: int, stamp_s: float
-) -> tuple[list[Path], list[Path]]:
-    """Colour and depth files of a frame, one a dialect."""
+    forms: list[Dialect], folders: tuple[Path, ...], number: int, stamp_s: float, kinds: Iterable[str]
+) -> Places:
+    """Colour, depth and ground-truth files of a frame, one a dialect."""
     both = list(zip(forms, folders, strict=True))
-    return [folder / f.rgb(number, stamp_s) for f, folder in both], [
-        folder / f.depth(number, stamp_s) for f, folder in both
-    ]
+    depth = [(folder, f.depth(number, stamp_s)) for f, folder in both]
+    return {
+        "rgb": [folder / f.rgb(number, stamp_s) for f, folder in both],
+        "depth": [folder / path for folder, path in depth],
+        **{kind: [folder / ground_truth.image_path(path, kind) for folder, path in depth] for kind in kinds},
+    }
 
 
-def _stands(journal: Journal, number: int, files: tuple[list[Path], list[Path]]) -> bool:
+def _stands(journal: Journal, number: int, files: Places) -> bool:
     """Whether all images of a frame are there as the journal has them."""
     entry = journal.entries.get(number)
     if entry is None:
         return False
-    digests = (entry.rgb_sha256, entry.depth_sha256)
-    return all(_is(path, digest) for paths, digest in zip(files, digests, strict=True) for path in paths)
+    digests = {"rgb": entry.rgb_sha256, "depth": entry.depth_sha256, **entry.truth_sha256}
+    return all(_is(path, digests.get(kind, "")) for kind, paths in files.items() for path in paths)
 
 
 def _is(path: Path, digest: str) -> bool:
@@ -235,8 +249,8 @@ def _is(path: Path, digest: str) -> bool:
         return False
 
 
-def _make_folders(places: Iterable[tuple[list[Path], list[Path]]]) -> None:
-    for folder in sorted({path.parent for files in places for paths in files for path in paths}):
+def _make_folders(places: Iterable[Places]) -> None:
+    for folder in sorted({path.parent for files in places for paths in files.values() for path in paths}):
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

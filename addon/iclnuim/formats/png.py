@@ -69,13 +69,22 @@ def read_depth16(path: str | os.PathLike[str], backend: str | None = None) -> np
     return _decode(path, data, header, backend, 1)[..., 0]
 
 
+def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
+    """(height, width, 3) uint16 in the order R, G, B: three measures a pixel, such as normals. Raises InputError otherwise."""
+    data, header = _checked(path)
+    if header.bits != 16 or header.colour != "RGB":
+        raise InputError("a 16-bit RGB PNG", path=path, found=str(header))
+    return _decode(path, data, header, backend, 3)
+
+
 def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
-    """Write (h, w, 3) uint8 RGB or (h, w) uint16; whole or absent, the same bytes for the same pixels and library.
+    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16; whole or absent, the same bytes for the same pixels and library.
 
     Raises InputError for another array, WorkError where it cannot be written.
     """
-    if (image.ndim, image.dtype) not in ((3, np.uint8), (2, np.uint16)) or image.shape[2:] not in ((), (3,)):
-        raise InputError("(h, w, 3) uint8 or (h, w) uint16", path=path, found=f"{image.shape} {image.dtype}")
+    kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
+    if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
+        raise InputError("(h, w, 3) uint8 or uint16, or (h, w) uint16", path=path, found=f"{image.shape} {image.dtype}")
     name, module = first_library("PNG", *([backend] if backend else BACKENDS))
     write = _write_cv2 if name == "cv2" else _write_oiio
     atomic_write(path, lambda temporary: write(module, temporary, image))
@@ -121,14 +130,18 @@ def _decode(
     path: str | os.PathLike[str], data: bytes, header: PngHeader, backend: str | None, channels: int
 ) -> np.ndarray:
     name, module = first_library("PNG", *([backend] if backend else BACKENDS))
-    image = _read_cv2(module, data, channels) if name == "cv2" else _read_oiio(module, os.fspath(path), channels)
+    image = (
+        _read_cv2(module, data, header, channels)
+        if name == "cv2"
+        else _read_oiio(module, os.fspath(path), header, channels)
+    )
     if image is None or image.shape != (header.height, header.width, channels):
         raise InputError("a whole PNG image", path=path, found="pixels that cannot be decoded", hint=_AGAIN)
     return image
 
 
-def _read_cv2(cv2: ModuleType, data: bytes, channels: int) -> np.ndarray | None:
-    mode = cv2.IMREAD_COLOR if channels == 3 else cv2.IMREAD_UNCHANGED
+def _read_cv2(cv2: ModuleType, data: bytes, header: PngHeader, channels: int) -> np.ndarray | None:
+    mode = cv2.IMREAD_COLOR if channels == 3 and header.bits == 8 else cv2.IMREAD_UNCHANGED
     image = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     if image is None:
         return None
@@ -141,13 +154,13 @@ def _write_cv2(cv2: ModuleType, temporary: Path, image: np.ndarray) -> None:
     temporary.write_bytes(cv2.imencode(".png", bgr, settings)[1])
 
 
-def _read_oiio(module: ModuleType, path: str, channels: int) -> np.ndarray | None:
+def _read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) -> np.ndarray | None:
     config = module.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = module.ImageInput.open(path, config)
     if image is None:
         return None
-    pixels = image.read_image(0, 0, 0, image.spec().nchannels, module.UINT8 if channels == 3 else module.UINT16)
+    pixels = image.read_image(0, 0, 0, image.spec().nchannels, module.UINT8 if header.bits == 8 else module.UINT16)
     image.close()
     if pixels is None:
         return None
@@ -158,7 +171,7 @@ def _read_oiio(module: ModuleType, path: str, channels: int) -> np.ndarray | Non
 def _write_oiio(module: ModuleType, temporary: Path, image: np.ndarray) -> None:
     height, width = image.shape[:2]
     spec = module.ImageSpec(
-        width, height, image.size // (height * width), module.UINT8 if image.ndim == 3 else module.UINT16
+        width, height, image.size // (height * width), module.UINT8 if image.dtype == np.uint8 else module.UINT16
     )
     spec.attribute("png:compressionLevel", 1)
     spec.attribute("DateTime", "")
