@@ -19,6 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
     _configure_render(actions)
     _configure_odometry(actions)
+    _configure_noise(actions)
 
 
 def _configure_render(actions: argparse._SubParsersAction) -> None:
@@ -56,6 +57,20 @@ def _configure_odometry(actions: argparse._SubParsersAction) -> None:
     race.add_argument("--first", type=int, metavar="N", help="only the first N frames")
     race.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
     race.add_argument("--chart", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
+
+
+def _configure_noise(actions: argparse._SubParsersAction) -> None:
+    example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --chart noise.png"
+    help = "speed of the noise models beside that of the files alone, and likeness to published noisy frames"
+    noise = action(actions, "noise", help, example, _noise)
+    noise.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
+    noise.add_argument("--frames", default=":40", metavar="A:B:S", help="default: the first 40")
+    noise.add_argument("--rounds", type=int, default=5, metavar="N", help="of which the median counts; default: 5")
+    noise.add_argument("--workers", type=int, default=4, metavar="N", help="threads; default: 4")
+    both = "holds clean/ and noisy/ of the same frames, such as the original's"
+    noise.add_argument("--official", type=Path, metavar="DIR", help=both)
+    picture = "time against likeness as a picture (.png, .pdf, .svg)"
+    noise.add_argument("--chart", type=Path, metavar="FILE", help=picture)
 
 
 def _sizes(text: str) -> tuple[int, ...]:
@@ -122,4 +137,21 @@ def _odometry(args: argparse.Namespace, console: Console) -> int:
     front = odometry_race.front(runs)
     values = {"runs": [run.to_dict() for run in runs], "front": front}
     console.result(values, f"{table(runs)}\nPareto front: {', '.join(front)}")
+    return 0
+
+
+def _noise(args: argparse.Namespace, console: Console) -> int:
+    from .. import plots
+    from ..benchmark import noise_chart, noise_fidelity, noise_race
+
+    if args.rounds < 1 or args.workers < 1:
+        raise InputError("rounds and workers of at least 1", found=min(args.rounds, args.workers))
+    overlaps = noise_fidelity.overlaps(args.official / "clean", args.official / "noisy") if args.official else None
+    times_ms = noise_race.model_times_ms(args.raw, args.frames)
+    progress = console.progress(args.rounds * len(noise_race.PAIRS), "bench noise", "rounds")
+    pairs = noise_race.race(args.raw, args.frames, args.rounds, args.workers, progress.advance)
+    if args.chart:
+        plots.save(noise_chart.figure(pairs, times_ms, overlaps), args.chart)
+    values = {"pairs": [asdict(p) for p in pairs], "model_ms": times_ms, "overlap_with_official": overlaps}
+    console.result(values, noise_chart.table(pairs, times_ms, overlaps))
     return 0

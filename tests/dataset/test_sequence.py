@@ -163,6 +163,18 @@ def _spoil(run, what):
         file.write_bytes(data)
 
 
+def test_frames_that_other_threads_finished_beside_a_bad_one_are_not_made_again(run, tmp_path):
+    good = run.frame_file(2).read_bytes()
+    _spoil(run, "truncated")
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match="000002.exr"):
+        fill(run, out, workers=4)
+    whole = {int(p.stem) for p in (out / "rgb").glob("*.png")} & {int(p.stem) for p in (out / "depth").glob("*.png")}
+    run.frame_file(2).write_bytes(good)
+    assert set(SequenceWriter(run_frames(run.path), {out: NOISY}).missing) == {0, 1, 2, 3} - whole
+    assert contents(fill(run, out)) == contents(fill(run, tmp_path / "never stopped"))
+
+
 @pytest.mark.parametrize(
     ("what", "message"),
     [

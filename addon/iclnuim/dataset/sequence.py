@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -123,14 +123,23 @@ class SequenceWriter:
         WorkError where one cannot be written.
         """
         with ThreadPoolExecutor(workers or _cores()) as pool:
-            waiting = [pool.submit(self.make, number) for number in self.missing]
+            waiting = {pool.submit(self.make, number) for number in self.missing}
             try:
-                for done in as_completed(waiting):
+                for done in as_completed(waiting.copy()):
+                    waiting.remove(done)
                     on_frame(self.note(done.result()))
-            finally:
-                for future in waiting:
-                    future.cancel()
+            except BaseException:
+                self._note_finished(waiting)
+                raise
         return self.complete()
+
+    def _note_finished(self, waiting: set[Future]) -> None:
+        """Frames that were in work when another failed are finished and kept; those that were not begun are not."""
+        for future in waiting:
+            future.cancel()
+        for future in waiting:
+            if not future.cancelled() and future.exception() is None:
+                self.note(future.result())
 
     def make(self, number: int) -> list[tuple[_Target, JournalEntry]]:
         """What each sequence lacked of a frame, written; on any thread. `note` what it returns, on one thread."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
+from .bands import bands
 from .disparity import KINECT_CM_PX, quantised
 from .parameters import NoiseSettings, parameter
 from .randomness import gaussian
@@ -79,13 +80,17 @@ class PaperDepthNoise(NoiseSettings):
         where none lands is missing. Vertices without a normal go missing.
         """
         x, y = ray_slopes(camera)
-        step_m = self.sigma_theta(normals.angle_rad(), depth_z_m) * gaussian(rng, depth_z_m.shape)
-        step_m = step_m * np.sqrt(1 + x * x + y * y) / normals.secant  # over |N|, which is not of length one
-        with np.errstate(invalid="ignore", divide="ignore"):
-            moved_z_m = depth_z_m + step_m * normals.z
-            shift_u = np.float32(camera.fx) * step_m * (normals.x - x * normals.z) / moved_z_m
-            shift_v = np.float32(camera.fy) * step_m * (normals.y - y * normals.z) / moved_z_m
-        moved_z_m[~((depth_z_m > 0) & (moved_z_m > 0))] = 0
+        noise = gaussian(rng, depth_z_m.shape)
+        moved_z_m, shift_u, shift_v = (np.empty_like(depth_z_m) for _ in range(3))
+        for rows in bands(len(depth_z_m)):
+            z, n = depth_z_m[rows], normals[rows]
+            step_m = self.sigma_theta(n.angle_rad(), z) * noise[rows]
+            step_m = step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant  # over |N|, which is not of length one
+            with np.errstate(invalid="ignore", divide="ignore"):
+                moved = z + step_m * n.z
+                shift_u[rows] = np.float32(camera.fx) * step_m * (n.x - x * n.z) / moved
+                shift_v[rows] = np.float32(camera.fy) * step_m * (n.y - y[rows] * n.z) / moved
+                moved_z_m[rows] = np.where((z > 0) & (moved > 0), moved, np.float32(0))
         return _projected(moved_z_m, shift_u, shift_v)
 
 
