@@ -39,13 +39,6 @@ def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
     )
 
 
-def srgb_bytes(rgb: np.ndarray) -> np.ndarray:
-    """Scene-linear RGB (h, w, 3) to sRGB bytes in OpenCV's order (blue first)."""
-    value = np.clip(rgb, 0, 1)
-    encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
-    return np.round(encoded * 255).astype(np.uint8)[..., ::-1].copy()
-
-
 def side_by_side(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """The official frame at the left, ours at the right."""
     return np.concatenate([theirs, np.full((theirs.shape[0], 8, 3), 255, np.uint8), ours], 1)

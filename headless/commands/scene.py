@@ -13,6 +13,7 @@ from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write
 from iclnuim.scenes import SCENES, build_scene
+from iclnuim.sensor.transfer import srgb8
 
 from ..console import Console
 from ..options import action, subcommands
@@ -100,7 +101,7 @@ def _compare(args: argparse.Namespace, console: Console) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     figures, progress = {}, console.progress(len(views.frames), "compare")
     for number, rgb, depth_z_m in _rendered(views, args.samples_dir, args.samples):
-        bgr, (their_bgr, their_depth) = likeness.srgb_bytes(rgb), views.official(args.samples_dir, number)
+        bgr, (their_bgr, their_depth) = srgb8(rgb)[..., ::-1].copy(), views.official(args.samples_dir, number)
         figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(likeness.measure(their_bgr, their_depth))
         picture = cv2.imencode(".png", likeness.side_by_side(bgr, their_bgr))[1].tobytes()
         name = f"{views.sequence}_{number}.png"

@@ -16,7 +16,10 @@ def test_reading_the_map_anywhere_on_a_surface_meets_its_own_chart_only(scene, s
     layout = lay_out(scene, both(scene), size)
     sides, rng = layout.sides.surfaces, np.random.default_rng(1)
     triangle = rng.integers(len(sides.triangles), size=4000)
-    at = np.einsum("nk,nkj->nj", rng.dirichlet(np.ones(3), 4000), layout.packing.corners[sides.triangles[triangle]]) - 0.5
+    at = (
+        np.einsum("nk,nkj->nj", rng.dirichlet(np.ones(3), 4000), layout.packing.corners[sides.triangles[triangle]])
+        - 0.5
+    )
     chart = layout.texels.image(layout.texels.chart, -1)
     own = layout.charts.chart[sides.triangle_face[triangle]]
     low = np.floor(at).astype(int)
@@ -83,3 +86,14 @@ def test_narrow_faces_are_widened_towards_a_texel_each(scene):
 def test_a_map_too_small_for_its_charts_is_refused(scene):
     with pytest.raises(InputError, match="larger map"):
         lay_out(scene, both(scene), 6)
+
+
+def test_charts_where_light_changes_fast_get_more_texels(scene):
+    even, changing = np.full((scene.faces, 2), 1e-3), np.full((scene.faces, 2), 1e-3)
+    changing[: scene.faces // 8] = 1.0
+
+    def share(contrast):
+        layout = lay_out(scene, both(scene), 256, contrast=contrast)
+        return np.mean(layout.face_of_texel < scene.faces // 8)
+
+    assert share(changing) > 1.2 * share(even)

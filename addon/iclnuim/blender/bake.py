@@ -21,6 +21,7 @@ import numpy as np
 from .. import __version__
 from ..errors import InputError
 from ..lightmap import denoise, filling
+from ..lightmap.contrast import contrast
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT, Surfaces
 from . import baked_materials, compat, light_map, light_passes, light_surfaces, light_view, lit_scene, scene_key
@@ -121,10 +122,11 @@ def _make(
     translucent = _kinds(found)[1]
     coarse = lay_out(surfaces, both, settings.coarse_size)
     coarse = _Points(coarse, places, settings.coarse_samples, settings.seed, translucent)
-    fine = lay_out(surfaces, wanted, settings.size, exposure)
-    fine = _Points(fine, places, settings.samples, settings.seed + 1, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
-    with _bounced(found, coarse):
+    first = coarse.direct()
+    fine = lay_out(surfaces, wanted, settings.size, exposure, coarse.contrast(first))
+    fine = _Points(fine, places, settings.samples, settings.seed + 1, translucent)
+    with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct() + fine.gathered())
     seconds = time.perf_counter() - started
@@ -142,10 +144,9 @@ def _make(
 
 
 @contextmanager
-def _bounced(found: list[Part], coarse: _Points) -> Iterator[None]:
-    """The scene lit by the coarse map with all bounces but the last."""
+def _bounced(found: list[Part], coarse: _Points, first: Halves) -> Iterator[None]:
+    """The scene lit by the coarse map with all bounces but the last; `first` is the light that comes straight."""
     cycles = bpy.context.scene.cycles
-    first = coarse.direct()
     image = lit_scene.image_from_pixels(coarse.map(first))
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
     lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image)
@@ -241,10 +242,17 @@ class _Points:
     def gathered(self) -> Halves:
         return light_passes.gathered(self.points_m, self.normals, self.samples, self.seed)
 
+    def contrast(self, light: Halves) -> np.ndarray:
+        """(F, 2) how much light changes on each side from texel to texel."""
+        steps = contrast(*self._images(light), self.chart)
+        return self.layout.per_side(steps.ravel()[self.layout.texels.index])
+
+    def _images(self, light: Halves) -> list[np.ndarray]:
+        return [self.layout.texels.image(half) for half in (light.a, light.b)]
+
     def map(self, light: Halves) -> np.ndarray:
         """(size, size, 3): noise taken out, hidden texels next to seen ones and gutters filled."""
-        halves = [self.layout.texels.image(half) for half in (light.a, light.b)]
-        smooth = denoise.denoise(*halves, self.chart, self.facing, self.visible)
+        smooth = denoise.denoise(*self._images(light), self.chart, self.facing, self.visible)
         filled, reached = filling.fill(smooth, self.visible, self.chart, 2)
         smooth = np.where(reached[..., None], filled, smooth)
         return filling.fill(smooth, self.chart >= 0, self.chart, 2)[0].astype(np.float32)

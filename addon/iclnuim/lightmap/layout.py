@@ -13,6 +13,8 @@ from .texels import Texels, texels
 
 #: Texels per metre may differ between charts by these factors from the usual.
 SPARSEST, DENSEST = 0.3, 1.6
+#: And by these where light is even, or changes fast.
+EVENEST, SHARPEST = 0.6, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,24 +63,44 @@ class Layout:
         return f"{len(self.charts.size_m)} charts, {count} texels ({count / size**2:.0%} of {size} x {size}), {1000 / self.packing.density:.1f} mm"
 
 
-def lay_out(surfaces: Surfaces, wanted: np.ndarray, size: int, exposure: np.ndarray | None = None) -> Layout:
+def lay_out(
+    surfaces: Surfaces,
+    wanted: np.ndarray,
+    size: int,
+    exposure: np.ndarray | None = None,
+    contrast: np.ndarray | None = None,
+) -> Layout:
     """A map of size x size texels for the sides `wanted` (F, 2).
 
     `exposure` (F, 2) says how much of a camera's image a square metre of each side may fill; texels are laid in proportion.
+    `contrast` (F, 2) says how much light changes there from place to place, squared: shadows' edges get more texels.
     """
     sides = select(surfaces, wanted)
     charts = chart(sides.surfaces)
-    packing = pack(sides.surfaces, charts, size, None if exposure is None else _weight(charts, sides, exposure))
+    area = np.linalg.norm(sides.surfaces.area_vectors(), axis=1) + 1e-12
+    total = np.bincount(charts.chart, area, len(charts.size_m))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.bincount(charts.chart, area * values[sides.face, sides.side], len(total)) / total
+
+    weight = np.ones(len(total))
+    if exposure is not None:
+        weight *= _by_exposure(mean(exposure), total)
+    if contrast is not None:
+        weight *= _by_contrast(mean(contrast), total)
+    packing = pack(sides.surfaces, charts, size, weight)
     return Layout(surfaces, sides, charts, packing, texels(sides.surfaces, charts.chart, packing.corners, size))
 
 
-def _weight(charts: Charts, sides: Sides, exposure: np.ndarray) -> np.ndarray:
+def _by_exposure(mean: np.ndarray, area: np.ndarray) -> np.ndarray:
     """(K,) relative density: the root of a chart's mean exposure, against the usual by area."""
-    area = np.linalg.norm(sides.surfaces.area_vectors(), axis=1) + 1e-12
-    count = len(charts.size_m)
-    total = np.bincount(charts.chart, area, count)
-    mean = np.bincount(charts.chart, area * exposure[sides.face, sides.side], count) / total
-    return np.clip(np.sqrt(mean / _weighted_median(mean, total)), SPARSEST, DENSEST)
+    return np.clip(np.sqrt(mean / _weighted_median(mean, area)), SPARSEST, DENSEST)
+
+
+def _by_contrast(mean: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """(K,) relative density. The error at an edge is in proportion to texel size, so the cube root makes the sum of errors least."""
+    usual = max(float(np.average(mean, weights=area)), 1e-12)
+    return np.clip(np.cbrt(np.maximum(mean, 0) / usual), EVENEST, SHARPEST)
 
 
 def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:

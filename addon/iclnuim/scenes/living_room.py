@@ -14,6 +14,7 @@ from .hard import chair, coffee_table, foot_lamp, sideboard, television
 from .living_room_measures import DOOR, LAMPS, SKIRT_THICK, SKIRT_TOP, SPOTS, WINDOW, X0, X1, Y0, Y1, Z0, Z1
 from .living_room_palette import palette
 from .mesh import Mesh, grid, join
+from .opening import open_with
 from .shapes import bar, rounded_box, steps
 from .soft import LENGTH, curtain, pillow, rug, sofa, throw
 from .stage import Stage
@@ -27,7 +28,7 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
     for part, fill in enumerate((_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 11, part])), detail)
     living_room_light.light(seed, detail)
-    living_room_light.defaults()
+    open_with((-1.55, 1.55, 1.55), 78, 214)
 
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
@@ -152,7 +153,9 @@ def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         stage.add(f"lamp_{name}", "lamp", stand.moved(x, y, Z0), "steel")
         stage.add(f"lamp_shade_{name}", "lamp", shade.moved(x, y, Z0), "shade", "steel")
         shining = stage.add(f"lamp_bulb_{name}", "lamp", bulb.moved(x, y, Z0), "bulb")
-        shining.visible_shadow = shining.visible_diffuse = False  # the light stands inside it; what glows is for the eye
+        shining.visible_shadow = shining.visible_diffuse = (
+            False  # the light stands inside it; what glows is for the eye
+        )
 
 
 def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:

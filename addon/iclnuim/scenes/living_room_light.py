@@ -1,8 +1,7 @@
-"""The living room's light, and the settings its file opens with."""
+"""The living room's light."""
 
 from __future__ import annotations
 
-import bpy
 import numpy as np
 
 from . import lights, paintings
@@ -25,21 +24,3 @@ def light(seed: int, detail: float) -> None:
     size = max(32, int(512 * min(detail, 1.0)))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 99]))
     lights.sky(image("living_room.sky", paintings.sky(rng, (size, 2 * size))), 1.8)
-
-
-def defaults() -> None:
-    """Render settings that the file opens with; a camera stands at the sofa's far side."""
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.render.filepath = "//"
-    scene.view_settings.view_transform = "Standard"
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
-    scene.unit_settings.system = "METRIC"
-    camera = bpy.data.cameras.new("camera")
-    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 36.0, 481.2 * 36.0 / 640
-    camera.clip_start, camera.clip_end = 0.01, 200.0
-    obj = bpy.data.objects.new("camera", camera)
-    obj.location, obj.rotation_euler = (-1.55, 1.55, 1.55), (np.radians(78), 0.0, np.radians(214))
-    scene.collection.objects.link(obj)
-    scene.camera = obj

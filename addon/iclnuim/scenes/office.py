@@ -26,6 +26,7 @@ from .office_wall import (
     socket_plate,
     vent,
 )
+from .opening import open_with
 from .solids import block
 from .stage import Stage
 from .wallpieces import casing, door, plane, skirting
@@ -38,7 +39,7 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
     for part, fill in enumerate(parts):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 12, part])), detail)
     office_light.light()
-    office_light.defaults()
+    open_with((0.6, 1.2, 4.55), 80, 168)
 
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
@@ -57,7 +58,10 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("ceiling", "ceiling", panels, "ceiling")
     stage.add("ceiling_rails", "ceiling", rails, "rail")
     for k, (x, y) in enumerate(LUMINAIRES, 1):
-        stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "white metal", "tube light", "louver")
+        fitting = stage.add(
+            f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "white metal", "tube light", "louver"
+        )
+        fitting.visible_diffuse = False  # its light is the rectangle's beneath it; what glows is for the eye
     for k, (x, y) in enumerate(VENTS, 1):
         stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1 - 0.003), "rail", "dark")
 

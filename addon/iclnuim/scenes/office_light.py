@@ -1,4 +1,4 @@
-"""The office's light, and the settings its file opens with."""
+"""The office's light."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from .office_measures import LUMINAIRES, Z1
 
-POWER_W = 14.5  # of a luminaire's pair of panels
+POWER_W = 15.5  # of a luminaire's pair of panels
 SPREAD_DEG = 172.0  # the louvers keep light from the very top of the walls
 
 
@@ -26,20 +26,3 @@ def light() -> None:
         world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
     bpy.context.scene.world = world
-
-
-def defaults() -> None:
-    """Render settings that the file opens with; a camera stands in the middle."""
-    scene = bpy.context.scene
-    scene.render.engine, scene.render.filepath = "CYCLES", "//"
-    scene.view_settings.view_transform = "Standard"
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
-    scene.unit_settings.system = "METRIC"
-    camera = bpy.data.cameras.new("camera")
-    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 36.0, 481.2 * 36.0 / 640
-    camera.clip_start, camera.clip_end = 0.01, 100.0
-    obj = bpy.data.objects.new("camera", camera)
-    obj.location, obj.rotation_euler = (0.6, 1.2, 4.55), (np.radians(80), 0.0, np.radians(168))
-    scene.collection.objects.link(obj)
-    scene.camera = obj

@@ -1,0 +1,25 @@
+"""What a scene's file opens with: render settings, and a camera of the paper's kind."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+FARTHEST_M = 200.0
+
+
+def open_with(place_m: tuple[float, float, float], down_deg: float, turn_deg: float) -> None:
+    """A camera at `place_m`, looking `down_deg` up from straight down and turned by `turn_deg` about z."""
+    scene = bpy.context.scene
+    scene.render.engine, scene.render.filepath = "CYCLES", "//"
+    scene.view_settings.view_transform = "Standard"
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
+    scene.unit_settings.system = "METRIC"
+    camera = bpy.data.cameras.new("camera")
+    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 36.0, 481.2 * 36.0 / 640
+    camera.clip_start, camera.clip_end = 0.01, FARTHEST_M
+    obj = bpy.data.objects.new("camera", camera)
+    obj.location, obj.rotation_euler = place_m, (np.radians(down_deg), 0.0, np.radians(turn_deg))
+    scene.collection.objects.link(obj)
+    scene.camera = obj
