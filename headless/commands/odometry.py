@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from ..console import Console
@@ -15,6 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("folder", type=Path, metavar="DIR", help="a sequence in TUM form, or in the original's")
     add("-o", "--out", type=Path, metavar="EST", help="write the path as a TUM trajectory")
     add("--preset", default="best", help="best (default) or paper")
+    add("--reference", default="frame", metavar="KIND", help="align against the frame before (frame, default) or a model")
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
     add("--all", action="store_true", help="run all of ours and print the table")
     add("--plot", type=Path, metavar="FILE", help="draw path and residual (.png, .pdf, .svg)")
@@ -26,14 +28,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.errors import InputError
 
     from ..odometry import report
-    from ..odometry.registry import OURS, odometer
+    from ..odometry.registry import OURS, odometer, reference
 
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     if args.all and (args.out or args.plot):
         raise InputError("--all without -o and --plot", found="one of them")
+    view = partial(reference, args.reference, preset=args.preset)
     runs = [
-        report.run_sequence(odometer(name, args.preset), args.folder, args.lost, console.progress)
+        report.run_sequence(odometer(name, args.preset), args.folder, args.lost, console.progress, reference=view)
         for name in (OURS if args.all else [args.method])
     ]
     for done in runs:

@@ -11,7 +11,7 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
 from .minimise import Descent, Limits, descend
-from .photometric import PhotometricTerm, flat
+from .photometric import Light, PhotometricTerm, flat
 from .protocol import Frame, Result, failure
 from .pyramid import Level, pyramid
 
@@ -52,18 +52,11 @@ class Dvo:
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
         if flat(reference, current):
             return failure("image: no contrast")
-        s, sigma, levels = self.settings, 5.0, []
+        s, levels = self.settings, []
         chosen = [n for n in s.levels if n < len(reference)] or [len(reference) - 1]
         for level in chosen:
-            term = PhotometricTerm(
-                reference[level],
-                current[level],
-                s.least_gradient,
-                s.most_dz_m,
-                nu=s.nu,
-                each_time=level == chosen[0],
-                sigma=sigma,
-            )
+            light = Light(s.least_gradient, s.most_dz_m, nu=s.nu)
+            term = PhotometricTerm(reference[level], current[level], light, each_time=level == chosen[0])
             descent = Descent(s.iterations, s.least_decrease, s.smallest_step, undo=True)
             levels.append((term, descent, reference[level].grey.size))
         return descend(levels, guess, Limits(least_inliers=s.least_inliers))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,44 +12,49 @@ from .pyramid import Level
 from .system import System
 
 
-@dataclass
-class PlaneTerm:
-    """Equations in metres, of every `stride`-th row and column. nu > 0: Student-t weights."""
+@dataclass(frozen=True)
+class Planes:
+    """What a point-to-plane term uses: every `stride`-th row and column. nu > 0: Student-t weights."""
 
-    reference: Level
-    current: Level
     most_distance_m: float = 0.10
     most_angle_deg: float = 20.0
     stride: int = 1
     nu: float = 0.0
-    sigma: float = 0.005
-    residual: np.ndarray = field(init=False)
-    partner: np.ndarray = field(init=False)
+    cross: bool = False
 
-    def __post_init__(self) -> None:
-        h, w = self.current.depth_z_m.shape
-        self.residual = np.empty((-(-h // self.stride), -(-w // self.stride)), np.float32)
-        self.partner = np.zeros(self.residual.shape, np.int32)
+
+class PlaneTerm:
+    """Equations in metres."""
+
+    def __init__(self, reference: Level, current: Level, planes: Planes, sigma: float = 0.005) -> None:
+        self.reference, self.planes, self.sigma = reference, planes, sigma
+        z = current.depth_z_m
+        size = -(-z.shape[0] // planes.stride) * -(-z.shape[1] // planes.stride)
+        points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
+        n = kernels.flat_points(current.k, z, current.normals, planes.stride, points, directions)
+        self.pixels, self.points, self.directions = size, points[:n], directions[:n]
+        self.residual, self.J = np.empty(n, np.float32), np.empty((n, 6), np.float32)
+        self.residual1, self.J1 = np.empty(n, np.float32), np.empty((n, 6), np.float32)
 
     def __call__(self, T: np.ndarray, iteration: int) -> System:
-        one, two = self.reference, self.current
+        level, nu = self.reference, self.planes.nu
         kernels.plane_residuals(
             T,
-            one.k,
-            one.depth_z_m,
-            one.normals,
-            two.depth_z_m,
-            two.normals,
-            self.stride,
-            self.most_distance_m,
-            math.cos(math.radians(self.most_angle_deg)),
+            level.k,
+            self.points,
+            self.directions,
+            level.depth_z_m,
+            level.normals,
+            self.planes.most_distance_m,
+            math.cos(math.radians(self.planes.most_angle_deg)),
             self.residual,
-            self.partner,
+            self.J,
+            self.residual1,
+            self.J1,
         )
-        if self.nu > 0:
-            self.sigma = max(kernels.student_scale(self.residual, self.nu, self.sigma, 10), 1e-5)
-        rows = np.zeros((len(self.residual), kernels.SUMS))
-        kernels.plane_sums(
-            T, one.k, one.normals, two.depth_z_m, self.stride, self.residual, self.partner, self.sigma, self.nu, rows
-        )
-        return System.of_rows(rows)
+        if nu > 0:
+            self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 10), 1e-5)
+        if self.planes.cross:
+            s = kernels.cross_sums(self.points, self.J, self.residual, self.J1, self.residual1, self.sigma, nu)
+            return System.of_sums(s)
+        return System.of_sums(kernels.sums(self.points, self.J, self.residual, self.sigma, nu))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
-from .geometric import PlaneTerm
+from .geometric import Planes, PlaneTerm
 from .minimise import Descent, Limits, descend
 from .protocol import Frame, Result
 from .pyramid import Level, pyramid
@@ -25,6 +25,7 @@ class IcpSettings:
     most_angle_deg: float = 20.0
     normal_step: int = 1
     nu: float = 0.0
+    cross: bool = False
     smallest_step: float = 0.0
     hold: bool = False
     largest_step_m: float = 0.3
@@ -50,8 +51,9 @@ class Icp:
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
         s, levels = self.settings, []
         for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
-            term = PlaneTerm(reference[n], current[n], s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu)
-            levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), term.residual.size))
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.cross)
+            term = PlaneTerm(reference[n], current[n], planes)
+            levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), term.pixels))
         return descend(levels, guess, Limits(s.largest_step_m, flag=True, hold=s.hold))
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .geometric import PlaneTerm
+from .geometric import Planes, PlaneTerm
 from .icp import Icp, IcpSettings
 from .minimise import Descent, Limits, Linearise, descend
-from .photometric import PhotometricTerm, flat
+from .photometric import Light, PhotometricTerm, flat
 from .protocol import Result
 from .pyramid import Level
 from .system import System
@@ -51,10 +51,11 @@ class IcpRgbd(Icp):
             return super().align(reference, current, guess)
         s, levels = self.settings, []
         for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
-            plane = PlaneTerm(reference[n], current[n], s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu)
-            light = PhotometricTerm(reference[n], current[n], s.least_gradients[n], s.most_dz_m, 13.0, s.nu)
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.cross)
+            plane = PlaneTerm(reference[n], current[n], planes)
+            light = PhotometricTerm(reference[n], current[n], Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu))
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
-            levels.append((_joint(plane, light, s), descent, plane.residual.size))
+            levels.append((_joint(plane, light, s), descent, plane.pixels))
         return descend(levels, guess, Limits(s.largest_step_m))
 
 

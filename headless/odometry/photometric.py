@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from . import kernels
 from .pyramid import Level
-from .system import System
+from .system import System, inverted
 
 #: Grey levels (standard deviation) below which an image is black, white or covered.
 LEAST_CONTRAST = 1.0
@@ -19,42 +19,50 @@ def flat(*frames: list[Level]) -> bool:
     return any(float(levels[-1].grey.std()) < LEAST_CONTRAST for levels in frames)
 
 
-@dataclass
-class PhotometricTerm:
-    """Equations in grey levels. nu > 0: Student-t weights, sigma kept between calls; each_time re-estimates it."""
+@dataclass(frozen=True)
+class Light:
+    """What a photometric term uses: grey levels a pixel, metres. nu > 0: Student-t weights."""
 
-    reference: Level
-    current: Level
     least_gradient: float = 0.0
     most_dz_m: float = 0.05
     most_depth_m: float = 1e9
     nu: float = 0.0
-    each_time: bool = True
-    sigma: float = 5.0
-    residual: np.ndarray = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.residual = np.empty(self.reference.grey.shape, np.float32)
+
+class PhotometricTerm:
+    """Equations in grey levels. sigma is kept between calls; each_time re-estimates it, else only the first one does."""
+
+    def __init__(
+        self, reference: Level, current: Level, light: Light, each_time: bool = True, sigma: float = 5.0
+    ) -> None:
+        self.current, self.light, self.each_time, self.sigma = current, light, each_time, sigma
+        size = reference.grey.size
+        points, greys, J = (np.empty((size, *d), np.float32) for d in ((3,), (), (6,)))
+        n = kernels.bright_points(
+            reference.k,
+            reference.grey,
+            reference.depth_z_m,
+            light.least_gradient,
+            light.most_depth_m,
+            points,
+            greys,
+            J,
+        )
+        self.points, self.greys, self.J = points[:n], greys[:n], J[:n]
+        self.residual = np.empty(n, np.float32)
 
     def __call__(self, T: np.ndarray, iteration: int) -> System:
-        one, two = self.reference, self.current
-        gx, gy = one.gradients
-        kernels.photometric_residuals(
-            np.linalg.inv(T),
-            one.k,
-            one.grey,
-            one.depth_z_m,
-            gx,
-            gy,
-            two.grey,
-            two.depth_z_m,
-            self.least_gradient,
-            self.most_dz_m,
-            self.most_depth_m,
+        level, nu = self.current, self.light.nu
+        kernels.grey_residuals(
+            inverted(T),
+            level.k,
+            self.points,
+            self.greys,
+            level.grey,
+            level.depth_z_m,
+            self.light.most_dz_m,
             self.residual,
         )
-        if self.nu > 0 and (iteration == 0 or self.each_time):
-            self.sigma = max(kernels.student_scale(self.residual, self.nu, self.sigma, 20), 1e-3)
-        rows = np.zeros((len(self.residual), kernels.SUMS))
-        kernels.photometric_sums(one.k, one.depth_z_m, gx, gy, self.residual, self.sigma, self.nu, rows)
-        return System.of_rows(rows)
+        if nu > 0 and (iteration == 0 or self.each_time):
+            self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 20), 1e-3)
+        return System.of_sums(kernels.sums(self.points, self.J, self.residual, self.sigma, nu))

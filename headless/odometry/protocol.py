@@ -41,7 +41,7 @@ class Frame:
         if self.depth_z_m.shape != (camera.height, camera.width):
             h, w = self.depth_z_m.shape
             return f"size: {w}x{h} instead of {camera.width}x{camera.height}"
-        share = np.count_nonzero(self.depth_z_m) / self.depth_z_m.size
+        share = np.count_nonzero(self.depth_z_m[::2, ::2] > 0) / self.depth_z_m[::2, ::2].size
         return f"depth: only {share:.1%} of the pixels have any" if share < LEAST_DEPTH_SHARE else ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from .protocol import Frame
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """grey and depth_z_m (h, w) float32; gradients in grey levels a pixel, normals (h, w, 3), made when asked for."""
+    """grey and depth_z_m (h, w) float32; normals (h, w, 3) are made when asked for."""
 
     grey: np.ndarray
     depth_z_m: np.ndarray
@@ -26,12 +27,6 @@ class Level:
     def k(self) -> np.ndarray:
         c = self.camera
         return np.array([c.fx, c.fy, c.cx, c.cy])
-
-    @cached_property
-    def gradients(self) -> tuple[np.ndarray, np.ndarray]:
-        """Central differences, the slope at the pixel itself."""
-        centre = np.array([[-0.5, 0, 0.5]], np.float32)
-        return cv2.filter2D(self.grey, -1, centre), cv2.filter2D(self.grey, -1, centre.T)
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -50,14 +45,19 @@ def pyramid(
     for _ in range(levels - 1):
         if min(camera.width, camera.height) < 32:
             break
-        height, width = camera.height // 2 * 2, camera.width // 2 * 2
-        grey = cv2.resize(grey[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-        if depth == "median-pick":
-            z = np.ascontiguousarray(cv2.medianBlur(z, 3)[:height:2, :width:2])
-        else:
-            coarse = np.empty((height // 2, width // 2), np.float32)
-            kernels.halve_depth(z, coarse)
-            z = coarse
         camera = camera.halved()
+        grey = _halved(kernels.halve_grey, grey)
+        z = _median_picked(z) if depth == "median-pick" else _halved(kernels.halve_depth, z)
         result.append(Level(grey, z, camera, normal_step))
     return result
+
+
+def _halved(kernel: Callable, image: np.ndarray) -> np.ndarray:
+    half = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
+    kernel(image, half)
+    return half
+
+
+def _median_picked(z: np.ndarray) -> np.ndarray:
+    height, width = z.shape
+    return np.ascontiguousarray(cv2.medianBlur(z, 3)[: height // 2 * 2 : 2, : width // 2 * 2 : 2])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
 
 from . import dvo, icp, icp_rgbd, peers, rgbd
 from .protocol import Odometer
+from .reference import PreviousFrame, Reference
 
 OURS = {
     "rgbd": (rgbd.Rgbd, rgbd.PRESETS),
@@ -25,3 +27,14 @@ def odometer(name: str, preset: str = "best") -> Odometer:
     if preset not in presets:
         raise InputError(f"a preset of {name} ({', '.join(presets)})", found=preset)
     return kind(presets[preset])
+
+
+def reference(name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> Reference:
+    """`frame` or `model`: what frames are aligned against. Raises InputError for another name."""
+    if name == "frame":
+        return PreviousFrame()
+    if name != "model":
+        raise InputError("a reference (frame, model)", found=name)
+    from ..reconstruction.reference import ModelReference
+
+    return ModelReference(odometer, camera, preset)

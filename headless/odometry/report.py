@@ -11,11 +11,13 @@ from iclnuim.dataset.images import read_truth
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 from .frames import Sequence
 from .protocol import Odometer
+from .reference import Reference
 from .track import Tracked, track
 
 
@@ -66,13 +68,19 @@ class Run:
 
 
 def run_sequence(
-    odometer: Odometer, folder: Path, policy: str = "hold", progress: Callable | None = None, frames: int | None = None
+    odometer: Odometer,
+    folder: Path,
+    policy: str = "hold",
+    progress: Callable | None = None,
+    frames: int | None = None,
+    reference: Callable[[Odometer, PinholeCamera], Reference] | None = None,
 ) -> Run:
     """Track a folder's frames, or the first of them. `progress(total, label)` makes something with advance()."""
     sequence = Sequence(Path(folder))
+    view = reference(odometer, sequence.camera.pinhole) if reference else None
     bar = progress(min(len(sequence), frames or len(sequence)), odometer.name) if progress else None
     tracked = []
-    for result in track(odometer, sequence.camera.pinhole, sequence.frames(frames), policy):
+    for result in track(odometer, sequence.camera.pinhole, sequence.frames(frames), policy, view):
         tracked.append(result)
         if bar:
             bar.advance()

@@ -11,7 +11,7 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
 from .minimise import Descent, Limits, descend
-from .photometric import PhotometricTerm, flat
+from .photometric import Light, PhotometricTerm, flat
 from .protocol import Frame, Result, failure
 from .pyramid import Level, pyramid
 
@@ -51,8 +51,7 @@ class Rgbd:
         s, levels = self.settings, []
         for n in reversed(range(len(reference))):
             if s.iterations[n]:
-                term = PhotometricTerm(
-                    reference[n], current[n], s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu
-                )
+                light = Light(s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu)
+                term = PhotometricTerm(reference[n], current[n], light)
                 levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), reference[n].grey.size))
         return descend(levels, guess, Limits(s.largest_step_m, s.least_inliers))

@@ -23,9 +23,8 @@ class System:
     length_m: float
 
     @classmethod
-    def of_rows(cls, rows: np.ndarray) -> System:
-        """From the kernels' rows (n, 34), added in their order."""
-        s = rows.sum(axis=0)
+    def of_sums(cls, s: np.ndarray) -> System:
+        """From kernels.sums() (34,)."""
         A = np.zeros((6, 6))
         A[np.triu_indices(6)] = s[:21]
         A = A + np.triu(A, 1).T
@@ -80,3 +79,16 @@ class System:
 def moved(T: np.ndarray, twist: np.ndarray) -> np.ndarray:
     """exp(twist) T, (4, 4)."""
     return SE3.exp(twist).matrix @ T
+
+
+def inverted(T: np.ndarray) -> np.ndarray:
+    """Of (4, 4) with the last row 0 0 0 1, exact also where a long chain is no longer quite a rotation.
+
+    Not np.linalg.inv: OpenBLAS wakes its threads even for this, which takes milliseconds on a busy machine.
+    """
+    a, b, c = T[0, :3], T[1, :3], T[2, :3]
+    bc = np.cross(b, c)
+    result = np.eye(4)
+    result[:3, :3] = np.array([bc, np.cross(c, a), np.cross(a, b)]).T / (a @ bc)
+    result[:3, 3] = -result[:3, :3] @ T[:3, 3]
+    return result

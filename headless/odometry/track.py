@@ -11,6 +11,8 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 
 from .protocol import Frame, Odometer, Result, failure
+from .reference import PreviousFrame, Reference
+from .system import inverted
 
 #: hold: the last pose, and the reference is kept; constant-velocity: the last motion goes on; restart: the lost frame
 #: is the new reference, at the last pose
@@ -30,14 +32,16 @@ class Tracked:
 
 
 class Tracker:
-    """Frame-to-frame tracking; constant memory and constant cost a frame."""
+    """One frame after the other, against `reference` (default: the frame before, at constant memory and cost)."""
 
-    def __init__(self, odometer: Odometer, camera: PinholeCamera, policy: str = "hold") -> None:
+    def __init__(
+        self, odometer: Odometer, camera: PinholeCamera, policy: str = "hold", reference: Reference | None = None
+    ) -> None:
         if policy not in POLICIES:
             raise InputError(f"a policy for lost frames ({', '.join(POLICIES)})", found=policy)
         self.odometer, self.camera, self.policy = odometer, camera, policy
-        self.reference, self.T_world_reference = None, np.eye(4)
-        self.pose, self.motion, self.losses = np.eye(4), np.eye(4), 0
+        self.reference, self.view, self.T_world_view = reference or PreviousFrame(), None, np.eye(4)
+        self.T_view_camera, self.motion, self.losses = np.eye(4), np.eye(4), 0
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
         """A frame, or the reason why there is none."""
@@ -46,34 +50,42 @@ class Tracker:
         current = None if fault else self.odometer.prepare(frame, self.camera)
         result = self._aligned(current, fault)
         lost = not np.isfinite(result.residual) and bool(result.reason)
-        self._go_on(current, result, lost)
-        return Tracked(stamp_s, self.pose, replace(result, seconds=time.perf_counter() - started), lost)
+        pose = self._lost(frame, current) if lost else self._found(frame, current, result.T_reference_camera)
+        return Tracked(stamp_s, pose, replace(result, seconds=time.perf_counter() - started), lost)
 
     def _aligned(self, current: object, fault: str) -> Result:
         if current is None:
             return failure(fault)
-        if self.reference is None:
+        if self.view is None:
             return Result(np.eye(4), True, residual=0.0, inliers=1.0)
-        guess = np.linalg.inv(self.T_world_reference) @ self.pose
-        return self.odometer.align(self.reference, current, guess)
+        return self.odometer.align(self.view, current, self.T_view_camera)
 
-    def _go_on(self, current: object, result: Result, lost: bool) -> None:
-        if not lost:
-            pose = self.T_world_reference @ result.T_reference_camera
-            self.motion, self.pose, self.losses = np.linalg.inv(self.pose) @ pose, pose, 0
-            self.reference, self.T_world_reference = current, pose
-            return
+    def _found(self, frame: Frame, current: object, T_view_camera: np.ndarray) -> np.ndarray:
+        self.motion, self.losses = inverted(self.T_view_camera) @ T_view_camera, 0
+        pose = self.T_world_view @ T_view_camera
+        self.view, self.T_world_view = self.reference.renew(frame, current, pose)
+        self.T_view_camera = inverted(self.T_world_view) @ pose
+        return pose
+
+    def _lost(self, frame: Frame | str, current: object) -> np.ndarray:
         self.losses += 1
         if self.policy == "constant-velocity":
-            self.pose = self.pose @ self.motion
+            self.T_view_camera = self.T_view_camera @ self.motion
+        pose = self.T_world_view @ self.T_view_camera
         if current is not None and (self.policy == "restart" or self.losses >= PATIENCE):
-            self.reference, self.T_world_reference = current, self.pose
+            self.view, self.T_world_view = self.reference.restart(frame, current, pose)
+            self.T_view_camera = inverted(self.T_world_view) @ pose
+        return pose
 
 
 def track(
-    odometer: Odometer, camera: PinholeCamera, frames: Iterable[tuple[float, Frame | str]], policy: str = "hold"
+    odometer: Odometer,
+    camera: PinholeCamera,
+    frames: Iterable[tuple[float, Frame | str]],
+    policy: str = "hold",
+    reference: Reference | None = None,
 ) -> Iterator[Tracked]:
     """One Tracked a frame, in order."""
-    tracker = Tracker(odometer, camera, policy)
+    tracker = Tracker(odometer, camera, policy, reference)
     for stamp_s, frame in frames:
         yield tracker.add(stamp_s, frame)
