@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim.dataset.consistency import carried_residual
 from iclnuim.dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write
 from iclnuim.formats.png import read_depth16, read_rgb8, write_png
 from iclnuim.geometry.trajectory import Trajectory, sample
@@ -20,26 +20,58 @@ _ERROR_FULL_M = 0.05
 
 def draw_preview(folder: Path, out: Path, console: Console) -> list[Path]:
     """preview.png and preview.mp4 (without OpenCV's encoder preview.gif) in `out`; the files written."""
-    out.mkdir(parents=True, exist_ok=True)
     pairs = find_pairs(folder)
     camera, truth = read_camera(folder, pairs[0].rgb), read_truth(folder)
     spread = [pairs[int(i)] for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})]
-    sheet = np.vstack([_row(pair, pairs, camera, truth) for pair in spread])
-    write_png(out / "preview.png", np.ascontiguousarray(sheet))
+    reach_m = _reach_m([_metres(pair, camera) for pair in spread])
+    rows = [_row(pair, pairs, camera, truth, reach_m) for pair in spread]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{out}: cannot make the folder: {error.strerror or error}") from None
+    write_png(out / "preview.png", np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], reach_m), *rows])))
     step = max(1, -(-len(pairs) // _FILM_FRAMES))
     progress = console.progress(len(pairs[::step]), "film")
     frames = []
     for pair in pairs[::step]:
-        frames.append(np.hstack([_halved(read_rgb8(pair.rgb)), _halved(_depth_colours(_metres(pair, camera)))]))
+        depth = _depth_colours(_metres(pair, camera), reach_m)
+        frames.append(np.hstack([_halved(read_rgb8(pair.rgb)), _halved(depth)]))
         progress.advance()
     return [out / "preview.png", _film(out, frames)]
 
 
-def _row(pair: ImagePair, pairs: list[ImagePair], camera: SequenceCamera, truth: Trajectory | None) -> np.ndarray:
+def _reach_m(depths_z_m: list[np.ndarray]) -> tuple[float, float]:
+    """Near and far end of the colours, the same for all frames."""
+    seen = np.concatenate([depth[depth > 0] for depth in depths_z_m])
+    return tuple(np.percentile(seen, (1, 99)).tolist()) if seen.size else (0.0, 1.0)
+
+
+def _captions(width: int, reach_m: tuple[float, float]) -> np.ndarray:
+    """What the three columns show."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width / 100, 0.28), dpi=100, facecolor="black")
+    canvas = FigureCanvasAgg(figure)
+    error = f"off its neighbour: black 0, yellow {100 * _ERROR_FULL_M:g} cm"
+    texts = ("colour", f"depth: red {reach_m[0]:.1f} m, blue {reach_m[1]:.1f} m, black none", error)
+    for k, text in enumerate(texts):
+        figure.text((k + 0.5) / 3, 0.5, text, color="white", fontsize=min(9, width / 110), ha="center", va="center")
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :width, :3]
+
+
+def _row(
+    pair: ImagePair,
+    pairs: list[ImagePair],
+    camera: SequenceCamera,
+    truth: Trajectory | None,
+    reach_m: tuple[float, float],
+) -> np.ndarray:
     """Colour, depth in colour, and how far the depth of a frame half a second away, carried here, is off."""
     depth_z_m = _metres(pair, camera)
-    tiles = [read_rgb8(pair.rgb), _depth_colours(depth_z_m), _error_tile(pair, pairs, depth_z_m, camera, truth)]
-    return np.hstack([_halved(tile) for tile in tiles])
+    error = _error_tile(pair, pairs, depth_z_m, camera, truth)
+    return np.hstack([_halved(tile) for tile in (read_rgb8(pair.rgb), _depth_colours(depth_z_m, reach_m), error)])
 
 
 def _metres(pair: ImagePair, camera: SequenceCamera) -> np.ndarray:
@@ -69,20 +101,20 @@ def _error_tile(
     return tile
 
 
-def _depth_colours(depth_z_m: np.ndarray) -> np.ndarray:
+def _depth_colours(depth_z_m: np.ndarray, reach_m: tuple[float, float]) -> np.ndarray:
     """Near red, far blue, missing black."""
-    seen = depth_z_m > 0
-    image = np.zeros((*depth_z_m.shape, 3), np.uint8)
-    if seen.any():
-        near, far = np.percentile(depth_z_m[seen], (1, 99))
-        image[seen] = _colours(1 - (depth_z_m[seen] - near) / max(far - near, 1e-6), "turbo")
+    near, far = reach_m
+    image = _colours(1 - (depth_z_m - near) / max(far - near, 1e-6), "turbo")
+    image[depth_z_m == 0] = 0
     return image
 
 
 def _colours(share: np.ndarray, name: str) -> np.ndarray:
+    """0..1 in 256 colours of a matplotlib map."""
     from matplotlib import colormaps
 
-    return (colormaps[name](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
+    table = (colormaps[name](np.arange(256))[:, :3] * 255).astype(np.uint8)
+    return table[np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8)]
 
 
 def _halved(image: np.ndarray) -> np.ndarray:
@@ -92,21 +124,24 @@ def _halved(image: np.ndarray) -> np.ndarray:
 
 
 def _film(out: Path, frames: list[np.ndarray]) -> Path:
-    path = out / "preview.mp4"
     try:
         import cv2
     except ImportError:
         return _gif(out / "preview.gif", frames)
-    height, width = frames[0].shape[:2]
-    temporary = out / ".preview.tmp.mp4"
-    writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter_fourcc(*"mp4v"), _FILM_HZ, (width, height))
-    if not writer.isOpened():
+    if not cv2.videoio_registry.getWriterBackends():
         return _gif(out / "preview.gif", frames)
-    for frame in frames:
-        writer.write(np.ascontiguousarray(frame[..., ::-1]))
-    writer.release()
-    temporary.replace(path)
-    return path
+    height, width = frames[0].shape[:2]
+
+    def write(temporary: Path) -> None:
+        writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter_fourcc(*"mp4v"), _FILM_HZ, (width, height))
+        for frame in frames:
+            writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        writer.release()
+        if cv2.VideoCapture(str(temporary)).get(cv2.CAP_PROP_FRAME_COUNT) != len(frames):
+            raise OSError("the film is not whole; the disk may be full")  # OpenCV does not say so
+
+    atomic_write(out / "preview.mp4", write)
+    return out / "preview.mp4"
 
 
 def _gif(path: Path, frames: list[np.ndarray]) -> Path:

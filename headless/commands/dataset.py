@@ -44,7 +44,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def write(source: FrameSource, settings: SequenceSettings, args: argparse.Namespace, console: Console) -> None:
     """Write the sequence args.out, telling of progress: shared with `iclnuim noise`."""
-    writer = SequenceWriter(source, {args.out: settings}, args.dialect or ("tum",))
+    dialects = args.dialect or ("tum",)
+    if (args.klg or args.rosbag) and dialects[0] not in ("tum", "icl-nuim"):
+        raise InputError("the dialect tum or icl-nuim first, to make bags and logs of", found=", ".join(dialects))
+    writer = SequenceWriter(source, {args.out: settings}, dialects)
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())
@@ -59,8 +62,9 @@ def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path
     wanted = [(klg, write_klg, ())] * (args.klg or args.rosbag)
     wanted += [(ros1, write_rosbag, (1,)), (ros2, write_rosbag, (2,))] * args.rosbag
     missing = [(path, write, ros) for path, write, ros in wanted if not path.exists()]
-    if missing and not (folder / "rgb").is_dir():
-        raise InputError("the dialect tum or icl-nuim first, to make bags and logs of", found=", ".join(args.dialect))
+    for path, _, _ in wanted:
+        if path.exists():
+            console.note(f"{path} is there already and stays as it is")
     for path, write, ros in missing:
         console.note(f"{path} is written")
         write(folder, path, *ros)

@@ -31,8 +31,24 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 2 if found.wrong else 0
 
 
+#: What figures are called in words, and their unit.
+_WORDS = {
+    "rate_hz": ("frames a second", ""),
+    "duration_s": ("duration", " s"),
+    "depth_m": ("depth in metres", ""),
+    "depth_missing_share": ("share of pixels without depth", ""),
+    "length_m": ("length of the path", " m"),
+    "max_speed_m_s": ("fastest", " m/s"),
+    "depth_fits_poses_mm": ("depth carried by the poses meets depth to", " mm"),
+    "depth_fits_mirrored_poses_mm": ("by the poses mirrored in y to", " mm"),
+}
+
+
 def _text(found: Inspection) -> str:
-    lines = [f"{name.replace('_', ' ')}: {_plain(value)}" for name, value in found.figures.items()]
+    lines = []
+    for name, value in found.figures.items():
+        words, unit = _WORDS.get(name, (name.replace("_", " "), ""))
+        lines.append(f"{words}: {_plain(value)}{unit}")
     lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
     return "\n".join(lines + ([] if found.wrong else ["nothing wrong found"]))
 

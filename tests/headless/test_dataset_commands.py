@@ -83,7 +83,7 @@ def test_preview_and_pack(raw, tmp_path, capsys):
     assert main(["dataset", str(raw), str(out), "--depth-noise", "released", "--quiet"]) == 0
     assert main(["inspect", str(out), "--preview", str(tmp_path / "pictures"), "--quiet"]) == 0
     sheet = cv2.imread(str(tmp_path / "pictures/preview.png"))
-    assert sheet.shape == (3 * 24, 3 * 32, 3) and sheet.std() > 20
+    assert sheet.shape == (28 + 3 * 24, 3 * 32, 3) and sheet.std() > 20  # captions, three rows
     film = next((tmp_path / "pictures").glob("preview.[mg]*"))
     assert cv2.VideoCapture(str(film)).read()[1].shape == (24, 64, 3)
     assert main(["pack", str(out), "--author", "N. N.", "--quiet"]) == 0

@@ -140,8 +140,10 @@ def _write_nerf(folder: Path, contents: Contents, form: Dialect) -> None:
         "p2": 0.0,
         "camera_angle_x": float(2 * np.arctan(c.width / (2 * c.fx))),
         "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
+        "enable_depth_loading": True,
         "integer_depth_scale": 1 / contents.depth_units_per_metre,
-        "frames": [{"file_path": a, "depth_file_path": b, "transform_matrix": m} for a, b, m in rows],
+        # nerfstudio reads depth_file_path, instant-ngp depth_path
+        "frames": [{"file_path": a, "depth_file_path": b, "depth_path": b, "transform_matrix": m} for a, b, m in rows],
     }
     write_json(folder / "transforms.json", content)
 

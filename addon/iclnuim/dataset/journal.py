@@ -24,7 +24,10 @@ class JournalEntry:
     def to_line(self) -> str:
         """JSON; the last item only where there is any."""
         content = asdict(self)
-        return json.dumps(content if self.truth_sha256 else {k: v for k, v in content.items() if k != "truth_sha256"}) + "\n"
+        return (
+            json.dumps(content if self.truth_sha256 else {k: v for k, v in content.items() if k != "truth_sha256"})
+            + "\n"
+        )
 
 
 class Journal:

@@ -27,7 +27,7 @@ Camera1.p2: 0.0
 Camera.width: {c.width}
 Camera.height: {c.height}
 Camera.fps: {round(rate_hz)}
-# 1: the PNG files read as RGB
+# as in ORB-SLAM3's own settings for TUM sequences
 Camera.RGB: 1
 
 Stereo.ThDepth: {_NEAR_M / _BASELINE_M:.6f}
