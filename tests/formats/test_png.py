@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.libraries import first_library
-from iclnuim.formats.png import png_header, read_depth16, read_rgb8, write_png
+from iclnuim.formats.png import png_header, read_depth16, read_rgb8, read_rgb16, write_png
 
 
 def _present(name):
@@ -41,6 +41,17 @@ def test_either_library_reads_what_either_wrote(tmp_path, rgb, depth, writer):
         assert np.array_equal(read_depth16(tmp_path / "depth.png", reader), depth)
     assert str(png_header(tmp_path / "depth.png")) == "45 x 31, 16-bit grey"
     assert str(png_header(tmp_path / "rgb.png")) == "45 x 31, 8-bit RGB"
+
+
+@pytest.mark.parametrize("writer", BACKENDS)
+def test_sixteen_bit_colours_keep_every_bit_and_their_order(tmp_path, depth, writer):
+    normals = np.stack([depth, depth[::-1], 65535 - depth], -1)
+    write_png(tmp_path / "normal.png", normals, writer)
+    for reader in BACKENDS:
+        assert np.array_equal(read_rgb16(tmp_path / "normal.png", reader), normals)
+    for wrong in (read_rgb8, read_depth16):
+        with pytest.raises(InputError, match="found 45 x 31, 16-bit RGB"):
+            wrong(tmp_path / "normal.png")
 
 
 def test_pillow_as_an_independent_reader_sees_the_same_pixels(tmp_path, rgb, depth):
@@ -100,6 +111,6 @@ def test_a_full_disk_leaves_no_file_and_one_line(tmp_path, rgb, writer, file_siz
 
 
 def test_arrays_of_another_kind_are_refused(tmp_path):
-    for bad in (np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4, 3), np.uint16)):
+    for bad in (np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4, 3), np.float32)):
         with pytest.raises(InputError, match="expected .h, w, 3. uint8 or"):
             write_png(tmp_path / "f.png", bad)

@@ -1,0 +1,242 @@
+"""Instances, classes and normals against rays cast by Embree, in a scene made to be awkward and in the shipped ones."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+import pytest
+from iclnuim.dataset.ground_truth import normal16, normal_from16
+from iclnuim.dataset.run_folder import read_run
+from iclnuim.formats.exr import read_exr
+from iclnuim.formats.png import read_depth16, read_rgb16
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.scenes import classes
+
+o3d = pytest.importorskip("open3d")
+
+
+def mesh_object(name, mesh, location=(0, 0, 0), **properties):
+    thing = bpy.data.objects.new(name, mesh)
+    thing.location = location
+    for key, value in properties.items():
+        thing[key] = value
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def polished():
+    """Principled, shiny: its Normal pass bends towards the viewer at grazing angles."""
+    material = bpy.data.materials.new("polished")
+    material.use_nodes = True
+    material.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.05
+    return material
+
+
+@pytest.fixture(scope="module")
+def awkward_scene(tmp_path_factory):
+    """A floor without material, a smooth polished ball with an id of its own, a single sheet seen from behind, a tilted and stretched box twice by instancing."""
+    import bmesh
+
+    path = tmp_path_factory.mktemp("awkward") / "awkward.blend"
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    floor = bpy.data.meshes.new("floor")
+    floor.from_pydata([(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)], [], [(0, 1, 2, 3)])
+    mesh_object("floor", floor, class_name="floor")
+    ball = bpy.data.meshes.new("ball")
+    work = bmesh.new()
+    bmesh.ops.create_uvsphere(work, u_segments=24, v_segments=12, radius=0.5)
+    work.to_mesh(ball)
+    ball.polygons.foreach_set("use_smooth", np.ones(len(ball.polygons), bool))
+    ball.materials.append(polished())
+    mesh_object("ball", ball, (-0.6, 0.6, 0.6), class_name="gnome", instance_id=1)
+    sheet = bpy.data.meshes.new("sheet")
+    sheet.from_pydata([(0.2, 1.6, 0.2), (0.9, 1.6, 0.2), (0.9, 1.6, 1.2), (0.2, 1.6, 1.2)], [], [(0, 1, 2, 3)])
+    sheet.flip_normals()
+    mesh_object("sheet", sheet)
+    box = bpy.data.meshes.new("box")
+    work = bmesh.new()
+    bmesh.ops.create_cube(work, size=0.5)
+    work.to_mesh(box)
+    crate = bpy.data.objects.new("crate", box)
+    crate.rotation_euler, crate.scale, crate["class_name"] = (0.2, 0.1, 0.7), (1.0, 0.6, 0.4), "box"
+    shelf = bpy.data.collections.new("shelf")
+    shelf.objects.link(crate)
+    for x in (0.1, 0.9):
+        place = bpy.data.objects.new(f"place {x}", None)
+        place.instance_type, place.instance_collection, place.location = "COLLECTION", shelf, (x, 0.3, 0.4)
+        bpy.context.scene.collection.objects.link(place)
+    lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    lamp.location, lamp.data.energy = (0, 0, 2.5), 100.0
+    bpy.context.scene.collection.objects.link(lamp)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+class Judge:
+    """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in the camera's frame, turned to the viewer."""
+
+    def __init__(self):
+        from iclnuim.blender import ground_truth, light_surfaces
+
+        ground_truth.number_objects()
+        with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
+            parts = light_surfaces.parts(depsgraph)
+            found = light_surfaces.surfaces(parts)
+            self.ids = np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts])
+        self.corners, self.normals = found.corners_m[found.triangles], found.normals[found.triangles]
+        self.caster = o3d.t.geometry.RaycastingScene()
+        order = np.arange(3 * len(self.corners), dtype=np.uint32).reshape(-1, 3)
+        self.caster.add_triangles(self.corners.reshape(-1, 3).astype(np.float32), order)
+
+    def look(self, camera, T):
+        rays = camera.rays() @ T.rotation.T
+        packed = np.concatenate([np.broadcast_to(T.translation, rays.shape), rays], -1).astype(np.float32)
+        hit = self.caster.cast_rays(packed)
+        seen = np.isfinite(hit["t_hit"].numpy())
+        triangle = np.where(seen, hit["primitive_ids"].numpy().astype(np.int64), 0)
+        u, v = np.moveaxis(hit["primitive_uvs"].numpy().astype(float), -1, 0)
+        weights = np.stack([1 - u - v, u, v], -1)
+        normal = np.einsum("hwk,hwkc->hwc", weights, self.normals[triangle])
+        a, b, c = np.moveaxis(self.corners[triangle], -2, 0)
+        away = np.einsum("hwc,hwc->hw", np.cross(b - a, c - a), rays) > 0
+        normal = np.where(away[..., None], -normal, normal) / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return seen, np.where(seen, self.ids[triangle], 0), normal @ T.rotation, hit["t_hit"].numpy()
+
+
+def angle_deg(a, b):
+    return np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=-1) / 2, 0, 1)))
+
+
+def normals_of(frame):
+    return np.stack([frame[f"normal.{axis}"] for axis in "XYZ"], -1)
+
+
+@pytest.fixture(scope="module")
+def truth_run(render, awkward_scene, tmp_path_factory):
+    out = tmp_path_factory.mktemp("truth") / "run"
+    options = ("--frames", "::6", "--camera", "160x120", "--samples", "1", "--ground-truth")
+    done = render(out, *options, scene=awkward_scene)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth_run, awkward_scene):
+    from iclnuim.blender import scene
+
+    scene.open_scene(str(awkward_scene))
+    judge, run = Judge(), read_run(truth_run)
+    poses = read_trajectory(truth_run / "groundtruth.txt", "tum").trajectory.T_world_camera
+    for number in (0, 6):
+        frame = read_exr(run.frame_file(number))
+        seen, ids, normals, z = judge.look(run.camera, poses[number])
+        same_place = seen & (np.abs(frame["Z"] - z) < 1e-4)  # an outline may fall to either side
+        assert same_place[seen].mean() > 0.999
+        assert (frame["instance"][seen] == ids[seen]).mean() > 0.999
+        assert np.array_equal(frame["instance"] == 0, frame["Z"] == 0)
+        assert len(np.unique(ids[seen])) == 4
+        off = angle_deg(normals_of(frame), normals)[same_place]
+        assert np.quantile(off, 0.999) < 0.1
+        facing = (normals_of(frame) * run.camera.rays()).sum(-1)[same_place]
+        assert (facing < 0.3).all()  # they face the viewer, up to smooth shading
+
+
+def test_the_table_names_every_object_with_pose_boxes_class_and_nyu40_label(truth_run):
+    table = json.loads((truth_run / "objects.json").read_text())
+    rows = {row["name"]: row for row in table["objects"]}
+    assert rows["ball"]["id"] == 1 and rows["ball"]["class_id"] == classes.FIRST_OWN and rows["ball"]["nyu40_id"] == 0
+    assert rows["floor"]["nyu40_id"] == 2 and rows["crate"]["nyu40_id"] == 29 and rows["sheet"]["class_id"] == 0
+    crates = [row for row in table["objects"] if row["name"] == "crate"]
+    assert len(crates) == 2 and crates[0]["id"] == crates[1]["id"]
+    assert len({row["id"] for row in table["objects"]}) == 4
+    for row in table["objects"]:
+        low, high = (np.array(row["box_world_m"][k]) for k in ("min", "max"))
+        centre, size = np.array(row["box_m"]["centre"]), np.array(row["box_m"]["size"])
+        assert np.all(np.abs(centre - (low + high) / 2) < 1e-5 + (high - low) * 0.2)
+        assert np.linalg.norm(size) <= np.linalg.norm(high - low) + 1e-5
+    T = np.array(rows["ball"]["T_world_object"])
+    assert T[:3, 3] == pytest.approx([-0.6, 0.6, 0.6])
+
+
+def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_truth(
+    render, truth_run, awkward_scene, tmp_path
+):
+    small = ("--frames", "6", "--camera", "160x120")
+    for name, options in (("plain", ("--samples", "1")), ("many", ("--samples", "4", "--antialias", "--ground-truth"))):
+        assert render(tmp_path / name, *small, *options, scene=awkward_scene).returncode == 0
+    truth, plain, many = (read_exr(p / "exr/000006.exr") for p in (truth_run, tmp_path / "plain", tmp_path / "many"))
+    assert set(plain) == set("RGBZ")
+    assert all(np.array_equal(plain[c], truth[c]) for c in "RGBZ")
+    assert all(np.array_equal(many[c], truth[c]) for c in set(truth) - set("RGB"))
+    assert "ground_truth" not in json.loads((tmp_path / "plain/sequence.json").read_text())["job"]
+
+
+def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_dialect(truth_run, tmp_path):
+    command = [sys.executable, "-m", "iclnuim_bench", "dataset", str(truth_run), str(tmp_path / "out"), "--quiet"]
+    for form in ("tum", "euroc"):
+        command += ["--dialect", form]
+    subprocess.run(command, check=True, timeout=120)
+    tum, euroc = tmp_path / "out/tum", tmp_path / "out/euroc"
+    frame = read_exr(truth_run / "exr/000006.exr")
+    instance, kind = (read_depth16(tum / f"{name}/000006.png") for name in ("instance", "class"))
+    assert np.array_equal(instance, frame["instance"].astype(int))
+    assert angle_deg(normal_from16(read_rgb16(tum / "normal/000006.png")), normals_of(frame)).max() < 0.002
+    rows = json.loads((tum / "objects.json").read_text())["objects"]
+    for row in rows:
+        assert (kind[instance == row["id"]] == row["class_id"]).all()
+    with open(tum / "classes.csv", encoding="utf-8") as file:
+        listed = {int(row["class_id"]): row["nyu40"] for row in csv.DictReader(file)}
+    assert {row["class_id"] for row in rows} == set(listed)
+    assert listed[classes.KINDS["floor"].id] == "floor"
+    for name in ("instance", "class", "normal"):
+        mine = euroc / f"mav0/{name}0/data/200000000.png"
+        assert mine.read_bytes() == (tum / f"{name}/000006.png").read_bytes()
+    again = subprocess.run([*command[:-5], *command[-4:]], capture_output=True, text=True, check=True, timeout=120)
+    assert "0 frames made, 2 found finished" in again.stdout
+
+
+@pytest.mark.parametrize("room, pose", [("living_room", "kt2"), ("office", "kt3")])
+def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(room, pose, repository, tmp_path):
+    from iclnuim.blender import camera, frames, ground_truth, scene, settings
+    from iclnuim.geometry.camera import PinholeCamera
+    from iclnuim.job import RenderJob
+
+    scene.open_scene(room)
+    judge = Judge()
+    job = RenderJob("x", room, "x", camera=PinholeCamera.parse("320x240"), light="path", samples=1, denoise=False)
+    settings.apply(job)
+    ground_truth.put_out()
+    poses = read_trajectory(repository / f"trajectories/{room}/{pose}.txt").trajectory.T_world_camera
+    camera.keyframe(poses, job.camera)
+    number = len(poses) // 2
+    frames.render(number, tmp_path / "f.exr")
+    found = ground_truth.read(tmp_path / "f.exr", poses[number])
+    seen, ids, normals, z = judge.look(job.camera, poses[number])
+    depth_z_m = frames.read(tmp_path / "f.exr", tmp_path / "f.exr")[1]
+    same_place = seen & (np.abs(depth_z_m - z) < 1e-4)
+    assert same_place.mean() > 0.998
+    assert (found["instance"] == ids)[same_place].mean() > 0.9999
+    assert (angle_deg(normals_of(found), normals)[same_place] < 0.1).mean() > 0.9998
+    names = {o.pass_index: o["class_name"] for o in bpy.context.scene.objects if o.type == "MESH"}
+    assert all(names[i] in classes.KINDS for i in np.unique(found["instance"]) if i)
+
+
+def test_normals_survive_sixteen_bits_to_a_five_hundredth_of_a_degree():
+    normal = np.random.default_rng(5).normal(size=(100, 100, 3))
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal[0, 0] = 0
+    back = normal_from16(normal16(normal))
+    assert (back[0, 0] == 0).all()
+    assert angle_deg(back, normal).max() < 0.002
+
+
+def test_every_class_of_the_shipped_rooms_has_a_number_and_a_label(repository):
+    text = (repository / "blend/README.md").read_text()
+    listed = {line.split("|")[3].strip() for line in text.splitlines() if line.startswith("| ") and "`" in line}
+    listed = {name for name in listed if name.isidentifier()}
+    assert len(listed) > 30 and listed <= set(classes.KINDS)
+    numbers = [kind.id for kind in classes.KINDS.values()]
+    assert len(set(numbers)) == len(numbers) and max(numbers) < classes.FIRST_OWN
+    assert len(classes.NYU40) == 40 == len(set(classes.NYU40))
