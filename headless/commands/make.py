@@ -11,9 +11,10 @@ from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter
 from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
-from ..farm import rendering
+from ..farm import record, rendering, slurm_command
 from ..farm.cores import own_cores
 from ..farm.sequences import SequenceStage
+from ..farm.tasks import RunPlan
 from ..options import common
 from ..sensor_options import add_sensor_options, sensor_from
 from . import render
@@ -29,10 +30,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand"
     )
     render.add_farm_options(parser)
-    common(parser, "iclnuim make kt2 --quick", json=False)
+    common(parser, "iclnuim make kt2 --quick")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
+    if slurm_command.asked(args):
+        return slurm_command.run("make", plan(args), args, console)
     sensor, frames = sensor_from(args), render.frames_from(args)
     job = render.job_from(args)
     out = args.out or Path("out") / job.sequence
@@ -43,11 +46,20 @@ def run(args: argparse.Namespace, console: Console) -> int:
         render.stop_on_signals() as stopped,
         rendering.taken_up(job, out / "raw", console, stopped, args.workers, render.care_from(args)) as held,
     ):
+        record.write(record.of("make", args), out / "raw")
         writer = SequenceWriter(frames_of_run(held.run, trajectory, numbers), variants)
         code = _frames_and_sequences(held, writer, numbers, args.keep_raw)
     if code == 0:
         console.note(f"{out}/clean and {out}/noisy hold {len(numbers)} frames each")
     return code
+
+
+def plan(args: argparse.Namespace) -> RunPlan:
+    """What the options ask for, for tasks on other machines. Raises InputError."""
+    sensor, job = sensor_from(args), render.job_from(args)
+    numbers = tuple(frame_slice(render.frames_from(args), len(load_trajectory(job))))
+    out = args.out or Path("out") / job.sequence
+    return RunPlan(job, out / "raw", numbers, sensor, args.keep_raw)
 
 
 def _frames_and_sequences(held: rendering.LocalRun, writer: SequenceWriter, numbers: list[int], keep_raw: bool) -> int:

@@ -16,9 +16,10 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
-from ..farm import rendering
+from ..farm import record, rendering, slurm_command, slurm_settings
 from ..farm.local import Care
 from ..options import common
+from ..farm.tasks import RunPlan
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender"
     )
     add_farm_options(parser)
-    common(parser, "iclnuim render kt2 --quick", json=False)
+    common(parser, "iclnuim render kt2 --quick")
 
 
 def add_farm_options(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +48,7 @@ def add_farm_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+    slurm_settings.add_options(parser)
 def add_job_options(parser: argparse.ArgumentParser) -> None:
     """What is rendered, and how: shared with `iclnuim make`."""
     parser.add_argument(
@@ -87,6 +89,8 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     job, out, frames = job_from(args), args.out, frames_from(args)
+    if slurm_command.asked(args):
+        return slurm_command.run("render", plan(args), args, console)
     out = out or Path("out") / job.sequence / "raw"
     if args.blend is not None:
         finished = render_here(usable_here(job, args, console), out, frames, console, args.blend)
@@ -97,9 +101,19 @@ def run(args: argparse.Namespace, console: Console) -> int:
         rendering.taken_up(job, out, console, stopped, args.workers, care_from(args)) as held,
     ):
         return rendering.report(held.render(numbers), console)
+        record.write(record.of("render", args), out)
 
 
 def care_from(args: argparse.Namespace) -> Care:
+def plan(args: argparse.Namespace) -> RunPlan:
+    """What the options ask for, for tasks on other machines. Raises InputError."""
+    if args.blend is not None:
+        raise InputError("--blend on this machine alone", hint="--engine local")
+    job = job_from(args)
+    numbers = tuple(frame_slice(frames_from(args), len(load_trajectory(job))))
+    return RunPlan(job, args.out or Path("out") / job.sequence / "raw", numbers)
+
+
     """How long a worker may say nothing."""
     if args.stuck_after is not None and args.stuck_after < 5:
         raise InputError("--stuck-after of at least 5 s", found=args.stuck_after)

@@ -42,7 +42,7 @@ KillWait=5
 MinJobAge=300
 MaxArraySize=21
 RequeueExit=99
-NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} State=UNKNOWN
+NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory=8000 State=UNKNOWN
 PartitionName=short Nodes={host} Default=YES MaxTime=30:00 State=UP
 """
 

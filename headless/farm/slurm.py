@@ -1,0 +1,188 @@
+"""`--engine slurm`: light, arrays of frame tasks and the data set, handed over to an existing Slurm by submitit, each after the one before."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+
+from iclnuim.dataset.recipe import read_recipe
+from iclnuim.dataset.run_folder import read_run
+from iclnuim.errors import InputError, WorkError
+
+from . import figures, record, slurm_queue
+from .estimate import Estimate, estimate
+from .plan import chunks_of, size_for_seconds
+from .slurm_queue import Submitted
+from .slurm_settings import SlurmSettings
+from .slurm_task import Task
+from .tasks import RunPlan
+
+#: A task may be put back into the queue this often because its time was up; each time it has done some frames.
+MOST_TIMEOUTS = 20
+#: Seconds before the end of its time at which a task puts itself back.
+NOTICE_S = 60
+
+Chunks = tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Jobs to be handed over: the frames of each array's tasks, and what they are expected to take; tasks that wait or run already."""
+
+    arrays: tuple[Chunks, ...]
+    light: bool
+    dataset: bool
+    estimate: Estimate
+    waiting: dict[str, str]
+
+    def stages(self) -> Iterable[tuple[str, Chunks]]:
+        """In the order in which they depend on each other."""
+        if self.light:
+            yield "light", ()
+        for chunks in self.arrays:
+            yield "frames", chunks
+        if self.dataset:
+            yield "dataset", ()
+
+
+def prepare(plan: RunPlan, settings: SlurmSettings, ask: bool = True) -> Batch:
+    """What is neither done nor in the queue. `ask` Slurm, else suppose an empty queue. Raises InputError, WorkError."""
+    _refuse_other_job(plan)
+    jobs = slurm_queue.recorded(plan.raw) if ask else []
+    waiting = slurm_queue.in_queue(jobs)
+    taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
+    missing = [n for n in plan.missing() if n not in taken]
+    known = figures.known(plan.job)
+    size = size_for_seconds(60 * settings.chunk_minutes, known.frame_core_s / settings.cpus)
+    chunks = tuple(chunk.frames for chunk in chunks_of(missing, size))
+    most = slurm_queue.max_array_size() if ask else slurm_queue.MAX_ARRAY_SIZE
+    return Batch(
+        arrays=_arrays(chunks, most),
+        light=bool(chunks),
+        dataset=plan.sensor is not None and (bool(chunks) or not (_dataset_waits(jobs, waiting) or complete(plan))),
+        estimate=estimate(plan, [len(frames) for frames in chunks], known, settings),
+        waiting=waiting,
+    )
+
+
+def submit(plan: RunPlan, settings: SlurmSettings, asked: dict, batch: Batch) -> list[Submitted]:
+    """Hand the batch over. What was handed over before a failure is cancelled. Raises WorkError in Slurm's own words."""
+    executor = _executor(plan.raw, settings)
+    from submitit.core.utils import FailedJobError, FailedSubmissionError
+
+    record.write(asked, plan.raw)
+    still = [job for job in slurm_queue.recorded(plan.raw) if any(task in batch.waiting for task in job.tasks)]
+    new: list[Submitted] = []
+    try:
+        for stage, chunks in batch.stages():
+            executor.parameters = {}
+            executor.update_parameters(**_parameters(settings, stage, batch.estimate, _dependency(stage, new, batch)))
+            given = [Task(asked, str(plan.raw.resolve()), stage, frames) for frames in chunks or [()]]
+            job = executor.submit_array(given)[0]
+            new.append(Submitted(job.job_id.split("_")[0], stage, chunks))
+            slurm_queue.record(plan.raw, still + new)
+    except (FailedJobError, FailedSubmissionError, subprocess.SubprocessError) as error:
+        slurm_queue.cancel(new)
+        raise WorkError(f"sbatch: {' '.join(str(error).split())}") from None
+    return new
+
+
+def scripts(plan: RunPlan, settings: SlurmSettings, batch: Batch) -> list[str]:
+    """The job scripts as submitit writes them; those that wait for others name them by stage."""
+    executor, texts = _executor(plan.raw, settings), []
+    for stage, chunks in batch.stages():
+        after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
+        executor.parameters = {}
+        executor.update_parameters(**_parameters(settings, stage, batch.estimate, after))
+        if len(chunks) > 1:
+            executor.parameters["map_count"] = len(chunks)
+        texts.append(executor._make_submission_file_text(executor._submitit_command_str, stage))
+    return texts
+
+
+def complete(plan: RunPlan) -> bool:
+    """Whether every sequence says of itself that it is finished, with all frames asked for."""
+    files = [folder / "recipe.json" for folder in plan.variants]
+    recipes = [read_recipe(file) for file in files if file.is_file()]
+    counts = [recipe["frames"]["count"] for recipe in recipes if recipe.get("finished")]
+    return len(counts) == len(files) and min(counts, default=0) >= len(plan.numbers)
+
+
+def _executor(raw: Path, settings: SlurmSettings):
+    """submitit's; it also writes scripts where there is no Slurm."""
+    try:
+        from submitit.slurm.slurm import SlurmExecutor
+    except ImportError:
+        raise WorkError("--engine slurm needs submitit; try: pip install 'iclnuim[slurm]'") from None
+
+    class Executor(SlurmExecutor):
+        @classmethod
+        def affinity(cls) -> int:
+            return 2
+
+    folder = raw.resolve() / ".farm/slurm"
+    if "%" in str(folder):
+        raise InputError("an output folder without %, which Slurm reads as its own", path=raw, hint="another --out")
+    return Executor(folder, max_num_timeout=MOST_TIMEOUTS, python=settings.python)
+
+
+def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
+    """sbatch options under submitit's names; a task gets four times the time expected of it, and half an hour at least."""
+    expected_min = {"light": expected.light_minutes, "frames": expected.task_minutes, "dataset": expected.dataset_minutes}
+    given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
+    return {
+        "job_name": slurm_queue.NAMES[stage],
+        "time": settings.time_min or max(30, ceil(4 * expected_min[stage])),
+        "mem": settings.memory,
+        "cpus_per_task": settings.cpus,
+        "signal_delay_s": NOTICE_S,
+        "array_parallelism": settings.at_once,
+        "srun_args": [f"--cpus-per-task={settings.cpus}"],  # since 22.05 srun does not take it from sbatch
+        "wckey": None,
+        "setup": [*settings.setup, *_scratch(settings.scratch)] or None,
+        # a task that was preempted, or whose node died, goes back into the queue; one whose light failed goes
+        "additional_parameters": {"requeue": True, "kill-on-invalid-dep": "yes", **settings.extra},
+        **{name: value for name, value in given.items() if value},
+        **({"dependency": dependency} if dependency else {}),
+    }
+
+
+def _scratch(folder: str | None) -> list[str]:
+    """Shell lines; the node's own variables are filled in there."""
+    if folder is None:
+        return []
+    quoted = folder.replace("\\", "\\\\").replace('"', '\\"').replace("`", "\\`")
+    return [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
+
+
+def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
+    """Frames after the light if it was good; the data set after all others whatever became of them: it says what is missing."""
+    if stage == "light":
+        return None
+    if stage == "frames":
+        return f"afterok:{new[0].job}"
+    earlier = list(dict.fromkeys([*(task.split("_")[0] for task in batch.waiting), *(job.job for job in new)]))
+    return f"afterany:{':'.join(earlier)}" if earlier else None
+
+
+def _arrays(chunks: Chunks, most: int) -> tuple[Chunks, ...]:
+    """As few arrays as the limit allows, of even length."""
+    return tuple(tuple(chunks[k] for k in part.frames) for part in chunks_of(range(len(chunks)), most))
+
+
+def _dataset_waits(jobs: list[Submitted], waiting: dict[str, str]) -> bool:
+    return any(job.stage == "dataset" and job.job in waiting for job in jobs)
+
+
+def _refuse_other_job(plan: RunPlan) -> None:
+    """Said before submitting, not by a log hours later. Denoising is decided where the worker runs."""
+    if not (plan.raw / "sequence.json").is_file():
+        return
+    there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
+    names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"}
+    different = [f"{k} {there.get(k)} there, {asked[k]} asked" for k in sorted(names) if there.get(k) != asked[k]]
+    if different:
+        raise InputError("the run that was begun there", path=plan.raw, found="; ".join(different), hint="another --out")
