@@ -22,7 +22,9 @@ from ..options import common
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="what --out of `iclnuim render` or `make` was")
-    parser.add_argument("--frames", metavar="A:B:S", help="which frames count, as a Python slice; default: those asked for")
+    parser.add_argument(
+        "--frames", metavar="A:B:S", help="which frames count, as a Python slice; default: those asked for"
+    )
     common(parser, "iclnuim status out/living_room/kt2")
 
 

@@ -34,7 +34,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         add_sensor_options(one, "released", seed=False)
         one.add_argument("--out", type=Path, required=True, metavar="DIR", help="as of `make`: frames lie in DIR/raw")
         one.add_argument("--keep-raw", action="store_true", help="as of `make`")
-        one.add_argument("--numbers", metavar="A-B,C", help="which frames, both ends included; default: those of --frames")
+        one.add_argument(
+            "--numbers", metavar="A-B,C", help="which frames, both ends included; default: those of --frames"
+        )
         one.add_argument("--say", choices=("flamenco",), help="progress in lines that this render farm understands")
 
 

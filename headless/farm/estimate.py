@@ -30,7 +30,9 @@ class Estimate:
         return asdict(self)
 
     def text(self) -> str:
-        baked = f", {self.bake_core_hours:.2f} of them for the light unless it is cached" if self.bake_core_hours else ""
+        baked = (
+            f", {self.bake_core_hours:.2f} of them for the light unless it is cached" if self.bake_core_hours else ""
+        )
         return (
             f"{self.frames} frames in {self.tasks} tasks of up to {self.frames_a_task}\n"
             f"core-hours   {self.core_hours:.2f}{baked}\n"

@@ -131,7 +131,11 @@ def _executor(raw: Path, settings: SlurmSettings):
 
 def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
     """sbatch options under submitit's names; a task gets four times the time expected of it, and half an hour at least."""
-    expected_min = {"light": expected.light_minutes, "frames": expected.task_minutes, "dataset": expected.dataset_minutes}
+    expected_min = {
+        "light": expected.light_minutes,
+        "frames": expected.task_minutes,
+        "dataset": expected.dataset_minutes,
+    }
     given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
     return {
         "job_name": slurm_queue.NAMES[stage],
@@ -185,4 +189,6 @@ def _refuse_other_job(plan: RunPlan) -> None:
     names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"}
     different = [f"{k} {there.get(k)} there, {asked[k]} asked" for k in sorted(names) if there.get(k) != asked[k]]
     if different:
-        raise InputError("the run that was begun there", path=plan.raw, found="; ".join(different), hint="another --out")
+        raise InputError(
+            "the run that was begun there", path=plan.raw, found="; ".join(different), hint="another --out"
+        )
