@@ -116,5 +116,5 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, most, rows, n):
                 w = float(weight[at])
                 tsdf[at] = (tsdf[at] * w + min(distance, trunc)) / (w + 1.0)
                 weight[at] = np.uint16(min(w + 1.0, most))
-                if coloured and abs(distance) < 0.5 * trunc:
+                if coloured and distance < trunc:
                     _colour(image, u, v, colour[at])
