@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from iclnuim import job as jobs
@@ -10,13 +11,16 @@ from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 
 from ..console import Console
+from ..isolation import survived
 from ..options import common
+from ..scene_options import add_scene_options, reading_from
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scene", metavar="SCENE", help=f"{', '.join(shipped.SCENE_NAMES)}, or a file such as room.blend"
     )
+    add_scene_options(parser)
     parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
     parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel and source of light; default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
@@ -24,11 +28,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
+    return survived(lambda: _bake(args, console), args.scene)
+
+
+def _bake(args: argparse.Namespace, console: Console) -> int:
     try:
         from iclnuim.blender import light_map, worker
     except ImportError:
         raise WorkError("bake needs the bpy package; try: pip install bpy, or `iclnuim doctor`") from None
     job = _job(args.scene).changed(map_size=args.map_size, map_samples=args.map_samples, seed=args.seed)
+    job = replace(job, reading=reading_from(args))
     folder = worker.bake_light(job, lambda event: console.note(event["text"]))
     recipe = light_map.read_recipe(folder)
     console.result(

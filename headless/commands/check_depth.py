@@ -17,6 +17,7 @@ from iclnuim.job import RenderJob
 
 from ..benchmark import depth_check
 from ..console import Console
+from ..isolation import survived
 from ..options import common
 
 
@@ -29,6 +30,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
+    return survived(lambda: _check(args, console), str(args.folder))
+
+
+def _check(args: argparse.Namespace, console: Console) -> int:
     frames = read_run(args.folder)
     numbers = frames.frame_numbers()
     if not numbers or args.most < 1:
@@ -55,9 +60,9 @@ def _geometry(job: RenderJob, recipe: dict, console: Console) -> tuple[np.ndarra
             from iclnuim.blender import scene, surface
         except ImportError:
             raise WorkError("check-depth needs the bpy package and open3d; try: pip install bpy open3d-cpu") from None
+        scene.open_scene(job.scene, job.reading)
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
-        scene.open_scene(job.scene)
         found = surface.triangles()
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
     return found.vertices, found.triangles

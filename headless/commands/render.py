@@ -6,6 +6,7 @@ import argparse
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from iclnuim import job as jobs
@@ -18,8 +19,9 @@ from iclnuim.geometry.trajectory import frame_slice
 from ..console import Console
 from ..farm import record, rendering, slurm_command, slurm_settings
 from ..farm.local import Care
-from ..options import common
 from ..farm.tasks import RunPlan
+from ..options import common
+from ..scene_options import KINDS, add_scene_options, reading_from
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,20 +48,19 @@ def add_farm_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds without any sign of life until a worker is replaced; default: 120",
     )
-
-
     slurm_settings.add_options(parser)
+
+
 def add_job_options(parser: argparse.ArgumentParser) -> None:
     """What is rendered, and how: shared with `iclnuim make`."""
     parser.add_argument(
         "sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)"
     )
-    parser.add_argument(
-        "--scene", metavar="NAME|FILE", help="another scene: living_room, office, or a .blend, .obj, .glb file"
-    )
+    parser.add_argument("--scene", metavar="NAME|FILE", help=f"another scene: living_room, office, or a file: {KINDS}")
     parser.add_argument(
         "--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads"
     )
+    add_scene_options(parser)
     parser.add_argument("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
     parser.add_argument("--quick", action="store_true", help="every 30th frame")
     parser.add_argument(
@@ -88,9 +89,9 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    job, out, frames = job_from(args), args.out, frames_from(args)
     if slurm_command.asked(args):
         return slurm_command.run("render", plan(args), args, console)
+    job, out, frames = job_from(args), args.out, frames_from(args)
     out = out or Path("out") / job.sequence / "raw"
     if args.blend is not None:
         finished = render_here(usable_here(job, args, console), out, frames, console, args.blend)
@@ -100,11 +101,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
         stop_on_signals() as stopped,
         rendering.taken_up(job, out, console, stopped, args.workers, care_from(args)) as held,
     ):
-        return rendering.report(held.render(numbers), console)
         record.write(record.of("render", args), out)
+        return rendering.report(held.render(numbers), console)
 
 
-def care_from(args: argparse.Namespace) -> Care:
 def plan(args: argparse.Namespace) -> RunPlan:
     """What the options ask for, for tasks on other machines. Raises InputError."""
     if args.blend is not None:
@@ -114,6 +114,7 @@ def plan(args: argparse.Namespace) -> RunPlan:
     return RunPlan(job, args.out or Path("out") / job.sequence / "raw", numbers)
 
 
+def care_from(args: argparse.Namespace) -> Care:
     """How long a worker may say nothing."""
     if args.stuck_after is not None and args.stuck_after < 5:
         raise InputError("--stuck-after of at least 5 s", found=args.stuck_after)
@@ -133,7 +134,8 @@ def job_from(args: argparse.Namespace) -> jobs.RenderJob:
     files = {name: _absolute(getattr(args, name)) for name in ("scene", "trajectory")}
     settings = "light samples denoise antialias lambertian map_size map_samples seed ground_truth"
     plain = {name: getattr(args, name) for name in settings.split()}
-    return job.changed(camera=camera, exposure_s=args.exposure, readout_s=args.readout, **files, **plain)
+    job = job.changed(camera=camera, exposure_s=args.exposure, readout_s=args.readout, **files, **plain)
+    return replace(job, reading=reading_from(args, job.reading))
 
 
 def frames_from(args: argparse.Namespace) -> str:

@@ -117,10 +117,9 @@ def _make(
     surfaces = light_surfaces.surfaces(found)
     places = light_view.viewpoints(depsgraph, surfaces, _VIEWPOINTS, settings.seed)
     report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
-    both = _lit_sides(found)
     wanted, exposure = _seen_sides(surfaces, found, places, settings)
-    translucent = _kinds(found)[1]
-    coarse = lay_out(surfaces, both, settings.coarse_size)
+    _, translucent, sends = _kinds(found)
+    coarse = lay_out(surfaces, np.repeat(sends[:, None], 2, 1), settings.coarse_size)
     coarse = _Points(coarse, places, settings.coarse_samples, settings.seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
@@ -149,7 +148,7 @@ def _bounced(found: list[Part], coarse: _Points, first: Halves) -> Iterator[None
     cycles = bpy.context.scene.cycles
     image = lit_scene.image_from_pixels(coarse.map(first))
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
-    lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image)
+    lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image, gathering=True)
     try:
         for _ in range(min(cycles.max_bounces, cycles.diffuse_bounces, _MOST_BOUNCES) - 1):
             lit_scene.set_pixels(image, coarse.map(first + coarse.gathered()))
@@ -185,18 +184,19 @@ def _seen_sides(
 
 def _lit_sides(found: list[Part]) -> np.ndarray:
     """(F, 2): both sides of all faces that show light. Those that no camera sees send light to others, too."""
-    return np.repeat(np.logical_or(*_kinds(found))[:, None], 2, 1)
+    diffuse, translucent, _ = _kinds(found)
+    return np.repeat((diffuse | translucent)[:, None], 2, 1)
 
 
-def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) faces that show diffuse light, (F,) faces that let light through."""
+def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(F,) faces that show diffuse light, (F,) faces that let light through, (F,) faces that send light to others."""
     rows = []
     for part in found:
         kinds = [baked_materials.kind(m) for m in part.mesh.materials] or [baked_materials.kind(None)]
-        table = np.array([(k.diffuse, k.translucent) for k in kinds])
+        table = np.array([(k.diffuse, k.translucent, k.sends) for k in kinds])
         rows.append(table[np.maximum(light_surfaces.material_of_face(part), 0)])
-    diffuse, translucent = np.concatenate(rows).T
-    return diffuse, translucent
+    diffuse, translucent, sends = np.concatenate(rows).T
+    return diffuse, translucent, sends
 
 
 class _Points:

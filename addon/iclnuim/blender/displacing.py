@@ -32,7 +32,11 @@ def put_into_meshes(scene: bpy.types.Scene) -> list[str]:
         _displace(scene, moved)
     for material in materials:
         _flatten(material, {o for o in moved})
-    found = [f"displaced surfaces ({', '.join(sorted(o.name for o in moved))[:120]}): moved vertex by vertex"] if moved else []
+    found = (
+        [f"displaced surfaces ({', '.join(sorted(o.name for o in moved))[:120]}): moved vertex by vertex"]
+        if moved
+        else []
+    )
     return [*found, *adaptive]
 
 
@@ -52,7 +56,9 @@ def _without_adaptive_subdivision(scene: bpy.types.Scene) -> list[str]:
                 owner.use_adaptive_subdivision = False
                 found.append(thing.name)
     scene.cycles.feature_set = "SUPPORTED"
-    return [f"adaptive subdivision ({', '.join(sorted(found))[:120]}): the levels for rendering are used"] if found else []
+    return (
+        [f"adaptive subdivision ({', '.join(sorted(found))[:120]}): the levels for rendering are used"] if found else []
+    )
 
 
 def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
@@ -64,7 +70,9 @@ def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
                 stack.enter_context(kept(modifier, levels=modifier.render_levels))
         depsgraph = bpy.context.evaluated_depsgraph_get()
         made = [
-            bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
+            bpy.data.meshes.new_from_object(
+                o.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+            )
             for o in objects
         ]
     for thing, mesh in zip(objects, made, strict=True):
@@ -104,7 +112,9 @@ def _baked(scene: bpy.types.Scene, thing: bpy.types.Object, layer: bpy.types.Att
             with redirect_stdout(io.StringIO()):
                 bpy.ops.object.bake(type="POSITION", target="VERTEX_COLORS", use_clear=False)
         except RuntimeError as error:
-            raise WorkError(f"{thing.name}: its displacement cannot be evaluated: {' '.join(str(error).split())}") from None
+            raise WorkError(
+                f"{thing.name}: its displacement cannot be evaluated: {' '.join(str(error).split())}"
+            ) from None
     values = np.empty(len(thing.data.vertices) * 4, np.float32)
     thing.data.color_attributes[_ATTRIBUTE].data.foreach_get("color", values)
     return values.reshape(-1, 4)[:, :3].astype(float)

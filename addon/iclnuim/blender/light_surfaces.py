@@ -97,13 +97,16 @@ def _surfaces(part: Part) -> Surfaces:
     vertices = _get(mesh.vertices, "co", 3) @ matrix[:3, :3].T + matrix[:3, 3]
     vertex_of_corner = _get(mesh.loops, "vertex_index", 1, np.int32)
     normals = _get(mesh.corner_normals, "vector", 3) @ np.linalg.inv(matrix[:3, :3])
+    triangles = _get(mesh.loop_triangles, "loops", 3, np.int32)
     welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
     return Surfaces(
         corners_m=vertices[vertex_of_corner],
         normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12),
         vertex=welded[vertex_of_corner],
         face_start=np.append(_get(mesh.polygons, "loop_start", 1, np.int32), len(mesh.loops)),
-        triangles=_get(mesh.loop_triangles, "loops", 3, np.int32),
+        triangles=triangles[:, ::-1]
+        if np.linalg.det(matrix[:3, :3]) < 0
+        else triangles,  # mirrored: wound the other way
         triangle_face=_get(mesh.loop_triangles, "polygon_index", 1, np.int32),
         face_object=np.zeros(len(mesh.polygons), int),
     )

@@ -54,8 +54,10 @@ class LitScene:
         self.made, self.hidden = [], []
 
 
-def show(found: list[Part], layout: MapLayout, image: bpy.types.Image) -> LitScene:
-    """Show the parts lit by `image`. Takes over the parts' meshes. Raises WorkError where the layout is for another scene."""
+def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering: bool = False) -> LitScene:
+    """Show the parts lit by `image`, to a camera or as others gather light from them. Takes over the parts' meshes.
+
+    Raises WorkError where the layout is for another scene."""
     corners = tuple(len(part.mesh.loops) for part in found)
     if corners != layout.part_corners:
         raise WorkError(
@@ -66,7 +68,8 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image) -> LitSce
     _keep_instanced_lamps(lit, {p.origin for p in found if not p.single})
     for part, start in zip(found, starts[:-1], strict=True):
         _hide(lit, part)
-        _show_part(lit, part, layout, slice(start, start + len(part.mesh.loops)), image, materials)
+        corners_of_part = slice(start, start + len(part.mesh.loops))
+        _show_part(lit, part, layout, corners_of_part, image, materials, gathering)
     lit.made.extend(materials.values())
     return lit
 
@@ -109,7 +112,13 @@ def _hide(lit: LitScene, part: Part) -> None:
 
 
 def _show_part(
-    lit: LitScene, part: Part, layout: MapLayout, corners: slice, image: bpy.types.Image, materials: dict
+    lit: LitScene,
+    part: Part,
+    layout: MapLayout,
+    corners: slice,
+    image: bpy.types.Image,
+    materials: dict,
+    gathering: bool,
 ) -> None:
     mesh = part.mesh
     two_sided = bool(layout.has[BACK, corners].any())
@@ -122,7 +131,7 @@ def _show_part(
         original = mesh.materials[slot] if slot >= 0 else None
         key = (original, two_sided)
         if key not in materials:
-            materials[key] = baked_materials.baked_copy(original, image, two_sided)
+            materials[key] = baked_materials.baked_copy(original, image, two_sided, gathering)
         if slot >= 0:
             mesh.materials[slot] = materials[key]
         else:

@@ -6,7 +6,17 @@ import bpy
 
 from . import compat
 
-_SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE", "BUILD", "WAVE"}
+_SIMULATED = {
+    "CLOTH",
+    "SOFT_BODY",
+    "FLUID",
+    "OCEAN",
+    "DYNAMIC_PAINT",
+    "MESH_SEQUENCE_CACHE",
+    "EXPLODE",
+    "BUILD",
+    "WAVE",
+}
 
 
 def names(scene: bpy.types.Scene) -> list[str]:

@@ -84,4 +84,3 @@ def _motion(scene: bpy.types.Scene, baked: bool) -> list[str]:
         else "each frame shows them at its own time"
     )
     return [f"objects or lights that move ({', '.join(moves)[:120]}): {consequence}"]
-
