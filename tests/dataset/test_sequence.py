@@ -72,6 +72,35 @@ def test_independent_readers_pair_every_frame(run, tmp_path):
         assert cv2.imread(str(out / depth), cv2.IMREAD_UNCHANGED).shape == SIZE
 
 
+def _tum_rule(first, second, most_s=0.02):
+    """The association rule of the TUM benchmark: of all pairs closer than 20 ms the closest first, each stamp once."""
+    close = sorted((abs(a - b), a, b) for a in first for b in second if abs(a - b) < most_s)
+    pairs = []
+    for _, a, b in close:
+        if a in first and b in second:
+            first.remove(a)
+            second.remove(b)
+            pairs.append((a, b))
+    return sorted(pairs)
+
+
+def test_the_rule_of_the_tum_benchmark_pairs_every_frame_with_its_own_depth_and_pose(run, tmp_path):
+    out = fill(run, tmp_path / "out")
+
+    def stamps(name):
+        rows = [line.split() for line in (out / name).read_text().splitlines() if not line.startswith("#")]
+        return {float(row[0]): row[1:] for row in rows}
+
+    rgb, depth, truth = (stamps(name) for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
+    for other in (depth, truth):
+        pairs = _tum_rule(list(rgb), list(other))
+        assert len(pairs) == len(rgb) == 4
+        assert all(a == pytest.approx(b, abs=1e-8) for a, b in pairs)
+    assert all(
+        rgb[a][0].removeprefix("rgb") == depth[b][0].removeprefix("depth") for a, b in _tum_rule(list(rgb), list(depth))
+    )
+
+
 def test_damaged_and_absent_images_are_made_again_and_whole_ones_are_not(run, tmp_path):
     out = fill(run, tmp_path / "out")
     before = contents(out)

@@ -71,10 +71,31 @@ def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys
     assert main(["noise", "calibrate", str(tmp_path / "sensor"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["depth"]
     assert found["frames"] == 20 and found["fixed_sigma_s"]
+    assert found["sigma_d"] == pytest.approx(1 / 6, rel=0.05)
     assert main(["noise", "calibrate", str(tmp_path / "sensor")]) == 0
     settings = capsys.readouterr().out.split("--depth-settings '")[1].split("'")[0]
     assert set(json.loads(settings)) == {"sigma_d", "sigma_s_px"}
     assert main(["noise", "calibrate", str(tmp_path)]) == 2
+
+
+def test_calibrate_reads_an_exposure_series_and_gives_back_its_noise(tmp_path, capsys):
+    scene = np.geomspace(0.004, 1.0, 160 * 120).reshape(120, 160, 1) * np.array([1.0, 0.8, 0.6])
+    lines = ["# exposure image"]
+    for k, exposure in enumerate((0.25, 0.5, 1.0, 2.0, 4.0)):
+        for repeat in range(6):
+            image = postprocess.noisy_rgb(
+                scene,
+                "paper",
+                frame=10 * k + repeat,
+                settings={"exposure": exposure, "sigma_c": 0.003, "sigma_s": 0.02},
+            )
+            write_png(tmp_path / f"{k}_{repeat}.png", image)
+            lines.append(f"{exposure} {k}_{repeat}.png")
+    (tmp_path / "exposures.txt").write_text("\n".join(lines))
+    assert main(["noise", "calibrate", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["rgb"]
+    assert found["response"] == "srgb"
+    assert [found["sigma_c"], found["sigma_s"]] == pytest.approx([0.003, 0.02], rel=0.05)
 
 
 def test_preview_and_pack(raw, tmp_path, capsys):
