@@ -39,7 +39,9 @@ def measure(job: RenderJob, frames_asked: str) -> Breakdown:
     """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
         events: list[tuple[float, dict]] = []
-        worker.render_run(job, Path(folder) / "run", frames_asked, lambda e: events.append((time.perf_counter(), e)), lambda: False)
+        worker.render_run(
+            job, Path(folder) / "run", frames_asked, lambda e: events.append((time.perf_counter(), e)), lambda: False
+        )
         closed = [e["close"] for _, e in events if e["event"] == "frame"]
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))

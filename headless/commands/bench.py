@@ -13,6 +13,7 @@ from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
 from ..options import action, subcommands
+from . import bench_farm
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_render(actions)
     _configure_odometry(actions)
     _configure_noise(actions)
+    bench_farm.configure(actions)
 
 
 def _configure_render(actions: argparse._SubParsersAction) -> None:

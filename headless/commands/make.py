@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     render.add_job_options(parser)
     add_sensor_options(parser, "released", seed=False)
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/"
+        "-o", "--out", type=Path, metavar="DIR", help="default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/"
     )
     parser.add_argument(
         "--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand"

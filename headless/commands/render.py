@@ -26,7 +26,7 @@ from ..scene_options import KINDS, add_scene_options, reading_from
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add_job_options(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run; default: out/SEQUENCE/raw")
+    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="folder of the run; default: out/SEQUENCE/raw")
     parser.add_argument(
         "--blend", type=Path, metavar="FILE", help="also save the scene with the keyed camera, to play in Blender"
     )

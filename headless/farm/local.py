@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import WorkError
 
-from .plan import Chunk, chunks_of
-from .worker_process import WorkerProcess
+from .plan import Chunk
+from .worker_process import WorkerError, WorkerProcess
 
 #: Starts in a row that die before their first frame end the run.
 MOST_DEAD_STARTS = 3
@@ -20,10 +20,13 @@ MOST_DEAD_STARTS = 3
 
 @dataclass(frozen=True)
 class Care:
-    """When a worker is given up or replaced. Seconds without any event once the scene stands, and before that; frames, megabytes."""
+    """When a worker is given up or replaced: seconds without any event once the scene stands, and before that; seconds without
+    a finished frame, for signs of life may outlive the renderer; frames, megabytes.
+    """
 
     silent_s: float = 120.0
     starting_s: float = 1800.0
+    frame_s: float = 3600.0
     attempts: int = 3
     most_frames: int = 2000
     most_mb: float = 6000.0
@@ -63,8 +66,13 @@ class LocalFarm:
         self._dead_starts = 0
         self._outcome = Outcome()
 
+    @property
+    def workers(self) -> list[WorkerProcess]:
+        """Those that live."""
+        return list(self._workers)
+
     def run(self, chunks: list[Chunk]) -> Outcome:
-        """Until every frame is done or given up, or a stop is asked for. Raises InputError, WorkError that a worker met."""
+        """Until every frame is done or given up, or a stop is asked for. Raises WorkerError, WorkError."""
         self._todo = deque(chunks)
         try:
             while not self._should_stop() and (self._todo or any(w.busy for w in self._workers)):
@@ -104,7 +112,7 @@ class LocalFarm:
         self._on_event(event)
         kind = event["event"]
         if kind == "ready":
-            worker.ready = True
+            worker.ready, worker.last_frame_s = True, worker.last_heard_s
         elif kind == "frame":
             worker.rendered += 1
             self._dead_starts = 0
@@ -115,12 +123,13 @@ class LocalFarm:
             worker.chunk = None
             self._retire(worker, event.get("rss_mb", 0.0))
         elif kind == "error" and not event.get("bug"):
-            raise (InputError if event.get("code") == 2 else WorkError)(event["text"])
+            raise WorkerError(event)
         elif kind == "exit":
             self._buried(worker, event["code"])
 
     def _frame(self, worker: WorkerProcess, number: int) -> None:
         worker.left.remove(number)
+        worker.last_frame_s = time.monotonic()
         self._outcome.done.add(number)
         self._on_frame(number)
 
@@ -134,7 +143,8 @@ class LocalFarm:
         now = time.monotonic()
         for worker in self._workers:
             patience = self._care.silent_s if worker.ready else self._care.starting_s
-            if worker.busy and now - worker.last_heard_s > patience:
+            since_frame_s = now - worker.last_frame_s if worker.ready else 0.0
+            if worker.busy and (now - worker.last_heard_s > patience or since_frame_s > self._care.frame_s):
                 worker.kill()
 
     def _buried(self, worker: WorkerProcess, code: int) -> None:
@@ -168,8 +178,3 @@ class LocalFarm:
         end = time.monotonic() + patience_s
         while self._workers and time.monotonic() < end:
             self._hear(0.2)
-
-
-def one_chunk(frames: list[int]) -> list[Chunk]:
-    """All frames to one worker."""
-    return chunks_of(frames, max(1, len(frames)))

@@ -22,12 +22,12 @@ from .cores import own_cores, split
 from .local import Care, LocalFarm, Outcome
 from .lock import OutputLock
 from .plan import local_size, missing_chunks
-from .worker_process import WorkerProcess, worker_command
+from .worker_process import WorkerError, WorkerProcess, worker_command
 
 
 @dataclass
 class LocalRun:
-    """A run folder held by this command. Make one with `taken_up`."""
+    """A run folder held by this command. Make one with `taken_up`. `cores` instead of `workers`: exactly these for each."""
 
     job: RenderJob
     out: Path
@@ -37,6 +37,8 @@ class LocalRun:
     workers: int | None = None
     care: Care = field(default_factory=Care)
     run: RunFolder | None = None
+    cores: list[list[int]] | None = None
+    farm: LocalFarm | None = None
     _told: set[str] = field(default_factory=set)
     _count: Iterator[int] = field(default_factory=itertools.count)
 
@@ -55,7 +57,7 @@ class LocalRun:
 
     def render(self, numbers: Sequence[int], on_frame: Callable[[int], None] = lambda number: None) -> Outcome:
         """The frames of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
-        cores = split(self.job.light, self.workers)
+        cores = self.cores or split(self.job.light, self.workers)
         chunks = missing_chunks(self.run, numbers, local_size(len(numbers), len(cores)))
         missing = sum(len(chunk.frames) for chunk in chunks)
         if numbers:
@@ -74,8 +76,8 @@ class LocalRun:
             progress.advance()
             on_frame(number)
 
-        farm = LocalFarm(self._start, cores[:missing], done, self._event, self.should_stop, self.care)
-        return farm.run(chunks)
+        self.farm = LocalFarm(self._start, cores[:missing], done, self._event, self.should_stop, self.care)
+        return self.farm.run(chunks)
 
     def close(self) -> None:
         """End what still runs."""
@@ -86,7 +88,7 @@ class LocalRun:
         options = {
             "job": self.job.to_dict(),
             "cores": cores,
-            "threads": max(2, len(cores)),
+            "threads": len(cores),
             "journal": str(self.own_folder / "finished.jsonl"),
         }
         return WorkerProcess(worker_command(), options, self.out.resolve(), log.resolve(), heard)
@@ -102,7 +104,7 @@ class LocalRun:
             if event["event"] == kind:
                 return
             if event["event"] == "error" and not event.get("bug"):
-                raise (InputError if event.get("code") == 2 else WorkError)(event["text"])
+                raise WorkerError(event)
             if event["event"] == "exit":
                 raise WorkError(
                     f"a worker does not start (code {event['code']}): {worker.last_words()}; its log: {worker.log}"

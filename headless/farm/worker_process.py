@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import iclnuim
-from iclnuim.errors import WorkError
+from iclnuim.errors import IclnuimError, WorkError
 from iclnuim.formats.files import write_json
 
 from .plan import Chunk
@@ -40,13 +40,22 @@ def _by_blender(binary: str) -> list[str]:
     return [binary, "-b", "--factory-startup", "--python-exit-code", "3", "-P", str(CHILD), "--"]
 
 
+class WorkerError(IclnuimError):
+    """What a worker said was wrong, in its words and with its exit code."""
+
+    def __init__(self, event: dict) -> None:
+        super().__init__(str(event.get("text", "a worker failed without a word")))
+        self.exit_code = event.get("code", 3)
+
+
 class WorkerProcess:
     """A child that puts (itself, event) into `heard`; its end is the event `exit`."""
 
     def __init__(self, command: list[str], options: dict, out: Path, log: Path, heard: queue.SimpleQueue) -> None:
         self.log, self.chunk, self.left = log, None, []
         self.ready = self.asked_to_stop = self.gone = False
-        self.rendered, self.last_heard_s, self._heard = 0, time.monotonic(), heard
+        self.rendered, self._heard = 0, heard
+        self.last_heard_s = self.last_frame_s = time.monotonic()
         options_file = log.with_suffix(".json")
         write_json(options_file, options)
         try:
@@ -69,7 +78,8 @@ class WorkerProcess:
 
     def give(self, chunk: Chunk) -> None:
         """A chunk to render."""
-        self.chunk, self.left, self.last_heard_s = chunk, list(chunk.frames), time.monotonic()
+        self.chunk, self.left = chunk, list(chunk.frames)
+        self.last_heard_s = self.last_frame_s = time.monotonic()
         self.send({"frames": self.left})
 
     def send(self, command: dict) -> None:

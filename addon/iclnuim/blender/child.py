@@ -11,10 +11,12 @@ Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import json
 import os
 import queue
+import signal
 import sys
 import threading
 import time
@@ -106,6 +108,7 @@ def main(arguments: list[str]) -> int:
         return 2
     options = content if isinstance(content.get("job"), dict) else {"job": content}
     _share_the_machine(options)
+    _wake_when_orphaned()
     _load_package()
     from iclnuim.errors import IclnuimError
 
@@ -180,6 +183,13 @@ def _share_the_machine(options: dict) -> None:
         os.sched_setaffinity(0, set(options["cores"]))
     if options.get("nice") and hasattr(os, "nice"):
         os.nice(options["nice"])
+
+
+def _wake_when_orphaned() -> None:
+    """A process that was stopped and whose parent is then killed goes on, to notice that and to end (Linux, PR_SET_PDEATHSIG)."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, int(signal.SIGCONT), 0, 0, 0)
 
 
 def _rss_mb() -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..errors import WorkError
+from ..errors import InputError, WorkError
 from ..formats import exr
 
 #: Blender writes 1e10 where a ray meets nothing.
@@ -32,12 +32,22 @@ def render(number: float, raw_file: Path) -> None:
 
 
 def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w, 3) scene-linear RGB from the one and (h, w) planar Z in metres, 0 for background, from the other (often the same)."""
-    channels = exr.read_exr(raw_file)
-    with_depth = channels if raw_depth_file == raw_file else exr.read_exr(raw_depth_file)
+    """(h, w, 3) scene-linear RGB from the one and (h, w) planar Z in metres, 0 for background, from the other (often the same).
+
+    Raises WorkError for a file cut short: on a full disk Blender says that all went well.
+    """
+    channels = _whole(raw_file)
+    with_depth = channels if raw_depth_file == raw_file else _whole(raw_depth_file)
     rgb = np.stack([_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
     depth_z_m = _ending(with_depth, "Depth.Z")
     return rgb, np.where(depth_z_m < _BACKGROUND, depth_z_m, 0.0).astype(np.float32)
+
+
+def _whole(raw_file: Path) -> dict[str, np.ndarray]:
+    try:
+        return exr.read_exr(raw_file)
+    except InputError as error:
+        raise WorkError(f"cannot write a whole frame, is the disk full? {error}") from None
 
 
 def _ending(channels: dict[str, np.ndarray], name: str) -> np.ndarray:

@@ -1,0 +1,94 @@
+"""Time for many sequences on many nodes, by model: start-up + chunk + frame time, and where more nodes no longer help."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from math import ceil
+
+from .farm_throughput import Throughput
+
+
+@dataclass(frozen=True)
+class Model:
+    """A worker starts in `startup_s`, then renders a chunk of frames at `frame_s` each. All chunks are alike.
+
+    `workers_a_node` at once on a node; light is baked before in `bake_s`, once for each scene, all scenes at the same time;
+    `bytes_a_frame` go to a shared file system that takes `bytes_a_second` in all. Waiting in a queue is not in the model.
+    """
+
+    name: str
+    startup_s: float
+    frame_s: float
+    workers_a_node: int
+    sequences: int = 10_000
+    frames_a_sequence: int = 900
+    chunk_s: float = 300.0
+    bake_s: float = 0.0
+    bytes_a_frame: float = 2.5e6
+    bytes_a_second: float = 10e9
+
+    @property
+    def frames_a_chunk(self) -> int:
+        return max(1, min(self.frames_a_sequence, round(self.chunk_s / self.frame_s)))
+
+    @property
+    def chunks(self) -> int:
+        """A chunk is of one sequence: a worker builds one scene and opens one run."""
+        return self.sequences * ceil(self.frames_a_sequence / self.frames_a_chunk)
+
+    @property
+    def chunk_seconds(self) -> float:
+        """Of one chunk on one worker, its start included."""
+        return self.startup_s + self.frames_a_sequence * self.sequences / self.chunks * self.frame_s
+
+    def seconds(self, nodes: int) -> float:
+        """Wall time: light, then as many rounds of chunks as it takes, or the file system's time where that is longer."""
+        rounds = ceil(self.chunks / (nodes * self.workers_a_node))
+        return self.bake_s + max(rounds * self.chunk_seconds, self._stored_s)
+
+    @property
+    def _stored_s(self) -> float:
+        return self.sequences * self.frames_a_sequence * self.bytes_a_frame / self.bytes_a_second
+
+    def efficiency(self, nodes: int) -> float:
+        """Share of the nodes' time that goes into frames."""
+        work_s = self.sequences * self.frames_a_sequence * self.frame_s
+        return work_s / (self.seconds(nodes) * nodes * self.workers_a_node)
+
+    def stops_scaling(self) -> tuple[int, str]:
+        """The number of nodes beyond which more of them change nothing, and why."""
+        by_chunks = ceil(self.chunks / self.workers_a_node)
+        by_store = int(self.chunks * self.chunk_seconds / (self._stored_s * self.workers_a_node))
+        if by_store < by_chunks:
+            return max(1, by_store), f"the file system at {self.bytes_a_second / 1e9:.0f} GB/s is full"
+        return by_chunks, "every worker has one chunk"
+
+
+def of(measured: Throughput, **known: float) -> Model:
+    """The model of what was measured on this machine as a node."""
+    return Model(
+        name=measured.name,
+        startup_s=measured.startup_s,
+        frame_s=measured.seconds_a_frame_a_worker,
+        workers_a_node=measured.workers,
+        **known,
+    )
+
+
+def figures(model: Model, nodes: int) -> dict:
+    """The model, and what it says for that many nodes."""
+    limit, why = model.stops_scaling()
+    hours, efficiency = round(model.seconds(nodes) / 3600, 3), round(model.efficiency(nodes), 3)
+    told = {"nodes": nodes, "hours": hours, "efficiency": efficiency, "scales_to_nodes": limit, "then": why}
+    return {**asdict(model), "frames_a_chunk": model.frames_a_chunk, **told}
+
+
+def summary(model: Model, nodes: int) -> str:
+    """In words."""
+    limit, why = model.stops_scaling()
+    return (
+        f"{model.name}: {model.sequences} sequences of {model.frames_a_sequence} frames on {nodes} nodes of {model.workers_a_node} workers: "
+        f"{model.seconds(nodes) / 3600:.2f} h, {100 * model.efficiency(nodes):.0f} % of it frames "
+        f"(start-up {model.startup_s:.1f} s, chunks of {model.frames_a_chunk} frames, {model.frame_s:.3f} s a frame); "
+        f"scales to {limit} nodes, then {why}"
+    )
