@@ -63,7 +63,7 @@ def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_pat
 
 
 def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys):
-    wall = np.tile(np.linspace(1.5, 2.5, 64, dtype=np.float32), (48, 1))
+    wall = np.tile(np.linspace(0.45, 0.5, 64, dtype=np.float32), (48, 1))  # 1 / depth, linear on a plane
     (tmp_path / "sensor/depth").mkdir(parents=True)
     for frame in range(20):
         noisy = postprocess.noisy_depth(1 / wall, "paper", seed=1, frame=frame, settings={"lateral": False})
