@@ -79,6 +79,7 @@ def recorded(raw: Path) -> list[Submitted]:
 def record(raw: Path, jobs: list[Submitted]) -> None:
     """Beside the logs of the jobs."""
     content = [{"job": j.job, "stage": j.stage, "chunks": [list(c) for c in j.chunks]} for j in jobs]
+    _file(raw).parent.mkdir(parents=True, exist_ok=True)
     write_json(_file(raw), {"jobs": content})
 
 

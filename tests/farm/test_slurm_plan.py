@@ -1,0 +1,231 @@
+"""What is handed over to Slurm, and how it is asked for: everything that can be said without one."""
+
+import argparse
+import json
+import os
+import stat
+
+import numpy as np
+import pytest
+from iclnuim.dataset.frames import frames_of_run
+from iclnuim.dataset.run_folder import load_trajectory, open_run
+from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.errors import InputError, WorkError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.job import shipped_job
+from iclnuim_bench.cli import main
+from iclnuim_bench.commands import make
+from iclnuim_bench.farm import figures, record, slurm, slurm_queue, tasks
+from iclnuim_bench.farm.slurm_settings import SlurmSettings, minutes, read_settings
+from iclnuim_bench.farm.tasks import RunPlan
+
+TINY = ("--camera", "16x12", "--frames", "0:10")
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def job():
+    return shipped_job("kt2").changed(camera=PinholeCamera.parse("16x12"))
+
+
+def begun(job, raw, frames):
+    """A run folder with these frames rendered."""
+    run = open_run(raw, {"job": job.to_dict()}, load_trajectory(job))
+    for number in frames:
+        run.write_frame(number, np.full((12, 16, 3), 0.2), np.full((12, 16), 1.0 + number))
+    return run
+
+
+@pytest.fixture
+def pretended(tmp_path, monkeypatch):
+    """`pretended(queue="13_0 RUNNING")` puts commands on the PATH that answer as a Slurm would; each sbatch is kept."""
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
+    (tmp_path / "bin").mkdir()
+
+    def say(queue="", most=1001, refuse=99):
+        given = f'n=$(ls {tmp_path}/sent* 2>/dev/null | wc -l); [ $n -lt {refuse} ] || {{ echo "Invalid account" >&2; exit 1; }}'
+        commands = {
+            "sbatch": f'{given}; cp "$1" {tmp_path}/sent$((n + 11)); echo "Submitted batch job $((n + 11))"',
+            "squeue": f"printf '{queue}'",
+            "scontrol": f"echo 'MaxArraySize            = {most}'",
+            "scancel": f"echo $@ > {tmp_path}/cancelled",
+            "srun": "true",
+        }
+        for name, text in commands.items():
+            path = tmp_path / "bin" / name
+            path.write_text(f"#!/bin/sh\n{text}\n")
+            path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return lambda: [p.read_text() for p in sorted(tmp_path.glob("sent*"))]
+
+    return say
+
+
+def option(script, name):
+    return [line.split("=", 1)[1] for line in script.splitlines() if line.startswith(f"#SBATCH --{name}=")]
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [("30", 30), ("90:00", 90), ("2:00:00", 120), ("0:00:30", 1), ("1-12", 2160), ("1-0:30", 1470), ("2-1:1:1", 2942)],
+)
+def test_times_are_read_as_slurm_reads_them(text, expected):
+    assert minutes(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "soon", "0", "1:2:3:4", "-5"])
+def test_other_times_are_refused(text):
+    with pytest.raises(InputError, match="a time"):
+        minutes(text)
+
+
+def test_settings_come_from_a_file_and_unknown_keys_are_refused(tmp_path):
+    file = tmp_path / "cluster.toml"
+    file.write_text('partition = "long"\ntime = 45\nsetup = ["module load x"]\n[extra]\nreservation = "r"\n')
+    assert read_settings(file) == SlurmSettings(
+        partition="long", time="45", setup=("module load x",), extra={"reservation": "r"}
+    )
+    for text, words in (("partion = 1", "partion"), ("cpus = 0", "cpus of at least 1"), ("cpus = [", "TOML")):
+        file.write_text(text)
+        with pytest.raises(InputError, match=words):
+            read_settings(file)
+
+
+def test_printing_needs_no_slurm_and_leaves_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    out = tmp_path / "out"
+    words = ("make", "kt2", *TINY, "--engine", "slurm", "--print-only", "--json", "--out", str(out))
+    assert main([*words, "--time", "1:00:00", "--scratch", "$TMPDIR/a b", "--partition", "p", "--cpus", "6"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    light, frames, dataset = said["scripts"]
+    assert option(light, "dependency") == [] and option(dataset, "dependency") == ["afterany:LIGHT:FRAMES"]
+    assert option(frames, "dependency") == ["afterok:LIGHT"]
+    for script in said["scripts"]:
+        assert (option(script, "time"), option(script, "partition")) == (["60"], ["p"])
+        assert "#SBATCH --requeue" in script.splitlines() and option(script, "cpus-per-task") == ["6"]
+        assert 'export ICLNUIM_SCRATCH="$TMPDIR/a b"' in script and "--cpus-per-task=6" in script.split("srun")[-1]
+    assert said["estimate"]["frames"] == 10 and said["estimate"]["core_hours"] > 0
+    assert not out.exists()
+
+
+def test_printing_without_slurm_as_engine_is_bad_input(capsys):
+    assert main(["render", "kt2", "--print-only"]) == 2
+    assert "--engine slurm" in capsys.readouterr().err
+
+
+def test_without_slurm_the_command_says_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["render", "kt2", "--engine", "slurm", "--out", str(tmp_path / "o")]) == 3
+    assert "no Slurm here" in capsys.readouterr().err and not (tmp_path / "o").exists()
+
+
+def test_light_frames_and_data_set_wait_for_each_other(pretended, tmp_path, capsys):
+    sent = pretended(most=4)
+    words = ("make", "kt2", *TINY, "--engine", "slurm", "--chunk-minutes", "1e-5", "--out", str(tmp_path / "o"))
+    assert main(list(words)) == 0, capsys.readouterr().err
+    scripts = sent()
+    assert [option(s, "job-name")[0] for s in scripts] == ["iclnuim-light", *["iclnuim-frames"] * 3, "iclnuim-dataset"]
+    after = [option(s, "dependency") for s in scripts]
+    assert after == [[], *[["afterok:11"]] * 3, ["afterany:11:12:13:14"]]
+    assert [option(s, "array")[0].split("%")[0] for s in scripts[1:4]] == ["0-2", "0-2", "0-3"]
+    jobs = slurm_queue.recorded(tmp_path / "o/raw")
+    assert sorted(n for job in jobs for chunk in job.chunks for n in chunk) == list(range(10))
+    assert "submitted: light as job 11" in capsys.readouterr().err
+
+
+def test_what_slurm_refuses_is_said_and_what_was_sent_is_cancelled(pretended, tmp_path, capsys):
+    pretended(refuse=1)
+    assert main(["render", "kt2", *TINY, "--engine", "slurm", "--out", str(tmp_path / "o")]) == 3
+    assert "Invalid account" in capsys.readouterr().err
+    assert (tmp_path / "cancelled").read_text() == "11\n"
+
+
+def test_frames_of_tasks_in_the_queue_are_not_asked_for_again(pretended, job, tmp_path):
+    raw = tmp_path / "o/raw"
+    begun(job, raw, [0, 1])
+    chunks = ((0, 1), (2, 3), (4, 5))
+    slurm_queue.record(raw, [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", chunks)])
+    pretended(queue="12_1 RUNNING\\n99_2 PENDING\\n")
+    batch = slurm.prepare(RunPlan(job, raw, tuple(range(8))), SlurmSettings())
+    assert batch.waiting == {"12_1": "RUNNING"}
+    assert [n for array in batch.arrays for chunk in array for n in chunk] == [4, 5, 6, 7]
+
+
+def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(pretended, job, tmp_path, capsys):
+    begun(job, tmp_path / "o", [])
+    sent = pretended()
+    assert main(["render", "kt2", *TINY, "--samples", "7", "--engine", "slurm", "--out", str(tmp_path / "o")]) == 2
+    assert "samples 1 there, 7 asked" in capsys.readouterr().err and sent() == []
+
+
+def test_the_data_set_task_makes_what_is_there_and_tells_what_is_missing(job, tmp_path):
+    raw, numbers = tmp_path / "o/raw", (0, 1, 2, 3)
+    begun(job, raw, [0, 1, 3])
+    plan = RunPlan(job, raw, numbers, asked_for(tmp_path).sensor, keep_raw=False)
+    with pytest.raises(WorkError, match=r"1 of 4 frames are not rendered \(the first is 2\)"):
+        tasks.dataset(plan, lambda number: None)
+    assert plan.missing() == [2] and not slurm.complete(plan)
+    begun(job, raw, [2])
+    assert tasks.dataset(plan, lambda number: None) == 4
+    assert slurm.complete(plan) and plan.missing() == []
+    image = raw.parent / "noisy/depth/000003.png"
+    image.write_bytes(image.read_bytes()[:-9])
+    assert plan.missing() == [3], "a damaged image wants its frame again"
+    assert slurm.complete(plan), "looking changes nothing"
+
+
+def test_clean_and_noisy_are_those_of_a_local_make(job, tmp_path):
+    raw, plan = tmp_path / "near/raw", asked_for(tmp_path)
+    run = begun(job, raw, range(3))
+    near = RunPlan(job, raw, (0, 1, 2), plan.sensor)
+    SequenceWriter(frames_of_run(run, load_trajectory(job), [0, 1, 2]), near.variants).write()
+    begun(job, tmp_path / "far/raw", range(3))
+    tasks.dataset(RunPlan(job, tmp_path / "far/raw", (0, 1, 2), plan.sensor), lambda number: None)
+    files = sorted(p.relative_to(tmp_path / "near") for p in (tmp_path / "near").rglob("*.png"))
+    assert len(files) == 12
+    assert all((tmp_path / "near" / p).read_bytes() == (tmp_path / "far" / p).read_bytes() for p in files)
+
+
+def asked_for(tmp_path):
+    """What `iclnuim make kt2` asks for."""
+    parser = argparse.ArgumentParser()
+    make.configure(parser)
+    return make.plan(parser.parse_args(["kt2", *TINY, "--out", str(tmp_path / "plan")]))
+
+
+def test_a_command_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.txt").write_text("0 0 0 0 0 0 0 1\n")
+    parser = argparse.ArgumentParser()
+    make.configure(parser)
+    words = ["--scene", "office", "--trajectory", "mine.txt", "--seed", "4", "--depth-noise", "redwood", "--out", "a"]
+    record.write(record.of("make", parser.parse_args(words)), tmp_path / "a/raw")
+    (tmp_path / "a").rename(tmp_path / "b")
+    raw = record.find(tmp_path / "b")
+    again = record.options(record.read(raw), raw)
+    assert (again.out, again.scene, again.seed) == (tmp_path / "b", "office", 4)
+    assert (again.trajectory, again.depth_noise) == (str(tmp_path / "mine.txt"), "redwood")
+
+
+def test_a_record_with_unknown_options_is_refused(tmp_path):
+    asked = {"schema_version": 1, "command": "render", "working_folder": "", "options": {"warp": 9}}
+    record.write(asked, tmp_path)
+    with pytest.raises(InputError, match="warp"):
+        record.options(record.read(tmp_path), tmp_path)
+
+
+def test_resume_of_a_folder_without_a_record_is_bad_input(tmp_path, capsys):
+    assert main(["resume", str(tmp_path)]) == 2
+    assert "command.json" in capsys.readouterr().err
+
+
+def test_measured_figures_stand_above_defaults_and_a_first_frame_counts_as_start(job):
+    assert figures.known(job) == figures.default(job)
+    measured = figures.measured([5.0, 1.0, 1.0, 1.0, 1.0], [3.0], 2)
+    assert (measured.frame_core_s, measured.start_s) == (1.0, 5.0)
+    figures.keep(job, measured)
+    assert figures.known(job) == measured
+    assert figures.known(job.changed(samples=8)).frames == 0
