@@ -39,12 +39,16 @@ def _motions_px(
     number: int, exposure: Exposure, trajectory: Trajectory, camera: PinholeCamera, depth_z_m: np.ndarray
 ) -> list[float]:
     """During exposure and during readout."""
-    here = trajectory.T_world_camera[number]
+    here, stamps_s = trajectory.T_world_camera[number], trajectory.stamps_s
     result = []
     for duration in (exposure.exposure_s, exposure.readout_s):
-        stamps = np.clip(trajectory.stamps_s[number] + np.array([-0.5, 0.5]) * duration, *trajectory.stamps_s[[0, -1]])
-        ends = sample(trajectory, stamps) if len(trajectory) > 1 else None
-        result.append(0.0 if ends is None else sum(motion_px(depth_z_m, camera, end.inverse() @ here) for end in ends))
+        first, last = np.clip(stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1])
+        # the speed may change at every pose of the trajectory
+        stops = np.concatenate([[first], stamps_s[(stamps_s > first) & (stamps_s < last)], [last]])
+        still = len(trajectory) < 2 or last <= first
+        poses = None if still else here.inverse() @ sample(trajectory, stops)
+        moved = 0.0 if poses is None else motion_px(depth_z_m, camera, poses, stops)
+        result.append(moved * duration / (last - first) if moved else 0.0)
     return result
 
 

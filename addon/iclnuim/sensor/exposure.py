@@ -23,7 +23,7 @@ _GRID_PX = 4
 
 @dataclass(frozen=True)
 class Exposure:
-    """exposure_s: how long each row collects light; readout_s: from the first row's middle instant to the last one's. 0: none."""
+    """exposure_s: how long each row collects light; readout_s: how long it takes to read all rows, one by one. 0: none."""
 
     exposure_s: float = 0.0
     readout_s: float = 0.0
@@ -50,7 +50,10 @@ class Band:
 
 
 def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_motion_px: float) -> list[Band]:
-    """Bands of rows from top to bottom. Motions: the farthest that any point moves during exposure and readout, in pixels."""
+    """Bands of rows from top to bottom. Motions: the farthest that any point moves during exposure and readout, in pixels.
+
+    A row's instant is that of its middle: ((row + 1/2) / height - 1/2) readout_s from the stamp.
+    """
     count = int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height)) if exposure.readout_s else 1
     instants = max(1, int(np.ceil(exposure_motion_px / STEP_PX))) if exposure.exposure_s else 1
     within = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure.exposure_s
@@ -62,13 +65,16 @@ def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_mot
     ]
 
 
-def motion_px(depth_z_m: np.ndarray, camera: PinholeCamera, T_b_a: SE3) -> float:
-    """How far the farthest-moving pixel of a moves when the camera goes from a to b, of every 4th one that b still sees.
+def motion_px(depth_z_m: np.ndarray, camera: PinholeCamera, T_here_camera: SE3, stamps_s: np.ndarray) -> float:
+    """How far a point moves over the image from the first to the last of poses (n,), at the fastest any moves between two.
 
-    Planar depth (h, w) in metres; where it is 0, at infinity.
+    Points are every 4th pixel of the frame taken at T_here_camera = identity, planar depth (h, w) in metres; where it is
+    0, at infinity. A point counts while it is inside the image.
     """
     depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
     points = (camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]).reshape(-1, 3)
-    before, after = camera.project(points), camera.project(T_b_a.apply(points))
-    seen = ((after >= -0.5) & (after < (camera.width - 0.5, camera.height - 0.5))).all(1)
-    return float(np.linalg.norm(after[seen] - before[seen], axis=1).max(initial=0.0))
+    pixels = np.stack([camera.project(T.inverse().apply(points)) for T in T_here_camera])
+    seen = ((pixels >= -0.5) & (pixels < (camera.width - 0.5, camera.height - 0.5))).all(-1)
+    moved_px = np.linalg.norm(np.diff(pixels, axis=0), axis=-1)
+    fastest_px = np.where(seen[1:] & seen[:-1], moved_px, 0.0).max(1)
+    return float((fastest_px / np.diff(stamps_s)).max(initial=0.0) * (stamps_s[-1] - stamps_s[0]))
