@@ -29,13 +29,14 @@ PAIRS = (
 
 @dataclass(frozen=True)
 class PairTime:
-    """Medians over rounds: frames a second (clean and noisy of each: one EXR read, four PNGs written), and the time as
-    a multiple of reading those EXRs and writing those PNGs alone, by the clock and by processor time, within a round.
+    """Medians over rounds: frames a second (clean and noisy of each: one EXR read, four PNGs written) and processor time
+    a frame; both times as multiples of reading those EXRs and writing those PNGs alone, within a round.
     """
 
     depth: str
     rgb: str
     frames_per_s: float
+    cpu_ms: float
     ratio: float
     cpu_ratio: float
 
@@ -102,6 +103,7 @@ def _pair(
         depth,
         rgb,
         frames_per_s=len(source.numbers) / float(np.median(made_s)),
+        cpu_ms=1e3 * float(np.median(made_cpu)) / len(source.numbers),
         ratio=float(np.median(made_s / files_s)),
         cpu_ratio=float(np.median(made_cpu / files_cpu)),
     )
