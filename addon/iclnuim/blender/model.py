@@ -1,0 +1,129 @@
+"""The open scene as a surface with textures: what a camera can meet, evaluated, in world coordinates."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..errors import InputError
+from ..formats.scene_model import Look, SceneModel
+from ..sensor.transfer import srgb8
+from . import ground_truth, light_surfaces
+from .light_surfaces import Part
+
+_GREY = (0.8, 0.8, 0.8)
+#: Where a material's colour is looked for, in this order.
+_SHADERS = {
+    "BSDF_PRINCIPLED": "Base Color",
+    "BSDF_DIFFUSE": "Color",
+    "EMISSION": "Color",
+    "BSDF_GLOSSY": "Color",
+    "BSDF_TRANSLUCENT": "Color",
+    "BSDF_TRANSPARENT": "Color",
+}
+
+
+def scene_model() -> SceneModel:
+    """Numbers its objects as frames have them. Raises InputError for a scene without surfaces."""
+    ground_truth.number_objects()
+    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        parts = light_surfaces.parts(depsgraph)
+        try:
+            return _model([part for part in parts if part.source.visible_camera])
+        finally:
+            for part in parts:
+                bpy.data.meshes.remove(part.mesh)
+
+
+def _model(parts: list[Part]) -> SceneModel:
+    if not parts:
+        raise InputError("a scene with surfaces", found="none")
+    found = light_surfaces.surfaces(parts)
+    looks: dict[bpy.types.Material | None, int] = {}
+    material = [_materials(part, looks)[_faces(part)] for part in parts]
+    return SceneModel(
+        corners_m=found.corners_m[found.triangles],
+        normals=found.normals[found.triangles],
+        uv=np.concatenate([_uv(part) for part in parts]),
+        material=np.concatenate(material),
+        instance=np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts]),
+        looks=tuple(_look(m) for m in looks),
+        names={part.source.pass_index: part.source.name for part in parts},
+    )
+
+
+def _faces(part: Part) -> np.ndarray:
+    """(m,) the face of each triangle."""
+    faces = np.empty(len(part.mesh.loop_triangles), np.int32)
+    part.mesh.loop_triangles.foreach_get("polygon_index", faces)
+    return faces
+
+
+def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:
+    """(F,) number of each face's material in looks, which grows."""
+    slots = [part.mesh.materials[k] for k in range(len(part.mesh.materials))] or [None]
+    numbers = np.array([looks.setdefault(material, len(looks)) for material in slots])
+    return numbers[np.maximum(light_surfaces.material_of_face(part), 0)]
+
+
+def _uv(part: Part) -> np.ndarray:
+    """(m, 3, 2), the map that renders; 0 where there is none."""
+    mesh = part.mesh
+    loops = np.empty(len(mesh.loop_triangles) * 3, np.int32)
+    mesh.loop_triangles.foreach_get("loops", loops)
+    uv = np.zeros(len(mesh.loops) * 2, np.float32)
+    layer = next((u for u in mesh.uv_layers if u.active_render), None)
+    if layer is not None:
+        layer.data.foreach_get("uv", uv)
+    return uv.reshape(-1, 2)[loops].reshape(-1, 3, 2).astype(float)
+
+
+def _look(material: bpy.types.Material | None) -> Look:
+    if material is None:
+        return Look("no material", _srgb(_GREY))
+    socket = _colour_socket(material)
+    if socket is None:
+        return Look(material.name, _srgb(material.diffuse_color[:3]))
+    image = _image_behind(socket)
+    constant = (1.0, 1.0, 1.0) if image is not None else socket.default_value[:3]
+    return Look(material.name, _srgb(constant), None if image is None else _pixels(image))
+
+
+def _colour_socket(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
+    nodes = list(material.node_tree.nodes) if material.use_nodes and material.node_tree else []
+    for kind, name in _SHADERS.items():
+        for node in nodes:
+            if node.type == kind:
+                return node.inputs[name]
+    return None
+
+
+def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
+    """The first image on the way to the socket, whatever lies between."""
+    waiting, seen = [socket], set()
+    while waiting:
+        for link in waiting.pop(0).links:
+            node = link.from_node
+            if node.type == "TEX_IMAGE" and node.image is not None and node.image.size[0]:
+                return node.image
+            if node not in seen:
+                seen.add(node)
+                waiting.extend(node.inputs)
+    return None
+
+
+def _pixels(image: bpy.types.Image) -> np.ndarray:
+    """(h, w, 3) uint8 sRGB, row 0 at the top."""
+    width, height = image.size
+    values = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    values = values.reshape(height, width, image.channels)[::-1]
+    values = np.repeat(values[..., :1], 3, -1) if image.channels < 3 else values[..., :3]
+    if image.is_float:
+        return srgb8(values)
+    return np.clip(np.rint(values * 255), 0, 255).astype(np.uint8)
+
+
+def _srgb(linear: tuple[float, ...]) -> tuple[float, float, float]:
+    r, g, b = (int(v) / 255 for v in srgb8(np.array(linear[:3])))
+    return r, g, b

@@ -1,0 +1,138 @@
+"""`iclnuim surface SCENE`: the scene as a surface model, whole or what a trajectory saw of it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+from iclnuim import shipped
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.scene_model import SceneModel
+from iclnuim.formats.scene_model_files import write_obj, write_ply
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+
+from ..console import Console
+from ..isolation import survived
+from ..options import common
+from ..scene_options import KINDS, add_scene_options, reading_from
+
+WRITERS = {".ply": write_ply, ".obj": write_obj}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help=f"living_room, office, or a file: {KINDS}")
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="MODEL", help=".ply, or .obj with .mtl and textures; default: SCENE.ply"
+    )
+    parser.add_argument(
+        "--seen-by",
+        action="append",
+        metavar="TRAJECTORY",
+        help="only what is seen along it: kt2, office/kt0 or a file; may be given several times",
+    )
+    parser.add_argument("--every", type=int, default=10, metavar="N", help="of --seen-by: every Nth pose; default: 10")
+    parser.add_argument(
+        "--cell",
+        type=float,
+        default=0.05,
+        metavar="M",
+        help="of --seen-by: longest edge of the pieces that are seen or not, in metres; default: 0.05",
+    )
+    parser.add_argument(
+        "--camera", metavar="WxH[,FX,FY,CX,CY]", help="of --seen-by; default: 640x480 and the paper's K"
+    )
+    parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="leave out an object, or a class such as backdrop",
+    )
+    add_scene_options(parser)
+    common(parser, "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    return survived(lambda: _run(args, console), args.scene)
+
+
+def _run(args: argparse.Namespace, console: Console) -> int:
+    out = args.out or Path(f"{Path(args.scene).stem}.ply")
+    if out.suffix.lower() not in WRITERS:
+        raise InputError("a model's name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
+    if args.every < 1 or not args.cell > 0:
+        raise InputError("--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}")
+    poses = [_poses(name, args.scene)[:: args.every] for name in args.seen_by or ()]
+    camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
+    model = _model(args)
+    if not len(model):
+        raise InputError("something of the scene left", found="--without everything")
+    whole_m2 = float(model.area_m2().sum())
+    if poses:
+        model = _seen(model, camera, poses, args.cell, console)
+        if not len(model):
+            raise InputError(
+                "a trajectory that sees something of the scene", found="nothing seen", hint="the scene's own"
+            )
+    WRITERS[out.suffix.lower()](out, model)
+    _report(out, model, whole_m2, bool(poses), console)
+    return 0
+
+
+def _poses(name: str, scene: str) -> SE3:
+    own = name if "/" in name or scene not in shipped.SCENE_NAMES else f"{scene}/{name}"
+    path = shipped.trajectory_file(own) if own in shipped.sequence_names() else Path(name)
+    return read_trajectory(path).trajectory.T_world_camera
+
+
+def _model(args: argparse.Namespace) -> SceneModel:
+    try:
+        from iclnuim.blender import model, objects, output, scene
+    except ImportError:
+        raise WorkError("surface needs Blender's module; try: pip install bpy") from None
+    with output.blender_output_in(Path(os.devnull)):
+        scene.open_scene(args.scene, reading_from(args))
+        found = model.scene_model()
+        rows = objects.table()["objects"]
+    known = {word: {r["id"] for r in rows if word in (r["name"], r["class"])} for word in args.without}
+    for word, ids in known.items():
+        if not ids:
+            listed = ", ".join(sorted({r["class"] for r in rows}))
+            raise InputError(f"an object's name or a class ({listed})", found=word)
+    left_out = sorted(set().union(*known.values())) if known else []
+    return found.chosen(~np.isin(found.instance, left_out))
+
+
+def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
+    try:
+        from ..benchmark.seen import Onlooker
+
+        pieces, _ = model.cut(cell_m)
+        onlooker = Onlooker(pieces)
+    except ImportError:
+        raise WorkError("--seen-by needs open3d; try: pip install open3d-cpu") from None
+    progress = console.progress(sum(len(T.translation) for T in poses), "surface", "poses")
+    for T_world_camera in poses:
+        onlooker.along(camera, T_world_camera, progress.advance)
+    return pieces.chosen(onlooker.seen.any(1))
+
+
+def _report(out: Path, model: SceneModel, whole_m2: float, seen: bool, console: Console) -> None:
+    area_m2 = float(model.area_m2().sum())
+    points_m = model.corners_m.reshape(-1, 3)
+    figures = {
+        "file": str(out),
+        "triangles": len(model),
+        "objects": len(np.unique(model.instance)),
+        "area_m2": round(area_m2, 3),
+        "share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0,
+        "min_m": points_m.min(0).round(3).tolist(),
+        "max_m": points_m.max(0).round(3).tolist(),
+    }
+    if not seen:
+        del figures["share_of_surface"]
+    console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))

@@ -1,0 +1,93 @@
+"""`iclnuim surface`: the whole scene in our world, what a path saw of it, and refusals in a line."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+o3d = pytest.importorskip("open3d")
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+
+
+def surface(*arguments):
+    command = [sys.executable, "-m", "iclnuim_bench", "surface", *map(str, arguments), "--json", "--quiet"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+def caster_of(path):
+    mesh = o3d.io.read_triangle_mesh(str(path))
+    caster = o3d.t.geometry.RaycastingScene()
+    vertices = np.asarray(mesh.vertices, np.float32)
+    caster.add_triangles(vertices, np.asarray(mesh.triangles, np.uint32))
+    return mesh, caster
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """A closed box of a room, 4 x 4 x 3 m, a cupboard before its far wall, and a path of poses that look at that wall."""
+    folder = tmp_path_factory.mktemp("room")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    for name, size, location, inside in (
+        ("shell", (4, 4, 3), (0, 0, 1.5), True),
+        ("cupboard", (1, 0.4, 2), (0, 1.7, 1), False),
+    ):
+        bpy.ops.mesh.primitive_cube_add(size=1, location=location, scale=size)
+        thing = bpy.context.object
+        thing.name, thing["class_name"] = name, "wall" if inside else "cabinet"
+        if inside:
+            thing.data.flip_normals()
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
+    rows = [f"{k / 30:.6f} {0.1 * k:.3f} -1.5 1.5 -0.70710678 0 0 0.70710678" for k in range(5)]
+    (folder / "path.txt").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_the_whole_room_is_written_in_its_own_world(room, tmp_path):
+    done = surface(room / "room.blend", "-o", tmp_path / "room.ply")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["triangles"] == 24 and figures["objects"] == 2
+    assert figures["min_m"] == [-2, -2, 0] and figures["max_m"] == [2, 2, 3]
+    mesh, _ = caster_of(tmp_path / "room.ply")
+    assert mesh.get_surface_area() == pytest.approx(2 * (16 + 12 + 12) + 2 * (0.4 + 2 + 0.8), rel=1e-6)
+    alone = surface(room / "room.blend", "-o", tmp_path / "alone.ply", "--without", "wall")
+    assert json.loads(alone.stdout)["area_m2"] == pytest.approx(6.4)
+
+
+def test_what_a_path_saw_is_what_its_rays_meet_and_nothing_behind_it(room, tmp_path):
+    from iclnuim.formats.trajectories import read_trajectory
+    from iclnuim.geometry.camera import PinholeCamera
+
+    done = surface(
+        room / "room.blend", "-o", tmp_path / "seen.ply", "--seen-by", room / "path.txt",
+        "--every", 1, "--camera", "160x120", "--cell", 0.05,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert surface(room / "room.blend", "-o", tmp_path / "room.ply").returncode == 0
+    (_, whole), (part, seen) = caster_of(tmp_path / "room.ply"), caster_of(tmp_path / "seen.ply")
+    camera = PinholeCamera.parse("160x120")
+    T = read_trajectory(room / "path.txt").trajectory.T_world_camera
+    for k in range(5):
+        rays = camera.rays() @ T[k].rotation.T
+        packed = np.concatenate([np.broadcast_to(T[k].translation, rays.shape), rays], -1).astype(np.float32)
+        a, b = (c.cast_rays(packed)["t_hit"].numpy() for c in (whole, seen))
+        assert b == pytest.approx(a, abs=1e-4)
+    middles = np.asarray(part.vertices)[np.asarray(part.triangles)].mean(1)
+    assert (middles[:, 1] > -1.5).all()  # nothing behind the camera
+    behind = (np.abs(middles[:, 0]) < 0.3) & (middles[:, 1] > 1.95) & (middles[:, 2] < 1.7)
+    assert behind.sum() == 0  # the wall hidden by the cupboard
+
+
+def test_unknown_scenes_names_and_endings_are_refused_in_a_line(room, tmp_path):
+    for arguments, words in (
+        (("garden", "-o", tmp_path / "g.ply"), "living_room, office"),
+        ((room / "room.blend", "-o", tmp_path / "m.stl"), ".ply or .obj"),
+        ((room / "room.blend", "-o", tmp_path / "m.ply", "--without", "piano"), "cabinet, wall"),
+        ((room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "nothing.txt"), "nothing.txt"),
+        ((room / "room.blend", "-o", tmp_path / "none" / "m.ply"), "m.ply"),
+    ):
+        done = surface(*arguments)
+        assert done.returncode in (2, 3) and words in done.stderr, done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1 and "Traceback" not in done.stderr
