@@ -90,8 +90,8 @@ def test_orb_slam3_settings_are_read_by_opencv(all_dialects):
     assert storage.getNode("Camera.type").string() == "PinHole"
 
 
-@pytest.mark.parametrize("name", ["tum", "icl-nuim"])
-def test_our_own_reader_takes_back_what_was_written(all_dialects, run, name):
+@pytest.mark.parametrize("name", DIALECTS)
+def test_our_own_reader_takes_back_what_was_written(all_dialects, run, truth, name):
     source, frames = image_frames(all_dialects / name), run_frames(run.path)
     assert source.numbers == frames.numbers
     assert source.camera.to_dict() == pytest.approx(frames.camera.to_dict())
@@ -100,6 +100,30 @@ def test_our_own_reader_takes_back_what_was_written(all_dialects, run, name):
         (light, depth), (light_there, depth_there) = frames.load(number), source.load(number)
         assert np.abs(depth - depth_there).max() <= 0.5 / 5000 + 1e-6
         assert np.abs(light.astype(float) - light_there).max() < 0.006
+    there = source.truth_of(source.numbers)
+    kept = {round(stamp_s * 30): T for stamp_s, T in zip(there.stamps_s, there.T_world_camera, strict=True)}
+    assert set(kept) == ({1, 2, 3} if name == "icl-nuim" else {0, 1, 2, 3})
+    for i in (2, 3):  # whatever the world: the same motion
+        motion = truth.T_world_camera[1].inverse() @ truth.T_world_camera[i]
+        assert np.allclose((kept[1].inverse() @ kept[i]).matrix, motion.matrix, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("nerf/transforms.json", '"frames"', '"views"', "a list of frames"),
+        ("nerf/transforms.json", '"depth_file_path"', '"depth"', "depth_file_path, found frame 0"),
+        ("nerf/transforms.json", '"fl_x"', '"f"', "numbers w, h, fl_x"),
+        ("euroc/mav0/cam0/data.csv", "33333333,", "a,", "lines `nanoseconds,image`"),
+        ("euroc/mav0/depth0/sensor.yaml", "intrinsics: [48", "intrinsics: [x", "intrinsics: .fx, fy, cx, cy."),
+    ],
+)
+def test_damaged_lists_of_other_forms_are_one_line(all_dialects, file, old, new, message):
+    path = all_dialects / file
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=message) as error:
+        image_frames(all_dialects / file.split("/")[0])
+    assert "\n" not in str(error.value)
 
 
 def test_one_dialect_lies_in_the_folder_itself_and_another_is_added_by_a_second_call(run, tmp_path):

@@ -51,6 +51,7 @@ def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
 
 def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
     assert write_klg(sequence, tmp_path / "s.klg") == 4
+    assert (tmp_path / "s.cal").read_text().split() == ["48", "48", "31.5", "23.5"]
     data = (tmp_path / "s.klg").read_bytes()
     (frames,) = struct.unpack_from("<i", data)
     place = 4

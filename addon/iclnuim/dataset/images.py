@@ -15,10 +15,11 @@ from ..formats.png import png_header
 from ..formats.trajectories import read_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
+from . import other_forms
 from .depth_units import UNITS_PER_METRE, check_units
 
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
-_TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim")
+_TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim", "mav0/state_groundtruth_estimate0/data.csv")
 
 
 @dataclass(frozen=True)
@@ -32,14 +33,14 @@ class ImagePair:
 
 
 def find_pairs(folder: Path) -> list[ImagePair]:
-    """By association file, else by rgb.txt and depth.txt, else by equal names in rgb/ and depth/.
+    """By association file, else by rgb.txt and depth.txt, else by equal names in rgb/ and depth/; euroc's and nerf's forms.
 
     Raises InputError where there is nothing to pair.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("a folder with a sequence", path=folder, found="a file" if folder.exists() else "nothing")
-    rows = _listed(folder) or _by_name(folder)
+    rows = _listed(folder) or other_forms.rows(folder) or _by_name(folder)
     if not rows:
         hint = "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
@@ -61,7 +62,7 @@ def find_truth(folder: Path) -> Path | None:
 def read_truth(folder: Path) -> Trajectory | None:
     """Right-handed poses, or None where no ground truth lies there."""
     path = find_truth(folder)
-    return None if path is None else read_trajectory(path).trajectory
+    return other_forms.nerf_truth(folder) if path is None else read_trajectory(path).trajectory
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,14 @@ class SequenceCamera:
 
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
-    """camera.json or calibration.txt there; else the benchmark's camera where the image has its 640 x 480 pixels."""
+    """camera.json or calibration.txt there, or euroc's or nerf's; else the benchmark's camera where the image has its 640 x 480 pixels."""
     if (folder / "camera.json").is_file():
         settings = read_json(folder / "camera.json")
         units = settings.pop("depth_units_per_metre", UNITS_PER_METRE)
         return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
+    other = other_forms.camera(folder)
+    if other is not None:
+        return SequenceCamera(other[0], check_units(other[1]))
     header = png_header(image)
     if (folder / "calibration.txt").is_file():
         return SequenceCamera(_read_calibration(folder / "calibration.txt", header.width, header.height))

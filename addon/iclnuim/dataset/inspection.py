@@ -67,7 +67,7 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     listed = {"rgb": {p.rgb.resolve() for p in pairs}, "depth": {p.depth.resolve() for p in pairs}}
     result.figures["pairs"] = len(pairs)
     for kind, paths in listed.items():
-        there = {p.resolve() for p in (result.folder / kind).glob("*.png")}
+        there = {image.resolve() for parent in {p.parent for p in paths} for image in parent.glob("*.png")}
         result.figures[f"{kind}_images"] = len(there)
         _tell(result.wrong, sorted(paths - there), "{} images that the lists name are not there: {}")
         _tell(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or stand in no list: {{}}")
@@ -125,7 +125,8 @@ def _whole(path: Path) -> PngHeader | InputError:
 def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]) -> None:
     c = camera.pinhole
     result.figures["camera"] = c.to_dict()
-    if not any((result.folder / name).is_file() for name in ("camera.json", "calibration.txt")):
+    known = ("camera.json", "calibration.txt", "mav0/depth0/sensor.yaml", "transforms.json")
+    if not any((result.folder / name).is_file() for name in known):
         result.odd.append("no camera.json: the benchmark's own camera is taken")
     others = {(h.width, h.height) for h in headers} - {(c.width, c.height)}
     if others:

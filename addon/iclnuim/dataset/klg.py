@@ -1,7 +1,8 @@
 """Logs for ElasticFusion and Kintinuous (.klg): one binary file of all frames.
 
 Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32 bytes of colour, depth
-(16 bit, millimetres, zlib), colour (RGB, three bytes a pixel, not compressed: their readers tell by its size).
+(16 bit, millimetres, zlib), colour (RGB, three bytes a pixel, not compressed: their readers tell by its size). The camera
+stands in a file of its own, .cal, one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
 """
 
 from __future__ import annotations
@@ -13,15 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.files import atomic_write
+from ..formats.files import atomic_write, atomic_write_text
 from ..formats.png import read_depth16, read_rgb8
 from .images import find_pairs, read_camera
 
 
 def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:
-    """The pairs of a sequence in any PNG form as one log; their number. Raises as find_pairs and the readers do."""
+    """The pairs of a sequence in any PNG form as one log, its camera beside it; their number. Raises as the readers do."""
     pairs = find_pairs(Path(folder))
-    per_metre = read_camera(Path(folder), pairs[0].rgb).depth_units_per_metre
+    camera = read_camera(Path(folder), pairs[0].rgb)
+    per_metre, c = camera.depth_units_per_metre, camera.pinhole
 
     def write(temporary: Path) -> None:
         with open(temporary, "wb") as log:
@@ -35,6 +37,7 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
                 on_frame(pair.number)
 
     atomic_write(file, write)
+    atomic_write_text(file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n")
     return len(pairs)
 
 
