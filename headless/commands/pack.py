@@ -26,7 +26,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     out = args.out or args.folder.with_name(f"{args.folder.resolve().name}.tar.gz")
     check_packable(args.folder, args.licence)
     extra = {} if args.no_preview else _preview(args.folder, console)
-    progress = console.progress(len(packed_names(args.folder)) + 2, "pack", "files")
+    progress = console.progress(len(packed_names(args.folder)) + 2 + len(extra), "pack", "files")
     count = pack(args.folder, out, args.licence, args.author, extra, lambda name: progress.advance())
     digest = sha256(read_bytes(out))
     values = {"archive": str(out), "files": count, "bytes": out.stat().st_size, "sha256": digest}

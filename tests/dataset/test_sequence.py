@@ -151,7 +151,7 @@ def test_the_recipe_holds_every_parameter_and_what_became_of_depth(run, tmp_path
     assert recipe["schema_version"] == 1 and recipe["finished"] is True
     assert recipe["frames"] == {"count": 4, "first": 0, "last": 3}
     counted = {"background": 1, "nan": 1, "infinite": 2, "negative": 1, "beyond_range": 1}
-    assert recipe["invalid_depth_pixels"] == {**counted, "beyond_range_after_noise": 0}
+    assert recipe["invalid_depth_pixels"] == {**counted, "beyond_range_after_noise": 0, "no_distance_after_noise": 0}
 
 
 def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
@@ -252,6 +252,8 @@ def test_a_users_own_noise_is_seeded_named_in_the_recipe_and_checked(run, tmp_pa
     (tmp_path / "noise_of_mine.py").write_text(
         "def depth(depth_z_m, camera, rng):\n    return depth_z_m + 0.1 * rng.random(depth_z_m.shape, 'float32')\n"
         "def wrong(depth_z_m, camera, rng):\n    return depth_z_m[:3]\n"
+        "def lossy(depth_z_m, camera, rng):\n    return depth_z_m * [[float('nan')] * 60 + [100, -1, 1, 1]]\n"
+        "def wide(light, rng):\n    return (1000 * light).astype('uint16')\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     own = SequenceSettings(depth_model("noise_of_mine:depth"), seed=3)
@@ -262,3 +264,8 @@ def test_a_users_own_noise_is_seeded_named_in_the_recipe_and_checked(run, tmp_pa
         InputError, match="an array .48, 64. of float from the noise noise_of_mine:wrong, found .3, 64."
     ):
         fill(run, tmp_path / "wrong", SequenceSettings(depth_model("noise_of_mine:wrong")))
+    lossy = fill(run, tmp_path / "lossy", SequenceSettings(depth_model("noise_of_mine:lossy")))
+    lost = json.loads((lossy / "recipe.json").read_text())["invalid_depth_pixels"]
+    assert (lost["no_distance_after_noise"], lost["beyond_range_after_noise"]) == (4 * 48 * 61, 4 * 48)
+    with pytest.raises(InputError, match="an array .* of uint8 from the noise noise_of_mine:wide, found .* uint16"):
+        fill(run, tmp_path / "wide", SequenceSettings(rgb=rgb_model("noise_of_mine:wide")))

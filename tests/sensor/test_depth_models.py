@@ -139,7 +139,9 @@ def test_every_setting_has_a_source_and_comes_back_from_its_dictionary(models):
 def test_a_users_own_function_is_called_with_its_settings(tmp_path, monkeypatch, camera):
     (tmp_path / "my_noise_of_test.py").write_text(
         "def add(depth_z_m, camera, rng, amount=0.0):\n    return depth_z_m + amount\nvalue = 3\n"
+        "def broken(depth_z_m, camera, rng):\n    raise KeyError('lens')\n"
     )
+    (tmp_path / "no_python_of_test.py").write_text("def f(:\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     depth = np.ones((240, 320), np.float32)
     model = depth_model("my_noise_of_test:add", {"amount": 0.25})
@@ -148,3 +150,13 @@ def test_a_users_own_function_is_called_with_its_settings(tmp_path, monkeypatch,
     for wrong in ("no_such_module_at_all:f", "my_noise_of_test:absent", "my_noise_of_test:value"):
         with pytest.raises(InputError, match="expected"):
             depth_model(wrong)
+    with pytest.raises(InputError, match="SyntaxError"):
+        depth_model("no_python_of_test:f")
+    with pytest.raises(
+        InputError, match=r"call as add\(depth_z_m, camera, rng, much=...\), found .*unexpected keyword"
+    ):
+        depth_model("my_noise_of_test:add", {"much": 1})
+    with pytest.raises(InputError, match=r"call as add\(light, rng\)"):
+        rgb_model("my_noise_of_test:add")
+    with pytest.raises(InputError, match="KeyError: 'lens' .line 5 of .*my_noise_of_test.py."):
+        depth_model("my_noise_of_test:broken").apply(depth, camera, frame_generator(0, 0, 0))

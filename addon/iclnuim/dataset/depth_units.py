@@ -13,7 +13,15 @@ UNITS_PER_METRE = 5000.0
 LARGEST_UNIT = 65535
 
 #: What a pixel of 0 can stand for; all but `background` are worth a look.
-KINDS = ("background", "nan", "infinite", "negative", "beyond_range", "beyond_range_after_noise")
+KINDS = (
+    "background",
+    "nan",
+    "infinite",
+    "negative",
+    "beyond_range",
+    "beyond_range_after_noise",
+    "no_distance_after_noise",
+)
 
 
 def depth16_from_metres(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:
@@ -49,6 +57,21 @@ def count_invalid(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METR
         "beyond_range": (bad > limit_m) & np.isfinite(bad),
     }
     return {kind: int(which.sum()) for kind, which in counts.items() if which.any()}
+
+
+def invalid_after_noise(
+    depth_z_m: np.ndarray, noisy_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE
+) -> dict[str, int]:
+    """How many pixels of good depth noise made too far, or no distance (NaN, infinite, negative); {} where none."""
+    if not count_invalid(noisy_z_m, units_per_metre).keys() - {"background"}:
+        return {}
+    good = (depth_z_m > 0) & (depth_z_m <= np.float32((LARGEST_UNIT + 0.5) / units_per_metre))
+    found = count_invalid(noisy_z_m[good], units_per_metre)
+    counts = {
+        "beyond_range_after_noise": found.get("beyond_range", 0),
+        "no_distance_after_noise": sum(found.get(kind, 0) for kind in ("nan", "infinite", "negative")),
+    }
+    return {kind: count for kind, count in counts.items() if count}
 
 
 def total(counts: Iterable[dict[str, int]]) -> dict[str, int]:

@@ -42,7 +42,8 @@ def find_pairs(folder: Path) -> list[ImagePair]:
         raise InputError("a folder with a sequence", path=folder, found="a file" if folder.exists() else "nothing")
     rows = _listed(folder) or other_forms.rows(folder) or _by_name(folder)
     if not rows:
-        hint = "a folder with rgb/*.png and depth/*.png"
+        inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
+        hint = f"a folder inside: {', '.join(inside)}" if inside else "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
     numbers = [int(rgb.stem) if rgb.stem.isdigit() else None for _, rgb, _ in rows]
     named = None not in numbers and len(set(numbers)) == len(numbers) and max(numbers) < 10_000_000

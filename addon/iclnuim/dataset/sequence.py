@@ -17,7 +17,7 @@ from ..geometry.camera import PinholeCamera
 from ..sensor.models import DepthNoise, RgbNoise, depth_model, rgb_model
 from ..sensor.randomness import DEPTH, RGB, frame_generator
 from . import ground_truth
-from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, total
+from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, invalid_after_noise, total
 from .dialects import Contents, Dialect, dialect
 from .frames import FrameSource
 from .journal import Journal, JournalEntry
@@ -70,20 +70,16 @@ def noisy_images(
     invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
     image = settings.rgb.apply(light, frame_generator(settings.seed, number, RGB))
     noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))
-    for what, array, shape, kind in (
-        (settings.rgb.name, image, light.shape, "u"),
-        (settings.depth.name, noisy_z_m, depth_z_m.shape, "f"),
-    ):
-        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype.kind != kind:
-            expected = f"an array {shape} of {'uint8' if kind == 'u' else 'float'} from the noise {what}"
-            raise InputError(expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}")
-    with np.errstate(invalid="ignore"):
-        beyond = int((noisy_z_m * np.float32(settings.depth_units_per_metre) > 65535.5).sum()) - invalid.get(
-            "beyond_range", 0
-        )
-    if beyond > 0 and settings.depth.name != "none":
-        invalid["beyond_range_after_noise"] = beyond
-    return image.astype(np.uint8, copy=False), depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+    _check(settings.rgb.name, image, light.shape, np.dtype(np.uint8))
+    _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
+    invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
+    return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+
+
+def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:
+    if not isinstance(array, np.ndarray) or array.shape != shape or not np.issubdtype(array.dtype, kind):
+        expected = f"an array {shape} of {'float' if kind is np.floating else kind} from the noise {name}"
+        raise InputError(expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}")
 
 
 def write_sequence(

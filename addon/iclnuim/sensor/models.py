@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,6 +12,7 @@ from ..geometry.camera import PinholeCamera
 from .depth_others import Kinect2012DepthNoise, NoDepthNoise, RedwoodDepthNoise
 from .depth_paper import PaperDepthNoise
 from .depth_released import ReleasedDepthNoise
+from .own_noise import own_noise
 from .parameters import NoiseSettings
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 
@@ -21,6 +20,8 @@ DEPTH_MODELS: dict[str, type[NoiseSettings]] = {
     m.name: m for m in (NoDepthNoise, PaperDepthNoise, ReleasedDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
 }
 RGB_MODELS: dict[str, type[NoiseSettings]] = {m.name: m for m in (NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise)}
+
+_ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 
 
 class DepthNoise(Protocol):
@@ -43,18 +44,6 @@ class RgbNoise(Protocol):
     def to_dict(self) -> dict[str, Any]: ...
 
 
-@dataclass(frozen=True)
-class OwnNoise:
-    """A user's function of the same signature as `apply`, and settings handed to it by keyword."""
-
-    name: str
-    apply: Callable[..., np.ndarray] = field(repr=False)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        return dict(self.settings)
-
-
 def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> DepthNoise:
     """By name or as `module:function`, called as function(depth_z_m, camera, rng). Raises InputError."""
     return _model("depth", name, settings or {}, DEPTH_MODELS)
@@ -67,23 +56,7 @@ def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> RgbNoise:
 
 def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseSettings]]) -> Any:
     if ":" in name:
-        return _own(kind, name, settings)
+        return own_noise(kind, name, settings, _ARGUMENTS[kind])
     if name not in known:
         raise InputError(f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name)
     return known[name].from_dict(dict(settings))
-
-
-def _own(kind: str, name: str, settings: Mapping[str, Any]) -> OwnNoise:
-    module_name, _, function_name = name.partition(":")
-    try:
-        function = getattr(importlib.import_module(module_name), function_name)
-    except (ImportError, ValueError) as error:
-        hint = f"a folder with {module_name.split('.')[0]}.py on PYTHONPATH"
-        raise InputError(f"{kind} noise as MODULE:FUNCTION", found=f"{name} ({error})", hint=hint) from None
-    except AttributeError:
-        raise InputError(f"a function {function_name} in the module {module_name}", found="none") from None
-    if not callable(function):
-        raise InputError(f"a function {function_name} in the module {module_name}", found=type(function).__name__)
-    if not settings:
-        return OwnNoise(name, function)
-    return OwnNoise(name, lambda *arrays: function(*arrays, **settings), dict(settings))
