@@ -1,4 +1,5 @@
-"""`iclnuim evaluate`: the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe).
+"""`iclnuim evaluate`: the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe),
+and of a reconstructed surface (surface).
 
 What --json prints and --csv writes is described in error_report.py. Options are plain words and numbers here, checked
 by the settings of iclnuim.evaluation, so that nothing heavy is imported before it is needed.
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 
+from .. import surface_evaluation
 from ..console import Console
 from ..error_text import error_text
 from ..options import action, subcommands
@@ -19,6 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
     _configure_ate(actions)
     _configure_rpe(actions)
+    surface_evaluation.configure(actions)
 
 
 def spelled_out(argv: list[str]) -> list[str]:
