@@ -77,9 +77,11 @@ def read_recipe(path: Path) -> dict:
 
 def _refuse_other(file: Path, old: dict, new: dict) -> None:
     a, b = _identity(old), _identity(new)
-    different = [f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked" for key in b if a.get(key) != b[key]]
-    if different:
-        found = "; ".join(different)
+    keys = [key for key in b if a.get(key) != b[key]]
+    of_other_models = tuple(key.removesuffix("model") for key in keys if key.endswith("_noise model"))
+    keys = [key for key in keys if key.endswith("_noise model") or not key.startswith(of_other_models)]
+    if keys:
+        found = "; ".join(_difference(key, a.get(key), b[key]) for key in keys)
         raise InputError("the sequence that was begun there", path=file, found=found, hint="another folder")
 
 
@@ -98,9 +100,9 @@ def _identity(recipe: dict) -> dict:
     return identity
 
 
-def _brief(value: object) -> str:
-    text = str(value)
-    return text if len(text) < 40 else "one"
+def _difference(key: str, there: object, asked: object) -> str:
+    text = f"{key} {there} there, {asked} asked"
+    return text if len(text) < 100 else f"another {key}"
 
 
 def _versions() -> dict:
