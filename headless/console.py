@@ -34,6 +34,11 @@ class Progress:
         self.done, self.started, self.last = 0, time.monotonic(), 0.0
         self.terminal = sys.stderr.isatty()
 
+    def begin(self) -> None:
+        """The clock starts now: what came before was preparation, and says nothing about the time left."""
+        if not self.done:
+            self.started = time.monotonic()
+
     def advance(self, count: int = 1) -> None:
         self.done += count
         now = time.monotonic()

@@ -76,7 +76,12 @@ class LocalRun:
             progress.advance()
             on_frame(number)
 
-        self.farm = LocalFarm(self._start, cores[:missing], done, self._event, self.should_stop, self.care)
+        def heard(event: dict) -> None:
+            self._event(event)
+            if event["event"] == "ready":
+                progress.begin()
+
+        self.farm = LocalFarm(self._start, cores[:missing], done, heard, self.should_stop, self.care)
         return self.farm.run(chunks)
 
     def close(self) -> None:
@@ -153,6 +158,8 @@ def taken_up(
                 yield held
             finally:
                 held.close()
+    except NotADirectoryError:
+        raise InputError("a folder", path=out, found="a file on the way there", hint="another --out") from None
     except OSError as error:
         raise WorkError(f"{out}: {error.strerror or error}; try another --out") from None
     finally:

@@ -8,7 +8,7 @@ import textwrap
 import time
 
 import pytest
-from iclnuim.errors import WorkError
+from iclnuim.errors import IclnuimError, WorkError
 from iclnuim_bench.farm.local import Care, LocalFarm
 from iclnuim_bench.farm.plan import chunks_of
 from iclnuim_bench.farm.worker_process import WorkerProcess
@@ -105,8 +105,9 @@ def test_a_stopped_worker_is_replaced(farm):
 
 
 def test_a_full_disk_ends_the_run_with_the_workers_words(farm):
-    with pytest.raises(WorkError, match="no space left; free some"):
+    with pytest.raises(IclnuimError, match="^no space left; free some$") as raised:
         farm(list(range(12)), {"3": ("full", 99)})
+    assert raised.value.exit_code == 3
 
 
 def test_a_worker_that_does_not_start_is_not_tried_for_ever(tmp_path):
