@@ -1,4 +1,4 @@
-"""`iclnuim trajectory`: info, convert, plot, make, adopt, resample. Each says which frame it comes from and goes to."""
+"""`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample. Each says which frame it comes from and goes to."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_plot(actions)
     _configure_adopt(actions)
     _configure_resample(actions)
-    from . import trajectory_make
+    from . import trajectory_camera, trajectory_make
 
     trajectory_make.configure(actions)
+    trajectory_camera.configure(actions)
 
 
 # -- info

@@ -16,6 +16,7 @@ from iclnuim.geometry.handheld_recipe import Recipe
 
 from ..console import Console
 from ..options import action
+from . import trajectory_walk
 
 NAMES = [f"{scene}/{kt}" for scene in shipped.SCENE_NAMES for kt in shipped.TRAJECTORY_NAMES]
 
@@ -27,9 +28,13 @@ def configure(actions: argparse._SubParsersAction) -> None:
     parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of beside the recipe")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 3 where the file is not what is made")
+    trajectory_walk.add_walk_options(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
+    if args.scene or args.viewpoints:
+        trajectory_walk.run(args, console)
+        return
     made = []
     for name in args.recipes or NAMES:
         source, target = _places(name, args.out)

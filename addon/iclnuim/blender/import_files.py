@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -49,6 +50,7 @@ def importers_turn(path: Path) -> np.ndarray:
 
 def load(path: Path) -> None:
     """Bring the file into the open session; a .blend takes the session's place, and its scripts stay asleep. Raises InputError."""
+    logging.disable(logging.WARNING)  # readers written in Python tell every node of the file
     try:
         if path.suffix.lower() == ".blend":
             result = bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
@@ -60,6 +62,8 @@ def load(path: Path) -> None:
         ) from None
     except (RuntimeError, TypeError, UnicodeDecodeError) as error:
         raise InputError("a scene that Blender can read", path=path, found=_last_line(error)) from None
+    finally:
+        logging.disable(logging.NOTSET)
     if result != {"FINISHED"}:
         raise InputError("a scene that Blender can read", path=path, found="a file that its reader gives up on")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy
@@ -24,6 +25,7 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     scene = bpy.context.scene
     if path.suffix.lower() != ".blend":
         scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
+        _timeline_of_actions(scene)
     notes = mending.mend(scene)
     if not any(o.type in _SURFACES for o in scene.objects) and not _instances(scene):
         raise InputError("a scene with at least one surface", path=path, found="none")
@@ -56,6 +58,14 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
 
 def _instances(scene: bpy.types.Scene) -> bool:
     return any(o.instance_collection is not None for o in scene.objects)
+
+
+def _timeline_of_actions(scene: bpy.types.Scene) -> None:
+    """Readers leave the timeline as it was: as long as what moves."""
+    ranges = [tuple(action.frame_range) for action in bpy.data.actions]
+    if ranges:
+        scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
+        scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
 
 
 def _choose_camera(scene: bpy.types.Scene) -> None:

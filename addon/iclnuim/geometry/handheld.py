@@ -41,18 +41,34 @@ def make(recipe: Recipe) -> Motion:
 
     The length is the recipe's to 0.1 mm, shake included. Raises InputError where no scale within SCALE_LIMITS gives it.
     """
+    times_s, smooth, shake_m, shake_rad = _parts(recipe)
+    centre = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
+    scale = _scale_for_length(smooth[:, :3] - centre, shake_m, recipe.length_m)
+    positions = centre + scale * (smooth[:, :3] - centre) + shake_m
+    rotations = _rotation_world_camera(*smooth[:, 3:].T) @ so3.exp(shake_rad)
+    return Motion(Trajectory(times_s, SE3(rotations, positions)), scale)
+
+
+def natural_length_m(recipe: Recipe) -> float:
+    """The path's length with its viewpoints just where they are, shake included; the recipe's own length does not matter."""
+    _, smooth, shake_m, _ = _parts(recipe)
+    return float(np.linalg.norm(np.diff(smooth[:, :3] + shake_m, axis=0), axis=1).sum())
+
+
+def unhurried_s(recipe: Recipe) -> float:
+    """Seconds that the path takes at the recipe's pace, rests and the last stop included; its own frames do not matter."""
+    return float(_knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s)
+
+
+def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Stamps (n,), the smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres, (n, 3) radians."""
     rng = np.random.default_rng(recipe.seed)
     times_s = np.arange(recipe.frames) / FRAME_RATE_HZ
     knots, values = _knots(recipe)
     dwells_s = np.array([v.dwell_s for v in recipe.viewpoints])
     progress = eased_progress(np.diff(knots), dwells_s, recipe.pace.ease_s, times_s)
     smooth = natural_spline(knots, values, progress)
-    shake_m, shake_rad = _shake(recipe.shakes, recipe.frames, rng)
-    centre = values[:, :3].mean(axis=0)
-    scale = _scale_for_length(smooth[:, :3] - centre, shake_m, recipe.length_m)
-    positions = centre + scale * (smooth[:, :3] - centre) + shake_m
-    rotations = _rotation_world_camera(*smooth[:, 3:].T) @ so3.exp(shake_rad)
-    return Motion(Trajectory(times_s, SE3(rotations, positions)), scale)
+    return times_s, smooth, *_shake(recipe.shakes, recipe.frames, rng)
 
 
 def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
