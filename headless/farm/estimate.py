@@ -34,7 +34,7 @@ class Estimate:
             f", {self.bake_core_hours:.2f} of them for the light unless it is cached" if self.bake_core_hours else ""
         )
         return (
-            f"{self.frames} frames in {self.tasks} tasks of up to {self.frames_a_task}\n"
+            f"{self.frames} frames, {self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_a_task}\n"
             f"core-hours   {self.core_hours:.2f}{baked}\n"
             f"gigabytes    {self.gigabytes:.2f}\n"
             f"wall time    {self.wall_minutes:.0f} min, with nobody else in the queue\n"
