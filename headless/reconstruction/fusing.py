@@ -10,6 +10,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
+#: Of weight: what a frame adds on the surface and before it.
+UNIT = 16.0
+
 
 @njit(cache=True)
 def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_free, rows):
@@ -87,9 +90,10 @@ def _colour(image, u, v, colour):
 
 
 @njit(cache=True, parallel=True)
-def fuse(grid, inverse, image, K, R, t, voxel, trunc, most, rows, n):
+def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, fading, most, rows, n):
     """Running mean of the truncated distance along z in the listed blocks; R, t are T_camera_world.
 
+    From `trunc` before the surface to `behind` it; with `fading`, the weight falls from 1 on the surface to 0 there.
     image (h, w, channels), or (1, 1, channels) for none.
     """
     coloured = image.shape[0] > 1
@@ -110,11 +114,16 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, most, rows, n):
                 if found <= 0.0:
                     continue
                 distance = 1.0 / found - z
-                if distance < -trunc:
+                if distance < -behind:
                     continue
+                more = UNIT
+                if fading and distance < 0.0:
+                    more = math.ceil(UNIT * (1.0 + distance / behind))
+                    if more < 1.0:
+                        continue
                 at = line * 8 + k
                 w = float(weight[at])
-                tsdf[at] = (tsdf[at] * w + min(distance, trunc)) / (w + 1.0)
-                weight[at] = np.uint16(min(w + 1.0, most))
+                tsdf[at] = (tsdf[at] * w + more * min(distance, trunc)) / (w + more)
+                weight[at] = np.uint16(min(w + more, most))
                 if coloured and distance < trunc:
                     _colour(image, u, v, colour[at])

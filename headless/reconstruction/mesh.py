@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import marching
+from .fusing import UNIT
 from .volume import Volume
 
 
@@ -49,7 +50,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: int 
     if not len(rows):
         return Mesh.joined([])
     low = grid.place[rows].min(axis=0).astype(np.int64)
-    common = (least_weight, leaves, marching.EDGES, marching.COUNT, low)
+    common = (least_weight * UNIT, leaves, marching.EDGES, marching.COUNT, low)
     totals = np.zeros(len(rows), np.int64)
     marching.count_triangles(grid, rows, *common, totals)
     start = np.concatenate([[0], np.cumsum(totals)])

@@ -24,11 +24,15 @@ TILE, STRIDE = 8, 2
 class VolumeSettings:
     """Metres. window_blocks: side of the window in blocks of 8 voxels, a power of two; channels of colour: 0, 1 or 3.
 
-    The truncation and the voxel (4.5 m in 512) are the paper's (VI-C); most_blocks bounds the memory.
+    The truncation and the voxel (4.5 m in 512) are the paper's (VI-C); most_blocks bounds the memory. A frame counts from
+    truncation_m before its surface to behind_m behind it. Behind the rim of a thing its front would grow walls as deep as
+    that, where nothing was seen; with `fading` the weight falls to 0 there, so that what saw free space outweighs it.
     """
 
     voxel_m: float = 4.5 / 512
     truncation_m: float = 0.045
+    behind_m: float = 0.045
+    fading: bool = False
     window_blocks: int = 256
     most_weight: int = 255
     most_blocks: int = 120_000
@@ -39,16 +43,18 @@ class VolumeSettings:
         if not (0 < self.voxel_m < 1 and self.truncation_m >= 2 * self.voxel_m):
             found = f"{self.voxel_m:g} and {self.truncation_m:g}"
             raise InputError("voxels of 0..1 m and a truncation of at least two of them", found=found)
+        if not 2 * self.voxel_m <= self.behind_m <= self.truncation_m:
+            raise InputError("two voxels or more behind the surface, no more than the truncation", found=self.behind_m)
         if self.window_blocks < 4 or self.window_blocks & (self.window_blocks - 1):
             raise InputError("a window of 4, 8, 16 ... blocks", found=self.window_blocks)
-        if self.most_blocks < 1 or not 1 <= self.most_weight <= 65535 or self.channels not in (0, 1, 3):
-            raise InputError("at least 1 block, a weight of 1..65535, and 0, 1 or 3 channels", found=self)
+        if self.most_blocks < 1 or not 1 <= self.most_weight <= 4000 or self.channels not in (0, 1, 3):
+            raise InputError("at least 1 block, a weight of 1..4000, and 0, 1 or 3 channels", found=self)
         if not self.far_m > 0:
             raise InputError("a farthest depth above 0 m", found=self.far_m)
 
 
 #: paper: the cyclic 4.5 m of Kintinuous; best: 18 m, more than the rooms have.
-PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings()}
+PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings(behind_m=0.020, fading=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +136,8 @@ class Volume:
             s = self.settings
             raise InputError(f"a frame within {s.most_blocks} blocks", found="more", hint="larger voxels or more blocks")
         (R, t), s = _parts(_inverted(T)), self.settings
-        fusing.fuse(self.grid, inverse, image, K, R, t, s.voxel_m, s.truncation_m, s.most_weight, self._rows, n)
+        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.fading, s.most_weight * fusing.UNIT)
+        fusing.fuse(self.grid, inverse, image, K, R, t, *rule, self._rows, n)
         self.frames += 1
 
     def raycast(
