@@ -22,6 +22,7 @@ COMMANDS = {
     "status": "what is done in an output folder, and what is missing",
     "resume": "go on with what was begun in an output folder",
     "task": "one task of a render farm: light, some frames, or the data set",
+    "compare": "are two folders' frames the same, to the byte or by tolerance",
     "bake": "a scene's light map into the cache",
     "dataset": "EXR frames to a TUM sequence, with a sensor's noise",
     "noise": "the same noise on a sequence that you have; noise calibrate fits it to a sensor",

@@ -27,7 +27,7 @@ import numpy as np
 
 from .. import __version__, shipped
 from ..dataset.ground_truth import OBJECTS
-from ..dataset.run_folder import RunFolder, load_trajectory, open_run, trajectory_file
+from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ..errors import InputError, WorkError
 from ..formats.files import read_bytes, sha256, write_json, writer_died
 from ..geometry.se3 import SE3
@@ -97,6 +97,7 @@ class Session:
         self._opened = not scene.is_shipped(job.scene)
         self.job = _opened(job, emit) if self._opened else job
         self.run = open_run(out, recipe(self.job), self.trajectory)
+        _note_other_processor(self.run, emit)
         self.work = _work_folder(self.run)
         self._output = output.blender_output_in(self.work / "blender.log")
         self._ready = False
@@ -142,6 +143,14 @@ class Session:
         if self.threads:
             render = bpy.context.scene.render
             render.threads_mode, render.threads = "FIXED", self.threads
+
+
+def _note_other_processor(run: RunFolder, emit: Emit) -> None:
+    """A run begun on another kind of processor goes on, but its frames are no longer those of one kind."""
+    begun = read_run(run.path).recipe.get("machine", {}).get("features")
+    if begun is not None and begun != _features():
+        text = f"this run was begun on a processor with {' '.join(begun)}, this one has {' '.join(_features())}: its frames will equal"
+        emit({"event": "note", "text": f"{text} those of one kind by tolerance, not to the byte"})
 
 
 def checked_frames(asked: str | Sequence[int], count: int) -> Sequence[int]:
@@ -217,7 +226,7 @@ def bake_light(
             note(text)
         hindrance = own_scene.why_not_baked(bpy.context.scene)
         if hindrance:
-            raise InputError("a scene whose light can be baked", path=job.scene, found=hindrance, hint="--light path")
+            raise InputError("a scene whose light can be baked", path=job.scene, found=hindrance, hint="rendering it with --light path")
         for text in preflight.findings(True):
             note(text)
         if job.lambertian:
