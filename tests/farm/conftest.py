@@ -1,5 +1,6 @@
 """The real Slurm on this machine's loopback address: munged, slurmctld and one slurmd, in a folder of their own."""
 
+import contextlib
 import getpass
 import os
 import secrets
@@ -80,6 +81,16 @@ class SlurmCluster:
         """As when power fails: the daemon, and the steps it looked after go on or die as they like."""
         self.processes["slurmd"].kill()
         self.processes.pop("slurmd").wait()
+
+    def lose_node(self) -> None:
+        """Power fails for good: nothing of its jobs lives on."""
+        psutil = pytest.importorskip("psutil", reason="finds what ran on the node")
+        self.kill_node()
+        for process in psutil.process_iter(["name"]):
+            with contextlib.suppress(psutil.Error):
+                if process.info["name"].startswith("slurmstepd") and str(self.folder) in str(process.environ()):
+                    for one in [process, *process.children(recursive=True)]:
+                        one.kill()
 
     def call(self, *command: str) -> str:
         done = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=30)

@@ -34,7 +34,7 @@ class Cluster:
     def tasks(self, state: str) -> list[str]:
         return self.slurm.call("squeue", "-h", "-r", "-n", "iclnuim-frames", "-t", state, "-o", "%i").split()
 
-    def wait(self, condition, seconds: float = 240) -> None:
+    def wait(self, condition, seconds: float = 300) -> None:
         end = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end, self.slurm.call("squeue", "-l")
@@ -105,10 +105,25 @@ def test_what_is_in_the_queue_is_not_submitted_twice_and_arrays_keep_to_their_li
 
 def test_a_task_that_must_make_room_goes_back_into_the_queue_and_on(cluster, tmp_path):
     out = tmp_path / "far/raw"
-    cluster.run("render", "kt2", *SMALL, *ENGINE, "--chunk-minutes", "0.05", "--out", out)
+    cluster.run(
+        "render", "kt2", *SMALL, *ENGINE, "--chunk-minutes", "0.05", "--scratch", tmp_path / "s p", "--out", out
+    )
     cluster.wait(lambda: frames_in(out.parent) >= 2)
+    assert list((tmp_path / "s p").glob(".work-*")) and not list(out.glob(".work-*"))
     cluster.slurm.call("scancel", "--signal", "USR2", cluster.tasks("running")[0])
     cluster.wait_until_empty()
     logs = "".join(p.read_text() for p in (out / ".farm/slurm").glob("*log.*"))
     assert "back into the queue" in logs
+    assert cluster.status(out)["missing"] == 0
+
+
+def test_a_node_that_loses_power_and_comes_back_gets_its_tasks_again(cluster, tmp_path):
+    out = tmp_path / "far/raw"
+    cluster.run("render", "kt2", *SMALL, *ENGINE, "--chunk-minutes", "0.05", "--out", out)
+    cluster.wait(lambda: frames_in(out.parent) >= 2)
+    cluster.slurm.lose_node()
+    before = cluster.status(out)["missing"]
+    assert before > 0
+    cluster.slurm.start_node()
+    cluster.wait_until_empty()
     assert cluster.status(out)["missing"] == 0
