@@ -29,6 +29,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     build.add_argument("name", metavar="NAME", choices=list(SCENES), help=", ".join(SCENES))
     build.add_argument("--seed", type=int, default=0, help="seed of cloth, wood, plaster; default: 0")
+    build.add_argument(
+        "--detail",
+        type=float,
+        default=1.0,
+        metavar="D",
+        help="0.15 to 3: fewer or more triangles, 1 as shipped; see docs/detail.md; default: 1",
+    )
     build.add_argument("--out", type=Path, metavar="FILE", help="default: blend/NAME.blend")
     compare = action(
         actions,
@@ -65,12 +72,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _build(args: argparse.Namespace, console: Console) -> int:
+    if not 0.15 <= args.detail <= 3:
+        raise InputError("--detail of 0.15..3", found=f"{args.detail:g}")
     out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
     if not out.parent.is_dir():
         raise InputError("a folder to write into", path=out.parent, found="nothing of that name", hint="--out FILE")
     with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
         _blender_room("session").reset()
-        build_scene(args.name, seed=args.seed)
+        build_scene(args.name, seed=args.seed, detail=args.detail)
         from iclnuim.scenes import stage
 
         figures = {"file": str(out), "triangles": stage.triangle_count(), "geometry_sha256": stage.geometry_hash()}

@@ -68,9 +68,9 @@ def pot(rng: np.random.Generator, radius: float, height: float, detail: float) -
     return join([lathe(wall, n), lathe(saucer, n), facing(grid(soil), 1).painted(1)])
 
 
-def shrub(rng: np.random.Generator, size: tuple[float, float, float], leaves: int) -> Mesh:
-    """A leafy bush filling a box of `size` (x, y, z) above the origin: small folded leaves turned outwards."""
-    parts = []
+def shrub(rng: np.random.Generator, size: tuple[float, float, float], detail: float) -> Mesh:
+    """A leafy bush filling a box of `size` (x, y, z) above the origin: small folded leaves turned outwards, some left out at low detail."""
+    parts, leaves = [], 420  # always drawn, so that what is drawn after them stays as it is
     d = rng.normal(size=(leaves, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     r = rng.uniform(0.45, 1.0, (leaves, 1)) ** 0.6
@@ -89,4 +89,4 @@ def shrub(rng: np.random.Generator, size: tuple[float, float, float], leaves: in
             for f, w in ((0.4, 0.012), (1.0, 0.001))
         ]
         parts.append(grid(np.array(p)))
-    return join(parts)
+    return join(parts[: steps(leaves, min(detail, 1.0), 20)])

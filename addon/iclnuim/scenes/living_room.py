@@ -24,7 +24,7 @@ from .wallpieces import casing, door, picture, plane, rail, skirting, spot, wind
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
     """Fill the current, emptied Blender scene. The same seed and detail give the same bytes of geometry."""
-    stage = Stage(seed, palette(seed, detail))
+    stage = Stage(seed, palette(seed, detail), detail)
     for part, fill in enumerate((_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 11, part])), detail)
     living_room_light.light(seed, detail)
@@ -243,7 +243,7 @@ def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     for k, (x, y) in enumerate(((-1.95, -4.20), (-0.55, -4.22)), 1):
         box = [rounded_box((0.62, 0.26, 0.26), 0.012).moved(x, y, Z0 - 0.0195 + 0.13)]
         stage.add(f"planter_{k}", "pot", join(box), "terracotta")
-        bush = shrub(rng, (0.66, 0.36, 0.42), steps(420, detail, 20)).moved(x, y, Z0 + 0.20)
+        bush = shrub(rng, (0.66, 0.36, 0.42), detail).moved(x, y, Z0 + 0.20)
         stage.add(f"shrub_{k}", "plant", bush, "shrub")
     stage.add("view", "backdrop", _view(stage.seed), "view")
 

@@ -34,7 +34,7 @@ from .wallpieces import casing, door, plane, skirting
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
     """Fill the current, emptied Blender scene. The same seed and detail give the same bytes of geometry."""
-    stage = Stage(seed, palette(seed, detail))
+    stage = Stage(seed, palette(seed, detail), detail)
     parts = (_shell, _ceiling, _wall_pieces, _desks, _storage, _floor_things, dress_a, dress_b, dress_c, dress_d)
     for part, fill in enumerate(parts):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 12, part])), detail)

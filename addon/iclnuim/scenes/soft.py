@@ -163,13 +163,14 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
     side.uv[...] = 0.01
     strands = []
     for sign in (-1, 1):
-        for x0 in np.linspace(-width / 2 + 0.012, width / 2 - 0.012, steps(70, detail, 8)):
+        for x0 in np.linspace(-width / 2 + 0.012, width / 2 - 0.012, 70):
             tip = np.array([x0 + rng.normal(0, 0.006), sign * (length / 2 + rng.uniform(0.045, 0.06)), 0.0035])
             mid = np.array([(x0 + tip[0]) / 2 + rng.normal(0, 0.003), sign * (length / 2 + 0.024), 0.0045])
             strands.append(
                 tube([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip], [0.0035, 0.003, 0.0035], 5).painted(1)
             )
-    return join([grid(p), side, *strands])
+    shown = np.linspace(0, len(strands) - 1, 2 * steps(70, min(detail, 1.0), 8)).round().astype(int)
+    return join([grid(p), side, *(strands[k] for k in shown)])
 
 
 def throw(rng: np.random.Generator, detail: float) -> Mesh:

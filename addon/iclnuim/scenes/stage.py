@@ -7,22 +7,23 @@ import hashlib
 import bpy
 import numpy as np
 
+from .coarsening import coarser, feature_m
 from .mesh import Mesh, face_normals
 
 SHARP_DEG = 38.0  # edges that turn more than this are drawn sharp
 
 
 class Stage:
-    """Adds things to the current scene; instance ids count up from 1 in the order of adding."""
+    """Adds things to the current scene; instance ids count up from 1 in the order of adding. Below full detail small features go."""
 
-    def __init__(self, seed: int, materials: dict[str, bpy.types.Material]) -> None:
-        self.seed, self.materials = seed, materials
+    def __init__(self, seed: int, materials: dict[str, bpy.types.Material], detail: float = 1.0) -> None:
+        self.seed, self.materials, self.feature_m = seed, materials, feature_m(detail)
         self.count = 0
 
     def add(self, name: str, class_name: str, mesh: Mesh, *materials: str) -> bpy.types.Object:
         """One object from a mesh in world coordinates; slot k shows material materials[k]."""
         self.count += 1
-        data = to_blender(name, mesh)
+        data = to_blender(name, coarser(mesh, self.feature_m) if self.feature_m > 0 else mesh)
         for key in materials:
             data.materials.append(self.materials[key])
         obj = bpy.data.objects.new(name, data)

@@ -28,17 +28,15 @@ def twigs(rng: np.random.Generator, detail: float) -> Mesh:
         a = 2 * np.pi * (k + 0.5 * rng.random()) / 7
         lean = rng.uniform(0.06, 0.15)
         tip = np.array([lean * np.cos(a), lean * np.sin(a), rng.uniform(0.40, 0.52)])
-        path = smooth_profile(
-            [
-                (0.02 * np.cos(a + 2), 0.02 * np.sin(a + 2), 0.05),
-                (0.02 * np.cos(a), 0.02 * np.sin(a), 0.26),
-                tip * [0.6, 0.6, 0.75] + rng.normal(0, 0.012, 3),
-                tip,
-            ],
-            steps(10, detail, 5),
-        )
+        bends = [
+            (0.02 * np.cos(a + 2), 0.02 * np.sin(a + 2), 0.05),
+            (0.02 * np.cos(a), 0.02 * np.sin(a), 0.26),
+            tip * [0.6, 0.6, 0.75] + rng.normal(0, 0.012, 3),
+            tip,
+        ]
+        path = smooth_profile(bends, steps(10, detail, 5))
         parts.append(tube(path, np.linspace(0.0032, 0.0014, len(path)), 5))
-        for at in path[len(path) // 2 :]:
+        for at in smooth_profile(bends, 10)[5:]:
             parts.append(
                 bud.turned("x", rng.uniform(-50, 50))
                 .turned("z", rng.uniform(0, 360))
