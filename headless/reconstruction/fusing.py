@@ -75,6 +75,23 @@ def _sample(inverse, u, v, jump):
 
 
 @njit(cache=True, inline="always")
+def _limit(inverse, K, u, v, found, jump, behind, most):
+    """How far along z the depth counts behind a surface, for it to count `behind` along its normal; at most `most`.
+
+    On a plane the inverse depth is linear in the image, and its slopes are the normal's: n . ray = inverse depth.
+    """
+    i, j = int(math.floor(v)), int(math.floor(u))
+    a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
+    near, far = max(a, b, c, d), min(a, b, c, d)
+    if near - far > jump * near * far:
+        return behind
+    across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
+    nz = found - (u - K[2]) * across - (v - K[3]) * down
+    length = math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
+    return min(behind * length / found, most)
+
+
+@njit(cache=True, inline="always")
 def _colour(image, u, v, colour):
     """One more sample, bilinear, into the running mean; the last channel of colour (channels + 1,) counts."""
     i, j = int(math.floor(v)), int(math.floor(u))
@@ -90,10 +107,10 @@ def _colour(image, u, v, colour):
 
 
 @njit(cache=True, parallel=True)
-def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, fading, most, rows, n):
+def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, most, rows, n):
     """Running mean of the truncated distance along z in the listed blocks; R, t are T_camera_world.
 
-    From `trunc` before the surface to `behind` it; with `fading`, the weight falls from 1 on the surface to 0 there.
+    From `trunc` before the surface to `trunc` behind it, or with a weight that falls from 1 on the surface to 0 `behind` it.
     image (h, w, channels), or (1, 1, channels) for none.
     """
     coloured = image.shape[0] > 1
@@ -114,11 +131,12 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, fading, most, rows
                 if found <= 0.0:
                     continue
                 distance = 1.0 / found - z
-                if distance < -behind:
+                if distance < -trunc:
                     continue
                 more = UNIT
-                if fading and distance < 0.0:
-                    more = math.ceil(UNIT * (1.0 + distance / behind))
+                if distance < 0.0 and behind < trunc:
+                    limit = _limit(inverse, K, u, v, found, trunc, behind, trunc)
+                    more = math.ceil(UNIT * (1.0 + distance / limit))
                     if more < 1.0:
                         continue
                 at = line * 8 + k

@@ -25,14 +25,14 @@ class VolumeSettings:
     """Metres. window_blocks: side of the window in blocks of 8 voxels, a power of two; channels of colour: 0, 1 or 3.
 
     The truncation and the voxel (4.5 m in 512) are the paper's (VI-C); most_blocks bounds the memory. A frame counts from
-    truncation_m before its surface to behind_m behind it. Behind the rim of a thing its front would grow walls as deep as
-    that, where nothing was seen; with `fading` the weight falls to 0 there, so that what saw free space outweighs it.
+    truncation_m before its surface to as far behind it. Behind the rim of a thing its front so grows walls of that depth,
+    where nothing was seen; with a smaller behind_m (along the normal) the weight falls to 0 there, and what saw free space
+    outweighs it.
     """
 
     voxel_m: float = 4.5 / 512
     truncation_m: float = 0.045
     behind_m: float = 0.045
-    fading: bool = False
     window_blocks: int = 256
     most_weight: int = 255
     most_blocks: int = 120_000
@@ -54,7 +54,7 @@ class VolumeSettings:
 
 
 #: paper: the cyclic 4.5 m of Kintinuous; best: 18 m, more than the rooms have.
-PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings(behind_m=0.020, fading=True)}
+PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings(behind_m=0.020)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class Volume:
             s = self.settings
             raise InputError(f"a frame within {s.most_blocks} blocks", found="more", hint="larger voxels or more blocks")
         (R, t), s = _parts(_inverted(T)), self.settings
-        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.fading, s.most_weight * fusing.UNIT)
+        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.most_weight * fusing.UNIT)
         fusing.fuse(self.grid, inverse, image, K, R, t, *rule, self._rows, n)
         self.frames += 1
 

@@ -1,0 +1,84 @@
+"""What a model shows to an odometer: frames are fused where they were found, and the next is aligned against the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
+
+from ..odometry.protocol import Frame, Odometer
+from ..odometry.pyramid import Level, pyramid
+from .volume import PRESETS as VOLUMES
+from .volume import View, Volume, VolumeSettings
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """every: frames from one fusion and raycast to the next; in between the view is kept, as is its pose."""
+
+    volume: VolumeSettings
+    every: int = 1
+
+
+PRESETS = {
+    "paper": ModelSettings(replace(VOLUMES["paper"], channels=1)),
+    "best": ModelSettings(replace(VOLUMES["best"], channels=1), every=3),
+}
+
+
+class ModelReference:
+    """A Reference whose view is the raycast of everything fused so far; `leaving`: as a Volume's."""
+
+    def __init__(
+        self, odometer: Odometer, camera: PinholeCamera, preset: str = "best", leaving: Callable | None = None
+    ) -> None:
+        if preset not in PRESETS:
+            raise InputError(f"a preset of the model ({', '.join(PRESETS)})", found=preset)
+        self.settings, self.odometer, self.camera = PRESETS[preset], odometer, camera
+        self.volume = Volume(self.settings.volume, leaving)
+        self._view, self._T_world_view, self._age = None, np.eye(4), 0
+
+    def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+        """Fuse the frame and look from its pose; or keep the view. Returns the view and its T_world_camera."""
+        self._age += 1
+        if self._view is None or self._age >= self.settings.every:
+            self.volume.integrate(frame.depth_z_m, self.camera, T_world_camera, frame.grey)
+            self._view, self._T_world_view = self._seen(frame, prepared, T_world_camera), T_world_camera
+            self._age = 0
+        return self._view, self._T_world_view
+
+    def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+        """The frame alone, unfused: at a pose that nobody measured it would spoil the model."""
+        self._view, self._age = None, 0
+        return prepared, T_world_camera
+
+    def _seen(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> Any:
+        """As prepare() would make it of a frame taken there. Coarser levels are means of the finest that is used."""
+        if not (isinstance(prepared, list) and isinstance(prepared[0], Level)):
+            view = self.volume.raycast(self.camera, T_world_camera, normals=False)
+            return self.odometer.prepare(_as_frame(view, frame.grey, frame.stamp_s), self.camera)
+        finest = _finest(self.odometer.settings)
+        first = prepared[finest]
+        view = self.volume.raycast(first.camera, T_world_camera)
+        seen = _as_frame(view, first.grey, frame.stamp_s)
+        levels = pyramid(seen, first.camera, len(prepared) - finest, normal_step=first.normal_step)
+        # the gradient's normals, rather than those that differences of depth would give when first asked for
+        vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)
+        return [*prepared[:finest], *levels]
+
+
+def _finest(settings: Any) -> int:
+    """The finest level that an odometer of ours looks at."""
+    if hasattr(settings, "levels"):
+        return min(settings.levels)
+    return next(n for n, count in enumerate(settings.iterations) if count)
+
+
+def _as_frame(view: View, grey: np.ndarray, stamp_s: float) -> Frame:
+    """Where the model has a hole there is no depth, and the frame's own grey, so that the hole has no bright rim."""
+    colour = view.colour[..., 0]
+    return Frame(np.where(np.isfinite(colour), colour, grey), np.nan_to_num(view.depth_z_m), stamp_s)
