@@ -71,6 +71,7 @@ PACKAGES = (
     ("matplotlib", "matplotlib", False, "plots"),
     ("scipy", "scipy", False, "surfaces and odometers"),
     ("open3d-cpu", "open3d", False, "check-depth"),
+    ("submitit", "submitit", False, "--engine slurm"),
 )
 
 
