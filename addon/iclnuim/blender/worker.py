@@ -209,9 +209,7 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -
     return table if job.ground_truth else None
 
 
-def bake_light(
-    job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None, opened: bool = False
-) -> Path:
+def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None, opened: bool = False) -> Path:
     """Open the job's scene, unless it is, and find or make its light map, in the folder that is returned. `configure()` before the work.
 
     Raises InputError for a scene that cannot be lit so.
@@ -226,7 +224,12 @@ def bake_light(
             note(text)
         hindrance = own_scene.why_not_baked(bpy.context.scene)
         if hindrance:
-            raise InputError("a scene whose light can be baked", path=job.scene, found=hindrance, hint="rendering it with --light path")
+            raise InputError(
+                "a scene whose light can be baked",
+                path=job.scene,
+                found=hindrance,
+                hint="rendering it with --light path",
+            )
         for text in preflight.findings(True):
             note(text)
         if job.lambertian:

@@ -8,9 +8,19 @@ _registered = False
 
 
 def _modules() -> tuple:
-    from . import operators_evaluate, operators_render, operators_scene, panels, presets, properties, viewport
+    from . import (
+        operators_evaluate,
+        operators_path,
+        operators_render,
+        operators_scene,
+        panels,
+        presets,
+        properties,
+        viewport,
+    )
 
-    return properties, presets, operators_scene, operators_render, operators_evaluate, viewport, panels
+    operators = operators_scene, operators_path, operators_render, operators_evaluate
+    return properties, presets, *operators, viewport, panels
 
 
 def register() -> None:

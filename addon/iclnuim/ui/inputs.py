@@ -11,6 +11,7 @@ import mathutils
 import numpy as np
 
 from .. import shipped
+from ..blender import camera_path
 from ..errors import InputError, WorkError
 from ..formats import exr, png
 from ..formats.libraries import first_library
@@ -73,7 +74,7 @@ def check_free(raw: Path) -> None:
 
 def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tuple[Trajectory, str]:
     if settings.trajectory_source == "CAMERA":
-        return _camera_path(context), "the active camera's animation"
+        return camera_path.path(context.scene), "the active camera's animation"
     if settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
             raise InputError("a trajectory file", found="none", hint="choosing one under Trajectory")
@@ -86,21 +87,6 @@ def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tu
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
     room = "office" if settings.scene_source == "office" else "living_room"
     return f"{room}/{settings.trajectory_source}"
-
-
-def _camera_path(context: bpy.types.Context) -> Trajectory:
-    """The active camera at each frame of the timeline, without disturbing it. Raises InputError where there is no camera."""
-    scene = context.scene
-    if scene.camera is None:
-        raise InputError("an active camera", found="none", hint="adding a camera (Add > Camera), or another trajectory")
-    before, matrices = scene.frame_current, []
-    for frame in range(scene.frame_start, scene.frame_end + 1):
-        scene.frame_set(frame)
-        location, rotation, _ = scene.camera.matrix_world.decompose()
-        matrices.append(np.array(mathutils.Matrix.LocRotScale(location, rotation, None)))
-    scene.frame_set(before)
-    rate_hz = scene.render.fps / scene.render.fps_base
-    return Trajectory.at_rate(axes.world_cv_from_world_blender(SE3.from_matrix(np.array(matrices))), rate_hz)
 
 
 def _start_pose(settings: bpy.types.PropertyGroup) -> SE3:

@@ -6,7 +6,7 @@ import bpy
 
 from .. import shipped
 from ..blender import camera as keyed_camera
-from ..blender import import_files, placing
+from ..blender import import_files, placing, scene_paths, sleeping
 from ..errors import InputError
 from . import inputs, path, session
 from .messages import in_words
@@ -23,12 +23,15 @@ class ICLNUIM_OT_load_scene(bpy.types.Operator):
         settings = context.scene.iclnuim
         if settings.scene_source == "OPEN":
             raise InputError("a shipped scene or a file to show", found="the open file, which is here already")
-        file = _scene_file(settings)
+        file, reading = _scene_file(settings), settings.reading()
+        scene_paths.refuse_outside(file, reading.textures)
         collection = _fresh_collection(context.scene)
         if file.suffix.lower() == ".blend":
             _append(context.scene, file, collection)
+            if settings.scene_source == "FILE":
+                placing.place(file, reading, list(collection.all_objects))
         else:
-            _import(context, file, settings.reading(), collection)
+            _import(context, file, reading, collection)
         collection[path.SHOWN] = inputs.scene_name(settings)
         _hide_the_default_cube(context.scene)
         _hide_symbols(context)
@@ -91,6 +94,7 @@ def _fresh_collection(scene) -> bpy.types.Collection:
 def _append(scene, file: Path, collection) -> None:
     with bpy.data.libraries.load(str(file), link=False) as (there, here):
         here.objects, here.worlds = list(there.objects), list(there.worlds)[:1]
+    sleeping.silence(here.objects)
     for thing in here.objects:
         if thing is not None:
             collection.objects.link(thing)

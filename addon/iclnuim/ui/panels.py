@@ -76,6 +76,7 @@ class ICLNUIM_PT_trajectory(_SubPanel, bpy.types.Panel):
             _words(layout, context, held.path_warning, "ERROR")
         row = layout.row(align=True)
         row.operator("iclnuim.keyframe", icon="KEY_HLT")
+        row.operator("iclnuim.save_path", text="", icon="EXPORT")
         row.operator("iclnuim.refresh", text="", icon="FILE_REFRESH")
 
 
