@@ -21,6 +21,8 @@ _PASSES = 12
 _SMALL_M, _SMALL_RAD = 0.15, 0.1
 #: A small lamp takes this part of the samples.
 _SMALL_SHARE = 8
+#: More large lamps than this share the samples that so many would take: each is then the smaller part of the light.
+_LARGE = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,9 @@ def _sources() -> list[tuple[list[bpy.types.Object], bool, int]]:
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
     lamps = [lamp for lamp in lamps if lamp not in portals]
     groups = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
-    found = [(group, False, _SMALL_SHARE if len(group) == 1 and _is_small(group[0].data) else 1) for group in groups]
+    small = [len(group) == 1 and _is_small(group[0].data) for group in groups]
+    large = max(1, -(-small.count(False) // _LARGE))
+    found = [(group, False, _SMALL_SHARE if s else large) for group, s in zip(groups, small, strict=True)]
     return [*found, (portals, True, 1)] if bpy.context.scene.world else found
 
 
