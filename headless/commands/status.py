@@ -32,7 +32,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
     values = state(args.folder, args.frames)
     missing = f"{values['missing']} missing" if values["missing"] else "nothing is missing"
     text = f"{values['folder']}: {values['sequence']}, {values['finished']} of {values['frames']} frames rendered, {values['in_sequences']} of them in the sequences, {missing}"
-    queue = f"\nin Slurm's queue: {values['queue']}" if values["queue"] is not None else ""
+    queue = (
+        ""
+        if values["queue"] is None
+        else f"\nin Slurm's queue: {values['queue']}; logs: {values['folder']}/.farm/slurm"
+    )
     console.result(values, f"{text}\nworks on it: {values['holder'] or 'no local command'}{queue}")
     return 0
 

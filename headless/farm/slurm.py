@@ -22,7 +22,7 @@ from .tasks import RunPlan
 
 #: A task may be put back into the queue this often because its time was up; each time it has done some frames.
 MOST_TIMEOUTS = 20
-#: Seconds before the end of its time at which a task puts itself back.
+#: Seconds before the end of its time at which a task puts itself back; of a short time a quarter.
 NOTICE_S = 60
 
 Chunks = tuple[tuple[int, ...], ...]
@@ -136,13 +136,14 @@ def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, depende
         "frames": expected.task_minutes,
         "dataset": expected.dataset_minutes,
     }
+    time_min = settings.time_min or max(30, ceil(4 * expected_min[stage]))
     given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
     return {
         "job_name": slurm_queue.NAMES[stage],
-        "time": settings.time_min or max(30, ceil(4 * expected_min[stage])),
+        "time": time_min,
         "mem": settings.memory,
         "cpus_per_task": settings.cpus,
-        "signal_delay_s": NOTICE_S,
+        "signal_delay_s": min(NOTICE_S, 15 * time_min),
         "array_parallelism": settings.at_once,
         "srun_args": [f"--cpus-per-task={settings.cpus}"],  # since 22.05 srun does not take it from sbatch
         "wckey": None,

@@ -14,7 +14,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import shipped_job
 from iclnuim_bench.cli import main
-from iclnuim_bench.commands import make
+from iclnuim_bench.commands import make, render
 from iclnuim_bench.farm import figures, record, slurm, slurm_queue, tasks
 from iclnuim_bench.farm.slurm_settings import SlurmSettings, minutes, read_settings
 from iclnuim_bench.farm.tasks import RunPlan
@@ -229,3 +229,18 @@ def test_measured_figures_stand_above_defaults_and_a_first_frame_counts_as_start
     figures.keep(job, measured)
     assert figures.known(job) == measured
     assert figures.known(job.changed(samples=8)).frames == 0
+
+
+def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended, job, tmp_path, capsys):
+    out = tmp_path / "o"
+    begun(job, out, [0, 1])
+    parser = argparse.ArgumentParser()
+    render.configure(parser)
+    record.write(record.of("render", parser.parse_args(["kt2", *TINY, "--light", "path", "--samples", "1"])), out)
+    pretended()
+    words = ("resume", str(out), "--engine", "slurm", "--partition", "night", "--print-only", "--json")
+    assert main(list(words)) == 2 and "light baked there, path asked" in capsys.readouterr().err
+    record.write(record.of("render", parser.parse_args(["kt2", *TINY])), out)
+    assert main(list(words)) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["estimate"]["frames"] == 8 and {option(s, "partition")[0] for s in said["scripts"]} == {"night"}
