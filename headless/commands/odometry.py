@@ -16,7 +16,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("folder", type=Path, metavar="DIR", help="a sequence in TUM form, or in the original's")
     add("-o", "--out", type=Path, metavar="EST", help="write the path as a TUM trajectory")
     add("--preset", default="best", help="best (default) or paper")
-    add("--reference", default="frame", metavar="KIND", help="align against the frame before (frame, default) or a model")
+    help = "what a frame is aligned against: own (default: as the preset says), frame, kept or model"
+    add("--reference", default="own", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
     add("--all", action="store_true", help="run all of ours and print the table")
     add("--plot", type=Path, metavar="FILE", help="draw path and residual (.png, .pdf, .svg)")

@@ -28,14 +28,25 @@ class DvoSettings:
     least_gradient: float = 0.0
     most_dz_m: float = 0.05
     nu: float = 5.0
+    both: bool = False
+    spread: float = 0.0
     #: failure test of dvo_slam: the share of pixels that keep a residual
     least_inliers: float = 0.3
+    reference: str = "frame"
 
 
 PRESETS = {
     "paper": DvoSettings(),
     "best": DvoSettings(
-        iterations=4, least_decrease=1e-3, smallest_step=2e-6, depth="mean", least_gradient=5.0, least_inliers=0.01
+        iterations=6,
+        least_decrease=1e-3,
+        smallest_step=2e-5,
+        depth="mean",
+        least_gradient=3.0,
+        both=True,
+        spread=150.0,
+        least_inliers=0.01,
+        reference="kept",
     ),
 }
 
@@ -44,7 +55,7 @@ class Dvo:
     name = "dvo"
 
     def __init__(self, settings: DvoSettings) -> None:
-        self.settings = settings
+        self.settings, self.reference = settings, settings.reference
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
         return pyramid(frame, camera, max(self.settings.levels) + 1, depth=self.settings.depth)
@@ -55,7 +66,7 @@ class Dvo:
         s, levels = self.settings, []
         chosen = [n for n in s.levels if n < len(reference)] or [len(reference) - 1]
         for level in chosen:
-            light = Light(s.least_gradient, s.most_dz_m, nu=s.nu)
+            light = Light(s.least_gradient, s.most_dz_m, nu=s.nu, both=s.both, spread=s.spread)
             term = PhotometricTerm(reference[level], current[level], light, each_time=level == chosen[0])
             descent = Descent(s.iterations, s.least_decrease, s.smallest_step, undo=True)
             levels.append((term, descent, reference[level].grey.size))

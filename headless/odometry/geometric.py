@@ -14,13 +14,14 @@ from .system import System
 
 @dataclass(frozen=True)
 class Planes:
-    """What a point-to-plane term uses: every `stride`-th row and column. nu > 0: Student-t weights."""
+    """What a point-to-plane term uses: every `stride`-th row and column. nu > 0: Student-t weights; both: both normals."""
 
     most_distance_m: float = 0.10
     most_angle_deg: float = 20.0
     stride: int = 1
     nu: float = 0.0
-    cross: bool = False
+    both: bool = False
+    spread: float = 0.0
 
 
 class PlaneTerm:
@@ -54,7 +55,6 @@ class PlaneTerm:
         )
         if nu > 0:
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 10), 1e-5)
-        if self.planes.cross:
-            s = kernels.cross_sums(self.points, self.J, self.residual, self.J1, self.residual1, self.sigma, nu)
-            return System.of_sums(s)
-        return System.of_sums(kernels.sums(self.points, self.J, self.residual, self.sigma, nu))
+        J1, r1 = (self.J1, self.residual1) if self.planes.both else (self.J, self.residual)
+        sums = kernels.sums(self.points, self.J, self.residual, J1, r1, self.sigma, nu)
+        return System.of_sums(sums).as_information(self.planes.spread)

@@ -12,6 +12,7 @@ from .geometric import Planes, PlaneTerm
 from .minimise import Descent, Limits, descend
 from .protocol import Frame, Result
 from .pyramid import Level, pyramid
+from .system import DEGENERATE
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,19 @@ class IcpSettings:
     most_angle_deg: float = 20.0
     normal_step: int = 1
     nu: float = 0.0
-    cross: bool = False
+    both: bool = False
     smallest_step: float = 0.0
-    hold: bool = False
+    spread: float = 0.0
+    prior_m: float = 0.0
     largest_step_m: float = 0.3
+    reference: str = "frame"
 
 
 PRESETS = {
     "paper": IcpSettings(),
-    "best": IcpSettings(iterations=(0, 4, 3), filter=False, smallest_step=5e-6, hold=True),
+    "best": IcpSettings(
+        iterations=(0, 4, 3), strides=(1, 2, 1), filter=False, smallest_step=5e-6, both=True, spread=30.0, prior_m=0.003
+    ),
 }
 
 
@@ -41,7 +46,7 @@ class Icp:
     name = "icp"
 
     def __init__(self, settings: IcpSettings) -> None:
-        self.settings = settings
+        self.settings, self.reference = settings, settings.reference
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
         if self.settings.filter:
@@ -51,10 +56,12 @@ class Icp:
     def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
         s, levels = self.settings, []
         for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
-            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.cross)
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, s.spread)
             term = PlaneTerm(reference[n], current[n], planes)
             levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), term.pixels))
-        return descend(levels, guess, Limits(s.largest_step_m, flag=True, hold=s.hold))
+        return descend(
+            levels, guess, Limits(s.largest_step_m, least_eigenvalue=0.0 if s.spread else DEGENERATE, prior_m=s.prior_m)
+        )
 
 
 def filtered(depth_z_m: np.ndarray) -> np.ndarray:

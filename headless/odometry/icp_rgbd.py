@@ -18,9 +18,11 @@ from .system import System
 @dataclass(frozen=True)
 class IcpRgbdSettings(IcpSettings):
     """weights: "consistent"; "kintinuous2013" repeats a slip (matrix weighted by w^2, right-hand side by w);
-    "variance" divides each term by its own variance, which makes it independent of units.
+    "information" takes each term by its own variance (spread, spread_rgbd), which makes it independent of units.
     """
 
+    spread_rgbd: float = 0.0
+    esm: bool = False
     weight_rgbd: float = 0.1
     weights: str = "consistent"
     least_gradients: tuple[float, ...] = (12, 5, 3)
@@ -32,12 +34,18 @@ PRESETS = {
     "kintinuous2013": IcpRgbdSettings(weights="kintinuous2013"),
     "best": IcpRgbdSettings(
         iterations=(0, 4, 3),
+        strides=(1, 2, 1),
         filter=False,
-        nu=5.0,
         smallest_step=5e-6,
-        weights="variance",
-        weight_rgbd=0.05,
-        least_gradients=(12, 6, 4),
+        both=True,
+        spread=30.0,
+        prior_m=0.003,
+        nu=5.0,
+        weights="information",
+        spread_rgbd=150.0,
+        esm=True,
+        least_gradients=(12, 3, 3),
+        reference="kept",
     ),
 }
 
@@ -51,22 +59,22 @@ class IcpRgbd(Icp):
             return super().align(reference, current, guess)
         s, levels = self.settings, []
         for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
-            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.cross)
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], 0.0, s.both, s.spread)
             plane = PlaneTerm(reference[n], current[n], planes)
-            light = PhotometricTerm(reference[n], current[n], Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu))
+            light = PhotometricTerm(
+                reference[n], current[n], Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu, s.esm, s.spread_rgbd)
+            )
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
             levels.append((_joint(plane, light, s), descent, plane.pixels))
-        return descend(levels, guess, Limits(s.largest_step_m))
+        return descend(levels, guess, Limits(s.largest_step_m, prior_m=s.prior_m))
 
 
 def _joint(plane: PlaneTerm, light: PhotometricTerm, settings: IcpRgbdSettings) -> Linearise:
     def linearise(T: np.ndarray, iteration: int) -> System:
         w = settings.weight_rgbd
         geometry, colour = plane(T, iteration), light(T, iteration)
-        if settings.weights == "variance":
-            geometry, colour = geometry.scaled(plane.sigma**-2), colour.scaled((w / light.sigma) ** 2)
-        else:
-            colour = colour.scaled(w * w, w if settings.weights == "kintinuous2013" else None)
-        return geometry.plus(colour)
+        if settings.weights == "information":
+            return geometry.plus(colour)
+        return geometry.plus(colour.scaled(w * w, w if settings.weights == "kintinuous2013" else None))
 
     return linearise

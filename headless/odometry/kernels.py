@@ -99,7 +99,7 @@ def bright_points(k, grey, z, least_gradient, most_depth, points, greys, J):
 
 
 @njit(cache=True)
-def grey_residuals(T, k, points, greys, grey, z, most_dz, residual):
+def grey_residuals(T, k, points, greys, grey, z, most_dz, residual, J, mean):
     """residual = grey(warped) - greys, bilinear; NaN outside, without depth, or behind another surface.
 
     T (4, 4) is T_current_reference; grey and z are the current image's.
@@ -114,9 +114,10 @@ def grey_residuals(T, k, points, greys, grey, z, most_dz, residual):
             continue
         a = fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + T[0, 3]) / qz + cx
         b = fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + T[1, 3]) / qz + cy
-        if not (a >= 0 and b >= 0 and a < w - 1 and b < h - 1):
+        if not (a >= 1 and b >= 1 and a < w - 2 and b < h - 2):
             continue
-        found = z[int(b + 0.5), int(a + 0.5)]
+        row, column = int(b + 0.5), int(a + 0.5)
+        found = z[row, column]
         if not found > 0 or abs(found - qz) > most_dz:
             continue
         i, j = int(b), int(a)
@@ -124,6 +125,15 @@ def grey_residuals(T, k, points, greys, grey, z, most_dz, residual):
         top = grey[i, j] + s * (grey[i, j + 1] - grey[i, j])
         bottom = grey[i + 1, j] + s * (grey[i + 1, j + 1] - grey[i + 1, j])
         residual[n] = top + t * (bottom - top) - greys[n]
+        if len(mean):
+            p = fx / qz * (grey[row, column + 1] - grey[row, column - 1]) / 2
+            q = fy / qz * (grey[row + 1, column] - grey[row - 1, column]) / 2
+            o = -(p * (a - cx) / fx + q * (b - cy) / fy)
+            mx = (T[0, 0] * p + T[1, 0] * q + T[2, 0] * o + J[n, 0]) / 2
+            my = (T[0, 1] * p + T[1, 1] * q + T[2, 1] * o + J[n, 1]) / 2
+            mz = (T[0, 2] * p + T[1, 2] * q + T[2, 2] * o + J[n, 2]) / 2
+            mean[n, 0], mean[n, 1], mean[n, 2] = mx, my, mz
+            mean[n, 3], mean[n, 4], mean[n, 5] = y * mz - d * my, d * mx - x * mz, x * my - y * mx
 
 
 @njit(cache=True)
@@ -143,9 +153,7 @@ def flat_points(k, z, normals, stride, points, directions):
 
 
 @njit(cache=True)
-def plane_residuals(
-    T, k, points, directions, z, normals, most_distance, least_cosine, residual, J, residual1, J1
-):
+def plane_residuals(T, k, points, directions, z, normals, most_distance, least_cosine, residual, J, residual1, J1):
     """Projective association: residual = n . (p0 - T p1) in metres, NaN without a partner; T is T_reference_current.
 
     z and normals are the reference's.
@@ -187,36 +195,12 @@ def plane_residuals(
 
 
 @njit(cache=True)
-def sums(points, J, residual, sigma, nu):
-    """(34,): 21 of the upper triangle of J^T W J, 6 of J^T W r, w r^2, w, count, w (x, y, z), w |p|^2.
+def sums(points, J, residual, J1, residual1, sigma, nu):
+    """(34,): 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both made symmetric, w r^2, w, count, w (x, y, z), w |p|^2.
 
-    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares.
+    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J: the usual squares. J1 from the other image:
+    products, whose noise is independent, where squares would draw the motion to nothing and fake constraint.
     """
-    out = np.zeros(34)
-    for i in range(len(residual)):
-        r = residual[i]
-        if not math.isfinite(r):
-            continue
-        weight = 1.0 if nu <= 0 else (nu + 1) / (nu + (r / sigma) ** 2)
-        n = 0
-        for a in range(6):
-            for b in range(a, 6):
-                out[n] += weight * J[i, a] * J[i, b]
-                n += 1
-            out[21 + a] += weight * J[i, a] * r
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        out[27] += weight * r * r
-        out[28] += weight
-        out[29] += 1
-        out[30] += weight * x
-        out[31] += weight * y
-        out[32] += weight * z
-        out[33] += weight * (x * x + y * y + z * z)
-    return out
-
-
-@njit(cache=True)
-def cross_sums(points, J, residual, J1, residual1, sigma, nu):
     out = np.zeros(34)
     for i in range(len(residual)):
         r, q = residual[i], residual1[i]

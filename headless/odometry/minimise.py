@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .protocol import Result, failure
-from .system import DEGENERATE, System, moved
+from .system import System, moved
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,16 @@ class Descent:
 
 @dataclass(frozen=True)
 class Limits:
-    """What counts as a failure; flag: tell degenerate geometry (of point-to-plane terms alone); hold: and hold it."""
+    """What counts as a failure, and as degenerate: an eigenvalue (share) below, or a standard deviation above.
+
+    prior_m: how far (standard deviation) the motion lies from the guess; 0: nobody knows.
+    """
 
     largest_step_m: float = 0.3
     least_inliers: float = 0.02
-    flag: bool = False
-    hold: bool = False
+    least_eigenvalue: float = 0.0
+    most_sigma_m: float = 0.003
+    prior_m: float = 0.0
 
 
 #: (T_reference_current, iteration) -> equations; their count is of pixels used
@@ -39,7 +43,7 @@ Linearise = Callable[[np.ndarray, int], System]
 def descend(levels: list[tuple[Linearise, Descent, int]], guess: np.ndarray, limits: Limits) -> Result:
     """Levels from coarse to fine, each (equations, when to stop, pixels). The result's count is the last level's."""
     started, T, used, held, system, pixels = time.perf_counter(), guess, 0, 0, None, 1
-    settled = False
+    settled, gone = False, np.zeros(6)
     for linearise, descent, pixels in levels:
         best, before = np.inf, T
         for i in range(descent.iterations):
@@ -50,43 +54,34 @@ def descend(levels: list[tuple[Linearise, Descent, int]], guess: np.ndarray, lim
                 T, settled = before, True
                 break
             decrease, best, before = best - system.error, system.error, T
-            twist, held = system.step(DEGENERATE if limits.hold else 0.0)
+            twist, held = system.step(gone, limits.prior_m)
             used += 1
-            T = moved(T, twist)
+            T, gone = moved(T, twist), gone + twist
             settled = bool(np.abs(twist).max() < max(descent.smallest_step, 1e-4))
             if decrease < descent.least_decrease or np.abs(twist).max() < descent.smallest_step:
                 settled = True
                 break
-    return _judged(T, guess, system, pixels, used, held, settled, limits, started)
+    jump_m = float(np.linalg.norm(T[:3, 3] - guess[:3, 3]))
+    seconds = time.perf_counter() - started
+    inliers = system.count / pixels if system else 0.0
+    return _judged(
+        T, system, jump_m, limits, converged=settled, iterations=used, inliers=inliers, held=held, seconds=seconds
+    )
 
 
-def _judged(
-    T: np.ndarray,
-    guess: np.ndarray,
-    system: System | None,
-    pixels: int,
-    used: int,
-    held: int,
-    settled: bool,
-    limits: Limits,
-    started: float,
-) -> Result:
+def _judged(T: np.ndarray, system: System | None, jump_m: float, limits: Limits, **found) -> Result:
     if system is None or not np.isfinite(T).all():
         return failure("equations: no finite solution")
-    jump = float(np.linalg.norm(T[:3, 3] - guess[:3, 3]))
-    if jump > limits.largest_step_m:
-        return failure(f"step: {jump:.3f} m, more than {limits.largest_step_m} m")
-    smallest = system.smallest_eigenvalue()
+    if jump_m > limits.largest_step_m:
+        return failure(f"step: {jump_m:.3f} m, more than {limits.largest_step_m} m")
+    smallest, sigma_m = system.smallest_eigenvalue(), system.weakest_sigma_m()
     return Result(
         T,
-        settled,
-        used,
-        float(np.sqrt(max(system.error, 0))),
-        system.count / pixels,
-        system.A,
-        smallest,
-        limits.flag and smallest < DEGENERATE,
-        held,
-        time.perf_counter() - started,
-        "" if settled else "iterations used up",
+        residual=float(np.sqrt(max(system.error, 0))),
+        information=system.A,
+        smallest_eigenvalue=smallest,
+        weakest_sigma_m=sigma_m,
+        degenerate=smallest < limits.least_eigenvalue or sigma_m > limits.most_sigma_m,
+        reason="" if found["converged"] else "iterations used up",
+        **found,
     )

@@ -18,7 +18,9 @@ NAMES = tuple(f"peer:opencv-{n}" for n in OPENCV) + tuple(f"peer:open3d-{n}" for
 
 
 class OpencvPeer:
-    """cv2.rgbd with its defaults; a frame's pyramids are kept between the two pairs that it is in."""
+    """cv2.rgbd with its defaults; a frame's pyramids are kept between the two pairs that it is in. The guess is not used."""
+
+    reference = "frame"
 
     def __init__(self, name: str) -> None:
         import cv2
@@ -44,7 +46,9 @@ class OpencvPeer:
 
 
 class Open3dPeer:
-    """The multi-scale RGB-D odometer of Open3D's tensor pipelines, with its defaults."""
+    """The multi-scale RGB-D odometer of Open3D's tensor pipelines, with its defaults. The guess is not used."""
+
+    reference = "frame"
 
     def __init__(self, name: str) -> None:
         try:
@@ -65,7 +69,7 @@ class Open3dPeer:
         started = time.perf_counter()
         try:
             found = self.odometry.rgbd_odometry_multi_scale(
-                current, reference, self.K, self.o3d.core.Tensor(guess), 1.0, 13.0, method=self.method
+                current, reference, self.K, self.o3d.core.Tensor(np.eye(4)), 1.0, 13.0, method=self.method
             )
         except RuntimeError as error:
             return failure(f"peer: {error}".splitlines()[0])

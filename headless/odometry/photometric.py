@@ -27,6 +27,8 @@ class Light:
     most_dz_m: float = 0.05
     most_depth_m: float = 1e9
     nu: float = 0.0
+    both: bool = False
+    spread: float = 0.0
 
 
 class PhotometricTerm:
@@ -49,7 +51,7 @@ class PhotometricTerm:
             J,
         )
         self.points, self.greys, self.J = points[:n], greys[:n], J[:n]
-        self.residual = np.empty(n, np.float32)
+        self.residual, self.mean = np.empty(n, np.float32), np.empty((n if light.both else 0, 6), np.float32)
 
     def __call__(self, T: np.ndarray, iteration: int) -> System:
         level, nu = self.current, self.light.nu
@@ -62,7 +64,11 @@ class PhotometricTerm:
             level.depth_z_m,
             self.light.most_dz_m,
             self.residual,
+            self.J,
+            self.mean,
         )
         if nu > 0 and (iteration == 0 or self.each_time):
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 20), 1e-3)
-        return System.of_sums(kernels.sums(self.points, self.J, self.residual, self.sigma, nu))
+        J = self.mean if self.light.both else self.J
+        sums = kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, nu)
+        return System.of_sums(sums).as_information(self.light.spread)

@@ -50,8 +50,9 @@ class Result:
     """One alignment. T_reference_camera (4, 4); residual in the method's unit (grey levels, metres or sigmas).
 
     information (6, 6) belongs to a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue is
-    that of the centred, length-scaled translation block, as a share of its trace (1/3 at best); `held` counts the
-    directions that were not updated. A failure has converged = False and a reason; its pose is not to be believed.
+    that of the centred, length-scaled translation block, as a share of its trace (1/3 at best); weakest_sigma_m the standard
+    deviation in the direction known least (NaN where the preset has no noise model); `held` counts the directions in which the
+    guess was believed more than the images. A failure has converged = False and a reason; its pose is not to be believed.
     """
 
     T_reference_camera: np.ndarray
@@ -61,6 +62,7 @@ class Result:
     inliers: float = 0.0
     information: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
     smallest_eigenvalue: float = float("nan")
+    weakest_sigma_m: float = float("nan")
     degenerate: bool = False
     held: int = 0
     seconds: float = 0.0
@@ -75,6 +77,8 @@ class Odometer(Protocol):
     """prepare() once a frame, align() once a pair; both depend on nothing but their arguments."""
 
     name: str
+    #: what it is best compared with: "frame" (the one before) or "kept"
+    reference: str
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any: ...
 

@@ -7,7 +7,7 @@ from iclnuim.geometry.camera import PinholeCamera
 
 from . import dvo, icp, icp_rgbd, peers, rgbd
 from .protocol import Odometer
-from .reference import PreviousFrame, Reference
+from .reference import OWN, Reference
 
 OURS = {
     "rgbd": (rgbd.Rgbd, rgbd.PRESETS),
@@ -30,11 +30,11 @@ def odometer(name: str, preset: str = "best") -> Odometer:
 
 
 def reference(name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> Reference:
-    """`frame` or `model`: what frames are aligned against. Raises InputError for another name."""
-    if name == "frame":
-        return PreviousFrame()
+    """What frames are aligned against: `own` (what the odometer asks for), `frame`, `kept`, `model`. Else an InputError."""
+    if name in ("own", *OWN):
+        return OWN[odometer.reference if name == "own" else name]()
     if name != "model":
-        raise InputError("a reference (frame, model)", found=name)
+        raise InputError("a reference (own, frame, kept, model)", found=name)
     from ..reconstruction.reference import ModelReference
 
     return ModelReference(odometer, camera, preset)

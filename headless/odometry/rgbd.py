@@ -26,13 +26,25 @@ class RgbdSettings:
     most_dz_m: float = 0.07
     largest_step_m: float = 0.3
     nu: float = 0.0
+    both: bool = False
+    spread: float = 0.0
     smallest_step: float = 0.0
     least_inliers: float = 0.001
+    reference: str = "frame"
 
 
 PRESETS = {
     "paper": RgbdSettings(),
-    "best": RgbdSettings(iterations=(0, 2, 4, 5), least_gradients=(12, 6, 4, 2), most_depth_m=13.0, smallest_step=5e-6),
+    "best": RgbdSettings(
+        iterations=(0, 4, 5, 5),
+        least_gradients=(12, 3, 3, 2),
+        most_depth_m=13.0,
+        nu=5.0,
+        both=True,
+        spread=150.0,
+        smallest_step=2e-5,
+        reference="kept",
+    ),
 }
 
 
@@ -40,7 +52,7 @@ class Rgbd:
     name = "rgbd"
 
     def __init__(self, settings: RgbdSettings) -> None:
-        self.settings = settings
+        self.settings, self.reference = settings, settings.reference
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
         return pyramid(frame, camera, len(self.settings.iterations))
@@ -51,7 +63,7 @@ class Rgbd:
         s, levels = self.settings, []
         for n in reversed(range(len(reference))):
             if s.iterations[n]:
-                light = Light(s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu)
+                light = Light(s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu, s.both, s.spread)
                 term = PhotometricTerm(reference[n], current[n], light)
                 levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), reference[n].grey.size))
         return descend(levels, guess, Limits(s.largest_step_m, s.least_inliers))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from iclnuim.geometry.se3 import SE3
@@ -21,6 +21,7 @@ class System:
     count: float
     centre_m: np.ndarray
     length_m: float
+    informed: bool = False
 
     @classmethod
     def of_sums(cls, s: np.ndarray) -> System:
@@ -33,16 +34,21 @@ class System:
         length = np.sqrt(max(s[33] / weight - centre @ centre, 1e-12))
         return cls(A, s[21:27], float(s[27] / weight), float(s[29]), centre, float(length))
 
+    def as_information(self, spread: float) -> System:
+        """A and b as information (1 / variance) where `spread` pixels share one error; spread 0: unchanged."""
+        if not spread:
+            return self
+        weight = 1.0 / (spread * max(self.error, 1e-12))
+        return replace(self, A=self.A * weight, b=self.b * weight, informed=True)
+
     def scaled(self, factor: float, factor_b: float | None = None) -> System:
         """All weights times a factor; a second one for b alone only to repeat an old slip."""
         b = self.b * (factor if factor_b is None else factor_b)
-        return System(self.A * factor, b, self.error * factor, self.count, self.centre_m, self.length_m)
+        return replace(self, A=self.A * factor, b=b, error=self.error * factor)
 
     def plus(self, other: System) -> System:
-        """Joint equations; centre, length and count stay the first one's."""
-        return System(
-            self.A + other.A, self.b + other.b, self.error + other.error, self.count, self.centre_m, self.length_m
-        )
+        """Joint equations; all else stays the first one's."""
+        return replace(self, A=self.A + other.A, b=self.b + other.b)
 
     def centred(self) -> tuple[np.ndarray, np.ndarray]:
         """(A, G): A about the points' centre with rotations in lengths, and G with x = G^T x_centred."""
@@ -61,19 +67,28 @@ class System:
         schur = A[:3, :3] - A[:3, 3:] @ np.linalg.pinv(A[3:, 3:], hermitian=True) @ A[3:, :3]
         return float(max(np.linalg.eigvalsh(schur)[0], 0) / trace)
 
-    def step(self, hold_below: float = 0.0) -> tuple[np.ndarray, int]:
-        """The twist (6,), and how many directions were held (solution remapping, Zhang, Kaess, Singh 2016)."""
+    def step(self, gone: np.ndarray, prior_m: float = 0.0) -> tuple[np.ndarray, int]:
+        """The twist (6,), and how many directions the images say less about than a prior of standard deviation `prior_m`.
+
+        The prior (Kerl 2013, eq. 19, with what has `gone` (6,) from the guess) holds what is not fixed near the guess; without one
+        such directions are not updated (solution remapping, Zhang, Kaess, Singh 2016). A direction of negative information, which
+        products of noise can have, counts as none.
+        """
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
         floor = max(values[-1] * 1e-9, 1e-30)
-        free = values > floor
-        held = 0
-        if hold_below > 0 and self.smallest_eigenvalue() < hold_below:
-            weak = values < hold_below * np.trace(A[:3, :3])
-            held, free = int(weak.sum()), free & ~weak
-        part = vectors.T @ (G @ self.b)
-        x = vectors @ np.where(free, part / np.where(free, values, 1.0), 0.0)
-        return G.T @ x, held
+        part = np.where(values > floor, vectors.T @ (G @ self.b), 0.0)
+        prior = prior_m**-2 if prior_m else 0.0
+        back = vectors.T @ np.r_[gone[:3] - np.cross(self.centre_m, gone[3:]), self.length_m * gone[3:]]
+        x = (part - prior * back) / np.where(values > floor, values + prior, max(prior, 1.0))
+        return G.T @ (vectors @ x), int((values < prior).sum())
+
+    def weakest_sigma_m(self) -> float:
+        """Standard deviation (metres) in the direction known least; rotations count by the points' length. NaN where unknown."""
+        if not self.informed:
+            return float("nan")
+        smallest = np.linalg.eigvalsh(self.centred()[0])[0]
+        return float(max(smallest, 1e-12) ** -0.5)
 
 
 def moved(T: np.ndarray, twist: np.ndarray) -> np.ndarray:

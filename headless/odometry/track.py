@@ -11,7 +11,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 
 from .protocol import Frame, Odometer, Result, failure
-from .reference import PreviousFrame, Reference
+from .reference import OWN, Reference
 from .system import inverted
 
 #: hold: the last pose, and the reference is kept; constant-velocity: the last motion goes on; restart: the lost frame
@@ -32,7 +32,10 @@ class Tracked:
 
 
 class Tracker:
-    """One frame after the other, against `reference` (default: the frame before, at constant memory and cost)."""
+    """One frame after the other, at constant memory and cost, against `reference` (default: what the odometer asks for).
+
+    Each alignment starts from the motion of the frame before, except after a loss.
+    """
 
     def __init__(
         self, odometer: Odometer, camera: PinholeCamera, policy: str = "hold", reference: Reference | None = None
@@ -40,7 +43,8 @@ class Tracker:
         if policy not in POLICIES:
             raise InputError(f"a policy for lost frames ({', '.join(POLICIES)})", found=policy)
         self.odometer, self.camera, self.policy = odometer, camera, policy
-        self.reference, self.view, self.T_world_view = reference or PreviousFrame(), None, np.eye(4)
+        self.reference = reference or OWN[odometer.reference]()
+        self.view, self.T_world_view = None, np.eye(4)
         self.T_view_camera, self.motion, self.losses = np.eye(4), np.eye(4), 0
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
@@ -58,7 +62,8 @@ class Tracker:
             return failure(fault)
         if self.view is None:
             return Result(np.eye(4), True, residual=0.0, inliers=1.0)
-        return self.odometer.align(self.view, current, self.T_view_camera)
+        guess = self.T_view_camera if self.losses else self.T_view_camera @ self.motion
+        return self.odometer.align(self.view, current, guess)
 
     def _found(self, frame: Frame, current: object, T_view_camera: np.ndarray) -> np.ndarray:
         self.motion, self.losses = inverted(self.T_view_camera) @ T_view_camera, 0

@@ -124,7 +124,7 @@ def test_the_step_solves_the_equations_as_numpy_does():
     J, r, p = rng.normal(size=(50, 6)), rng.normal(size=50), rng.normal(size=(50, 3))
     centre = p.mean(axis=0)
     system = System(J.T @ J, J.T @ r, 1.0, 50, centre, 2.0)
-    np.testing.assert_allclose(system.step()[0], np.linalg.lstsq(J, r, rcond=None)[0], rtol=1e-8)
+    np.testing.assert_allclose(system.step(np.zeros(6))[0], np.linalg.lstsq(J, r, rcond=None)[0], rtol=1e-8)
     np.testing.assert_allclose(moved(np.eye(4), np.zeros(6)), np.eye(4), atol=1e-15)
 
 
