@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ..errors import InputError
+from ..formats import ply_faces
 from ..geometry import axes
 from . import compat
 
@@ -50,6 +51,8 @@ def importers_turn(path: Path) -> np.ndarray:
 
 def load(path: Path) -> None:
     """Bring the file into the open session; a .blend takes the session's place, and its scripts stay asleep. Raises InputError."""
+    if path.suffix.lower() == ".ply":
+        ply_faces.check(path)
     logging.disable(logging.WARNING)  # readers written in Python tell every node of the file
     try:
         if path.suffix.lower() == ".blend":
@@ -72,4 +75,4 @@ def _last_line(error: Exception) -> str:
     """What the reader said last; a Python reader's whole traceback comes with it."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     told = [line for line in lines if not line.startswith(("Location:", "File "))]
-    return (told or lines or ["no reason given"])[-1]
+    return (told or lines or ["no reason given"])[-1].removeprefix("Error: ")
