@@ -13,13 +13,13 @@ from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
 from ..options import action, subcommands
-from . import bench_farm
+from . import bench_farm, bench_odometry
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
     _configure_render(actions)
-    _configure_odometry(actions)
+    bench_odometry.configure(actions)
     _configure_noise(actions)
     bench_farm.configure(actions)
 
@@ -48,17 +48,6 @@ def _configure_render(actions: argparse._SubParsersAction) -> None:
     render.add_argument("--only", metavar="TEXT", help="only ways whose name holds this, such as `baked`")
     render.add_argument("--light", choices=("baked", "path"), default="baked", help="of --breakdown; default: baked")
     render.add_argument("--samples", type=int, metavar="N", help="of --breakdown")
-
-
-def _configure_odometry(actions: argparse._SubParsersAction) -> None:
-    example = "iclnuim bench odometry out/living_room/kt2/clean --chart odometry.png"
-    help = "speed and error of our odometers and the peers' in one run"
-    race = action(actions, "odometry", help, example, _odometry)
-    race.add_argument("folder", type=Path, metavar="DIR", help="a sequence with ground truth")
-    race.add_argument("--preset", default="best", help="of ours: best (default) or paper")
-    race.add_argument("--first", type=int, metavar="N", help="only the first N frames")
-    race.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
-    race.add_argument("--chart", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
 
 
 def _configure_noise(actions: argparse._SubParsersAction) -> None:
@@ -122,23 +111,6 @@ def _race(args: argparse.Namespace, console: Console) -> int:
         {"machine": light_race.machine(), "ways": [asdict(r) for r in results]},
         light_chart.table(results) + "\n" + light_chart.summary(results, job),
     )
-    return 0
-
-
-def _odometry(args: argparse.Namespace, console: Console) -> int:
-    from .. import plots
-    from ..benchmark import odometry_race
-    from ..odometry.report import table
-
-    which = [name for name in odometry_race.names() if (args.only or "") in name]
-    if not which:
-        raise InputError(f"part of a name of {', '.join(odometry_race.names())}", found=args.only)
-    runs = odometry_race.race(args.folder, which, args.preset, args.first, console.progress)
-    if args.chart:
-        plots.save(odometry_race.figure(runs), args.chart)
-    front = odometry_race.front(runs)
-    values = {"runs": [run.to_dict() for run in runs], "front": front}
-    console.result(values, f"{table(runs)}\nPareto front: {', '.join(front)}")
     return 0
 
 

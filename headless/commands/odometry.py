@@ -19,8 +19,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "what a frame is aligned against: own (default: as the preset says), frame, kept or model"
     add("--reference", default="own", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
+    add("--first", type=int, metavar="N", help="only the first N frames")
     add("--all", action="store_true", help="run all of ours and print the table")
-    add("--plot", type=Path, metavar="FILE", help="draw path and residual (.png, .pdf, .svg)")
+    add("--plot", type=Path, metavar="FILE", help="draw path, residual and certainty (.png, .pdf, .svg)")
+    add("--show", action="store_true", help="the same in a window")
     common(parser, "iclnuim odometry dvo out/living_room/kt2/clean -o est.txt")
 
 
@@ -33,22 +35,30 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
-    if args.all and (args.out or args.plot):
-        raise InputError("--all without -o and --plot", found="one of them")
+    if args.all and (args.out or args.plot or args.show):
+        raise InputError("--all without -o, --plot and --show", found="one of them")
+    odometers = [odometer(name, args.preset) for name in (OURS if args.all else [args.method])]
     view = partial(reference, args.reference, preset=args.preset)
-    runs = [
-        report.run_sequence(odometer(name, args.preset), args.folder, args.lost, console.progress, reference=view)
-        for name in (OURS if args.all else [args.method])
-    ]
+    runs = report.run_together(odometers, args.folder, args.lost, console.progress, args.first, view)
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")
+    figures = [done.to_dict() for done in runs]
+    console.result({"runs": figures}, report.table(figures))
+    _keep(runs[0], args, console)
+    return 0
+
+
+def _keep(done, args: argparse.Namespace, console: Console) -> None:
     if args.out:
         done.write(args.out)
         console.note(f"{args.out} written")
-    if args.plot:
+    if args.plot or args.show:
         from .. import plots
+        from ..odometry import drawing
 
-        plots.save(report.figure(done), args.plot)
-    console.result({"runs": [r.to_dict() for r in runs]}, report.table(runs))
-    return 0
+        if args.plot:
+            plots.save(drawing.figure(done), args.plot)
+            console.note(f"{args.plot} written")
+        if args.show:
+            drawing.show(done)

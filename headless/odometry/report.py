@@ -1,8 +1,8 @@
-"""A whole sequence through an odometer: the path, its figures, a table and a picture."""
+"""Whole sequences through one or several odometers: paths, their figures, and a table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,8 @@ import numpy as np
 from iclnuim.dataset.images import read_truth
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.evaluation.stretches import StretchSettings
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
@@ -18,7 +20,11 @@ from iclnuim.geometry.trajectory import Trajectory
 from .frames import Sequence
 from .protocol import Odometer
 from .reference import Reference
-from .track import Tracked, track
+from .track import Tracked, Tracker
+
+#: makes a Reference of an odometer and a camera
+Referee = Callable[[Odometer, PinholeCamera], Reference]
+_SECOND = RelativeErrorSettings(StretchSettings(1.0, "seconds"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +52,21 @@ class Run:
 
     def ate_rmse_m(self) -> float | None:
         """After SE(3) alignment; None without ground truth, or where it cannot be aligned."""
+        return self._error(lambda truth, path: absolute_error(truth, path).translation_m.rmse)
+
+    def rpe_rmse_m(self) -> float | None:
+        """Over all stretches of one second; None where there is none."""
+        return self._error(lambda truth, path: relative_error(truth, path, _SECOND).translation_m.rmse)
+
+    def _error(self, measure: Callable[[Trajectory, Trajectory], float]) -> float | None:
         try:
-            return None if self.truth is None else absolute_error(self.truth, self.trajectory).translation_m.rmse
+            return None if self.truth is None else measure(self.truth, self.trajectory)
         except InputError:
             return None
 
     def to_dict(self) -> dict:
         ms = np.array([f.result.seconds for f in self.frames[1:]] or [0.0]) * 1e3
-        lost, ate = sum(f.lost for f in self.frames), self.ate_rmse_m()
+        lost = sum(f.lost for f in self.frames)
         return {
             "odometer": self.name,
             "frames": len(self.frames),
@@ -63,54 +76,45 @@ class Run:
             "degenerate": sum(f.result.degenerate for f in self.frames),
             "ms_median": float(np.median(ms)),
             "ms_95": float(np.percentile(ms, 95)),
-            "ate_rmse_m": ate,
+            "ate_rmse_m": self.ate_rmse_m(),
+            "rpe_1s_rmse_m": self.rpe_rmse_m(),
         }
 
 
-def run_sequence(
-    odometer: Odometer,
+def run_together(
+    odometers: Iterable[Odometer],
     folder: Path,
     policy: str = "hold",
     progress: Callable | None = None,
     frames: int | None = None,
-    reference: Callable[[Odometer, PinholeCamera], Reference] | None = None,
-) -> Run:
-    """Track a folder's frames, or the first of them. `progress(total, label)` makes something with advance()."""
-    sequence = Sequence(Path(folder))
-    view = reference(odometer, sequence.camera.pinhole) if reference else None
-    bar = progress(min(len(sequence), frames or len(sequence)), odometer.name) if progress else None
-    tracked = []
-    for result in track(odometer, sequence.camera.pinhole, sequence.frames(frames), policy, view):
-        tracked.append(result)
+    reference: Referee | None = None,
+) -> list[Run]:
+    """Each frame of a folder, or of its first `frames`, is read once and given to one odometer after the other.
+
+    So all see the machine at the same moments. `progress(total, label)` makes something with advance(); reference: default
+    what each odometer asks for.
+    """
+    sequence, odometers = Sequence(Path(folder)), list(odometers)
+    camera = sequence.camera.pinhole
+    trackers = [Tracker(o, camera, policy, reference(o, camera) if reference else None) for o in odometers]
+    total, tracked = min(len(sequence), frames or len(sequence)), [[] for _ in odometers]
+    bar = progress(total, ", ".join(o.name for o in odometers)) if progress else None
+    for stamp_s, frame in sequence.frames(frames):
+        for tracker, results in zip(trackers, tracked, strict=True):
+            results.append(tracker.add(stamp_s, frame))
         if bar:
             bar.advance()
-    return Run(odometer.name, tracked, read_truth(folder))
+    truth = read_truth(folder)
+    return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
 
 
-def table(runs: list[Run]) -> str:
-    lines = [f"{'odometer':<22}{'frames':>7}{'lost':>6}{'weak':>6}{'ms':>8}{'ms 95%':>8}{'ATE [mm]':>10}"]
-    for r in (run.to_dict() for run in runs):
-        ate = "-" if r["ate_rmse_m"] is None else f"{r['ate_rmse_m'] * 1e3:.3f}"
+def table(runs: list[dict]) -> str:
+    """Of Run.to_dict()."""
+    lines = [
+        f"{'odometer':<22}{'frames':>7}{'lost':>6}{'weak':>6}{'ms':>8}{'ms 95%':>8}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
+    ]
+    for r in runs:
+        ate, rpe = ("-" if r[k] is None else f"{r[k] * 1e3:.3f}" for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
         figures = f"{r['frames']:>7}{r['lost']:>6}{r['degenerate']:>6}{r['ms_median']:>8.1f}{r['ms_95']:>8.1f}"
-        lines.append(f"{r['odometer']:<22}{figures}{ate:>10}")
+        lines.append(f"{r['odometer']:<22}{figures}{ate:>10}{rpe:>12}")
     return "\n".join(lines)
-
-
-def figure(run: Run):
-    """Path (first camera's x and z) and residual over time; lost frames marked."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    drawing = Figure(figsize=(11, 5), layout="constrained")
-    FigureCanvasAgg(drawing)
-    path, residual = drawing.subplots(1, 2)
-    positions = run.trajectory.positions_m
-    path.plot(positions[:, 0], positions[:, 2], color="#0072B2")
-    path.set(title=run.name, xlabel="x [m]", ylabel="z [m]")
-    path.set_aspect("equal", adjustable="datalim")
-    stamps = np.array([f.stamp_s for f in run.frames])
-    residual.plot(stamps, [f.result.residual for f in run.frames], color="#D55E00")
-    for stamp_s in stamps[[f.lost for f in run.frames]]:
-        residual.axvline(stamp_s, color="black", linewidth=0.6)
-    residual.set(title="residual; lost frames black", xlabel="time [s]", ylabel="method's own unit")
-    return drawing

@@ -1,0 +1,44 @@
+"""Time against error of odometers, one panel a sequence."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ..plots import COLOURS
+from .odometry_race import front
+
+
+def figure(races: list[dict]) -> Figure:
+    """ATE over time a frame: a dot at the median, a line to the 95th percentile, the front dashed."""
+    columns = min(len(races), 4)
+    rows = -(-len(races) // columns)
+    drawing = Figure(figsize=(4.2 * columns + 1.5, 4.0 * rows), layout="constrained")
+    FigureCanvasAgg(drawing)
+    panels = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for i, race in enumerate(races):
+        _panel(panels[i // columns][i % columns], race)
+    for axes in panels[-1]:
+        axes.set_xlabel("ms a frame: median, line to 95 %")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("ATE RMSE [mm]")
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside right upper", fontsize=8)
+    return drawing
+
+
+def _panel(axes: Axes, race: dict) -> None:
+    best = []
+    for i, d in enumerate(race["runs"]):
+        if d["ate_rmse_m"] is None:
+            continue
+        ate_mm, peer = d["ate_rmse_m"] * 1e3, d["odometer"].startswith("peer:")
+        colour = COLOURS[i % len(COLOURS)]
+        axes.plot([d["ms_median"], d["ms_95"]], [ate_mm, ate_mm], color=colour, linewidth=1)
+        axes.plot(d["ms_median"], ate_mm, "s" if peer else "o", color=colour, label=d["odometer"], linestyle="")
+        if d["odometer"] in front(race["runs"]):
+            best.append((d["ms_median"], ate_mm))
+    axes.plot(*zip(*sorted(best), strict=True), "--", color="grey", linewidth=0.8)
+    axes.set(xscale="log", yscale="log", title=race["sequence"])
+    axes.grid(alpha=0.3, which="both")
