@@ -49,7 +49,7 @@ def _draw_pairs(axes: Axes, pairs: Sequence[PairTime]) -> None:
     axes.axhline(1, color="black", linewidth=0.8)
     axes.axhline(1.6, color=COLOURS[1], linewidth=1, linestyle="--")
     for k, p in enumerate(pairs):
-        axes.annotate(f"{p.cpu_ratio:.2f}\n{p.frames_per_s:.0f}/s", (k, 0.5), ha="center", fontsize=9)
+        axes.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
     axes.set_ylabel("processor time of clean + noisy over that\nof EXR read and PNGs written alone")
     axes.tick_params(axis="x", labelsize=8)
 
