@@ -183,11 +183,12 @@ def _dataset_waits(jobs: list[Submitted], waiting: dict[str, str]) -> bool:
 
 
 def _refuse_other_job(plan: RunPlan) -> None:
-    """Said before submitting, not by a log hours later. Denoising is decided where the worker runs."""
+    """Said before submitting, not by a log hours later. A worker may settle for no denoising, and for path tracing where things move."""
     if not (plan.raw / "sequence.json").is_file():
         return
     there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
-    names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"}
+    settled = {"light", "samples"} if (there.get("light"), asked["light"]) == ("path", "baked") else set()
+    names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
     different = [f"{k} {there.get(k)} there, {asked[k]} asked" for k in sorted(names) if there.get(k) != asked[k]]
     if different:
         raise InputError(
