@@ -1,0 +1,119 @@
+"""What an odometer knows of its own error: on textured and bare planes, clean and noisy, with things in the way."""
+
+import numpy as np
+import pytest
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+
+pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim_bench.odometry import dvo  # noqa: E402
+from iclnuim_bench.odometry.icp import PRESETS, Icp  # noqa: E402
+from iclnuim_bench.odometry.protocol import Frame  # noqa: E402
+from iclnuim_bench.odometry.reference import KeptFrame, PreviousFrame  # noqa: E402
+from iclnuim_bench.odometry.registry import odometer  # noqa: E402
+from iclnuim_bench.odometry.system import inverted  # noqa: E402
+from iclnuim_bench.odometry.track import Tracker, track  # noqa: E402
+
+CAMERA = PinholeCamera.parse("160x120")
+STEP = SE3.exp(np.array([0.006, -0.004, 0.005, 0.004, -0.003, 0.005])).matrix
+ROOM = ((0.8, 0.0, 0.6), (-0.8, 0.0, 0.6), (0.0, 0.8, 0.6))
+WALL = ((0.0, 0.0, 1.0),)
+
+
+def view(i, planes, noise=0.0, camera=CAMERA):
+    """The i-th frame of a steady motion before planes at 2 m; depth noise (share) and grey noise from a seed of its own."""
+    T, rng = np.linalg.matrix_power(STEP, i), np.random.default_rng([5, i])
+    rays = camera.rays() @ T[:3, :3].T
+    nearest = np.full(rays.shape[:2], np.inf)
+    for n in np.array(planes) / np.linalg.norm(planes, axis=1)[:, None]:
+        slope = rays @ n
+        nearest = np.minimum(nearest, np.where(slope > 1e-6, (2 - n @ T[:3, 3]) / np.maximum(slope, 1e-6), np.inf))
+    x, y, z = np.moveaxis(T[:3, 3] + rays * nearest[..., None], -1, 0)
+    grey = 128 + 40 * np.sin(9 * x + 2 * z) + 40 * np.sin(11 * y - 3 * z) + 20 * np.sin(7 * z + 4 * x)
+    depth = nearest * (1 + noise * rng.standard_normal(nearest.shape))
+    return Frame.of(grey + 500 * noise * rng.standard_normal(grey.shape), depth, i / 30)
+
+
+def run(method, frames, camera=CAMERA):
+    method = odometer(method) if isinstance(method, str) else method
+    return list(track(method, camera, [(f.stamp_s, f) for f in frames]))
+
+
+def error_m(found):
+    true = np.linalg.matrix_power(STEP, len(found) - 1)
+    return float(np.linalg.norm(found[-1].T_world_camera[:3, 3] - true[:3, 3]))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
+    wall = run("icp", [view(i, WALL, noise) for i in range(6)])
+    room = run("icp", [view(i, ROOM, noise) for i in range(6)])
+    assert all(f.result.degenerate and f.result.held >= 3 for f in wall[1:])
+    assert not any(f.result.degenerate for f in room[1:])
+
+
+def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
+    frames = [view(i, WALL, 0.003) for i in range(3)]
+    two = run("icp", frames)[-1].result.smallest_eigenvalue
+    one = run(Icp(PRESETS["paper"].__class__(filter=False)), frames)[-1].result.smallest_eigenvalue
+    assert two < 0.25 * one
+
+
+def test_the_stated_deviation_is_of_the_size_of_the_error():
+    found = run("icp", [view(i, ROOM, 0.003) for i in range(12)])
+    steps = [inverted(a.T_world_camera) @ b.T_world_camera for a, b in zip(found, found[1:], strict=False)]
+    errors = [np.linalg.norm((inverted(STEP) @ step)[:3, 3]) for step in steps[1:]]
+    stated = [np.sqrt(np.trace(np.linalg.inv(f.result.information)[:3, :3])) for f in found[2:]]
+    assert 0.1 < np.sqrt(np.mean(np.square(errors))) / np.mean(stated) < 3
+
+
+@pytest.mark.parametrize("bare", ["light", "geometry"])
+def test_the_joint_odometer_holds_on_to_the_part_that_knows(bare):
+    frames = [view(i, WALL if bare == "geometry" else ROOM) for i in range(6)]
+    if bare == "light":
+        frames = [Frame.of(f.grey * 0 + 128, f.depth_z_m, f.stamp_s) for f in frames]
+    assert error_m(run("icp_rgbd", frames)) < 0.003
+
+
+def test_student_weights_withstand_something_that_moves_through_the_picture():
+    frames = [view(i, ROOM) for i in range(6)]
+    for i, frame in enumerate(frames):
+        frame.grey[40:80, 20 + 8 * i : 60 + 8 * i] = 250.0
+    plain = dvo.Dvo(dvo.DvoSettings(nu=0.0, depth="mean", least_inliers=0.01))
+    robust = dvo.Dvo(dvo.DvoSettings(depth="mean", least_inliers=0.01))
+    assert error_m(run(robust, frames)) < 0.5 * error_m(run(plain, frames))
+
+
+@pytest.mark.parametrize("name", ["icp", "icp_rgbd", "rgbd", "dvo"])
+def test_a_wrong_camera_is_no_crash_and_shows_in_the_residual_or_as_lost(name):
+    frames = [view(i, ROOM) for i in range(4)]
+    wrong = PinholeCamera(160, 120, CAMERA.fx * 1.5, CAMERA.fy * 0.7, 40.0, 20.0)
+    right, bent = run(name, frames), run(name, frames, wrong)
+    assert len(bent) == 4
+    assert all(b.lost or b.result.residual > 1.5 * a.result.residual for a, b in zip(right[1:], bent[1:], strict=True))
+
+
+def test_a_kept_frame_is_left_when_the_camera_has_gone_away():
+    reference = KeptFrame(most_m=0.02, most_deg=90)
+    kept = []
+    for i in range(8):
+        T = np.eye(4)
+        T[0, 3] = 0.006 * i
+        kept.append(reference.renew(None, i, T))
+    assert [view for view, _ in kept] == [0, 0, 0, 0, 4, 4, 4, 4]
+    assert all(T[0, 3] == 0.006 * view for view, T in kept)
+
+
+def test_errors_add_up_once_a_kept_frame():
+    frames = [view(i, ROOM, 0.002) for i in range(25)]
+    found = []
+    for reference in (PreviousFrame(), KeptFrame()):
+        tracker = Tracker(odometer("dvo"), CAMERA, reference=reference)
+        found.append(error_m([tracker.add(f.stamp_s, f) for f in frames]))
+    assert found[1] < found[0]
+
+
+def test_the_inverse_is_numpys_also_of_a_matrix_that_is_hardly_a_rotation():
+    T = STEP.copy()
+    T[:3, :3] += 0.01 * np.random.default_rng(2).standard_normal((3, 3))
+    np.testing.assert_allclose(inverted(T), np.linalg.inv(T), atol=1e-12)
