@@ -29,7 +29,8 @@ STUCK_AFTER_S = 10
 class Damage:
     """After all that happened: frames asked for; pictures that are not whole or differ (broken) and that are absent or empty (lost).
 
-    `twice`: frames finished more than once; `outlived`: workers still there half a minute after their command was killed.
+    `twice`: frames finished more than once; `outlived`: workers still there half a minute after their command was killed;
+    `names`: the files that are broken or lost.
     """
 
     frames: int
@@ -39,6 +40,11 @@ class Damage:
     twice: int = 0
     outlived: int = 0
     events: dict[str, int] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+
+    @property
+    def none(self) -> bool:
+        return not (self.broken or self.lost or self.twice or self.outlived)
 
 
 def kinds(kills: int) -> list[str]:
@@ -136,12 +142,14 @@ class Chaos:
         """What is left, against a folder of the same command that nothing happened to."""
         ours, whole = contents(self.out), contents(undisturbed)
         numbers = [n.split("/")[-1] for n in whole if n.startswith("clean/rgb/")]
-        lost = {n.split("/")[-1] for n in whole if n.endswith(".png") and n not in ours}
-        broken = {n.split("/")[-1] for n in ours if ours[n] != whole.get(n)}
+        names = sorted(n for n in ours.keys() | whole.keys() if ours.get(n) != whole.get(n))
+        lost = {n.split("/")[-1] for n in names if n not in ours}
+        broken = {n.split("/")[-1] for n in names if n in ours}
         twice = sum(times > 1 for times in Counter(number for number, _ in finished(self.out)).values())
         kills = sum(self.happened[kind] for kind in ("worker", "parent", "both"))
         outlived = len(still_there(self._orphans, 30))
-        return Damage(len(numbers), kills, len(broken), len(lost), twice, outlived, dict(self.happened))
+        counts = kills, len(broken), len(lost), twice, outlived
+        return Damage(len(numbers), *counts, dict(self.happened), tuple(names))
 
 
 def finished(out: Path) -> list[tuple[int, int]]:

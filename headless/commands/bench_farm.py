@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -51,6 +52,8 @@ def _configure_chaos(actions: argparse._SubParsersAction) -> None:
     chaos.add_argument("--camera", default="640x480", metavar="WxH", help="default: 640x480")
     chaos.add_argument("--seed", type=int, default=0, metavar="N", help="of the moments and the victims; default: 0")
     chaos.add_argument("--undisturbed", type=Path, metavar="DIR", help="of `make`, same settings; default: made here")
+    where = "keeps what was made; default: a temporary folder"
+    chaos.add_argument("--work", type=Path, metavar="DIR", help=where)
     chaos.add_argument("--no-plain", action="store_true", help="leave plain Blender out")
     chaos.add_argument("--chart", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
 
@@ -92,20 +95,31 @@ def _chaos(args: argparse.Namespace, console: Console) -> int:
 
     if args.kills < 1:
         raise InputError("at least 1 kill", found=args.kills)
-    with tempfile.TemporaryDirectory() as folder:
-        base, rng = Path(folder), np.random.default_rng(args.seed)
+    with _work_folder(args.work) as base:
+        rng = np.random.default_rng(args.seed)
         chaos = farm_chaos.Chaos(args.sequence, ("--camera", args.camera), base / "disturbed", rng)
         chaos.run(farm_chaos.kinds(args.kills), console.note)
         ours = chaos.damage(args.undisturbed or _undisturbed(args, base, console))
         damages = {"this farm": ours}
         console.note(farm_chart.damage_table(damages))
-        shutil.rmtree(base / "disturbed")
         if not args.no_plain:
             damages["plain Blender"] = _plain(args, base, console)
     if args.chart:
         plots.save(farm_chart.damage_figure(damages), args.chart)
     console.result({name: asdict(d) for name, d in damages.items()}, farm_chart.damage_table(damages))
-    return 3 if ours.broken or ours.lost or ours.twice or ours.outlived else 0
+    return 0 if ours.none else 3
+
+
+@contextmanager
+def _work_folder(kept: Path | None) -> Iterator[Path]:
+    if kept is None:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder)
+        return
+    if kept.exists() and any(kept.iterdir()):
+        raise InputError("an empty folder", path=kept, hint="another --work")
+    kept.mkdir(parents=True, exist_ok=True)
+    yield kept
 
 
 def _undisturbed(args: argparse.Namespace, base: Path, console: Console) -> Path:

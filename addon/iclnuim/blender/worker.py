@@ -267,11 +267,11 @@ def _loop(
             raw, raw_depth = _render(number, work / str(rendered % 2), _depth_apart(job))
             blurred = None if job.exposure.instant else _blurred(number, job, trajectory, raw_depth, work)
             seconds = time.perf_counter() - begun
-            _finish(closing, emit)
+            _finish(closing)
             T_world_camera = trajectory.T_world_camera[number] if job.ground_truth else None
-            closing = closer.submit(_close, run, number, raw, raw_depth, blurred, T_world_camera, seconds)
+            closing = closer.submit(_close, run, number, raw, raw_depth, blurred, T_world_camera, seconds, emit)
             rendered += 1
-        _finish(closing, emit)
+        _finish(closing)
     return rendered
 
 
@@ -305,21 +305,22 @@ def _close(
     blurred: np.ndarray | None,
     T_world_camera: SE3 | None,
     cycles_seconds: float,
-) -> dict:
-    """Blender's raw frame -> the finished file, with ground truth where the camera's pose is given; returns its event."""
+    emit: Emit,
+) -> None:
+    """Blender's raw frame -> the finished file, with ground truth where the camera's pose is given; told at once, not a frame later."""
     begun = time.perf_counter()
     event = {"event": "frame", "frame": number, "cycles": cycles_seconds}
     if run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
-        return {**event, "close": 0.0, "found": True}
+        return emit({**event, "close": 0.0, "found": True})
     rgb, depth_z_m = frames.read(raw, raw_depth)
     further = {} if T_world_camera is None else ground_truth.read(raw_depth, T_world_camera)
     run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
-    return {**event, "close": time.perf_counter() - begun}
+    return emit({**event, "close": time.perf_counter() - begun})
 
 
-def _finish(closing: Future | None, emit: Emit) -> None:
+def _finish(closing: Future | None) -> None:
     if closing is not None:
-        emit(closing.result())
+        closing.result()
 
 
 def _work_folder(run: RunFolder) -> Path:

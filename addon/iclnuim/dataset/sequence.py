@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import WorkError
-from ..formats.files import read_bytes, sha256
+from ..formats.files import read_bytes, sha256, writer_died
 from ..formats.png import write_png
 from ..geometry.camera import PinholeCamera
 from . import ground_truth
@@ -160,6 +160,7 @@ def _target(source: FrameSource, out: Path, settings: SequenceSettings, forms: l
     kinds = ground_truth.KINDS if source.truth_images else ()
     places = {n: _image_files(forms, folders, n, t, kinds) for n, t in source.stamps_s.items()}
     finished = frozenset(n for n in places if _stands(journal, n, places[n]))
+    _clear(out)
     _make_folders(places[n] for n in source.numbers)
     return _Target(out, settings, forms, recipe, journal, places, finished)
 
@@ -214,8 +215,16 @@ def _make_folders(places: Iterable[Places]) -> None:
     for folder in sorted({path.parent for files in places for paths in files.values() for path in paths}):
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            _clear(folder)
         except OSError as error:
             raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
+
+
+def _clear(folder: Path) -> None:
+    """Remove what processes that were killed while writing have left."""
+    for leftover in folder.glob(".*.tmp.*"):
+        if writer_died(leftover):
+            leftover.unlink(missing_ok=True)
 
 
 def _contents(source: FrameSource, numbers: tuple[int, ...], settings: SequenceSettings) -> Contents:
