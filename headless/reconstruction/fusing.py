@@ -75,8 +75,8 @@ def _sample(inverse, u, v, jump):
 
 
 @njit(cache=True, inline="always")
-def _limit(inverse, K, u, v, found, jump, behind, most):
-    """How far along z the depth counts behind a surface, for it to count `behind` along its normal; at most `most`.
+def _slant(inverse, K, u, v, found, jump):
+    """Distance along the normal as a share of that along z; 0 where depth jumps.
 
     On a plane the inverse depth is linear in the image, and its slopes are the normal's: n . ray = inverse depth.
     """
@@ -84,11 +84,10 @@ def _limit(inverse, K, u, v, found, jump, behind, most):
     a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
     near, far = max(a, b, c, d), min(a, b, c, d)
     if near - far > jump * near * far:
-        return behind
+        return 0.0
     across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
     nz = found - (u - K[2]) * across - (v - K[3]) * down
-    length = math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
-    return min(behind * length / found, most)
+    return found / math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
 
 
 @njit(cache=True, inline="always")
@@ -108,9 +107,10 @@ def _colour(image, u, v, colour):
 
 @njit(cache=True, parallel=True)
 def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, most, rows, n):
-    """Running mean of the truncated distance along z in the listed blocks; R, t are T_camera_world.
+    """Running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
 
-    From `trunc` before the surface to `trunc` behind it, or with a weight that falls from 1 on the surface to 0 `behind` it.
+    Along z, from `trunc` before the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight
+    that is less where the surface is slanted, and falls to 0 that far behind it.
     image (h, w, channels), or (1, 1, channels) for none.
     """
     coloured = image.shape[0] > 1
@@ -134,9 +134,13 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, most, rows, n):
                 if distance < -trunc:
                     continue
                 more = UNIT
-                if distance < 0.0 and behind < trunc:
-                    limit = _limit(inverse, K, u, v, found, trunc, behind, trunc)
-                    more = math.ceil(UNIT * (1.0 + distance / limit))
+                if behind < trunc and distance < trunc:
+                    slant = _slant(inverse, K, u, v, found, trunc)
+                    if slant > 0.0:
+                        distance *= slant
+                        more = math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind))
+                    else:
+                        more = 1.0 if distance > -behind else 0.0
                     if more < 1.0:
                         continue
                 at = line * 8 + k

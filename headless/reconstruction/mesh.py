@@ -40,7 +40,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: int 
     """Marching cubes over all blocks, or over the cubes that have a corner in the rows where `leaves` (rows,) is true.
 
     So what is meshed when it leaves and what is meshed later meet without a gap and without an overlap. Only cubes whose
-    corners were all seen `least_weight` times.
+    corners were all seen more than `least_weight` - 1 times, slanted views counting less.
     """
     grid, rows = volume.grid, volume.rows()
     if leaves is None:
@@ -50,7 +50,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: int 
     if not len(rows):
         return Mesh.joined([])
     low = grid.place[rows].min(axis=0).astype(np.int64)
-    common = (least_weight * UNIT, leaves, marching.EDGES, marching.COUNT, low)
+    common = ((least_weight - 1) * UNIT + 1, leaves, marching.EDGES, marching.COUNT, low)
     totals = np.zeros(len(rows), np.int64)
     marching.count_triangles(grid, rows, *common, totals)
     start = np.concatenate([[0], np.cumsum(totals)])

@@ -61,13 +61,16 @@ class ModelReference:
         if not (isinstance(prepared, list) and isinstance(prepared[0], Level)):
             view = self.volume.raycast(self.camera, T_world_camera, normals=False)
             return self.odometer.prepare(_as_frame(view, frame.grey, frame.stamp_s), self.camera)
-        finest = _finest(self.odometer.settings)
+        settings = self.odometer.settings
+        planes, light = hasattr(settings, "most_angle_deg"), hasattr(settings, "most_dz_m")
+        finest = _finest(settings)
         first = prepared[finest]
-        view = self.volume.raycast(first.camera, T_world_camera)
+        view = self.volume.raycast(first.camera, T_world_camera, planes, light)
         seen = _as_frame(view, first.grey, frame.stamp_s)
         levels = pyramid(seen, first.camera, len(prepared) - finest, normal_step=first.normal_step)
-        # the gradient's normals, rather than those that differences of depth would give when first asked for
-        vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)
+        if planes:
+            # the gradient's normals, rather than those that differences of depth would give when first asked for
+            vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)
         return [*prepared[:finest], *levels]
 
 
@@ -80,5 +83,7 @@ def _finest(settings: Any) -> int:
 
 def _as_frame(view: View, grey: np.ndarray, stamp_s: float) -> Frame:
     """Where the model has a hole there is no depth, and the frame's own grey, so that the hole has no bright rim."""
-    colour = view.colour[..., 0]
-    return Frame(np.where(np.isfinite(colour), colour, grey), np.nan_to_num(view.depth_z_m), stamp_s)
+    if view.colour.size:
+        colour = view.colour[..., 0]
+        grey = np.where(np.isfinite(colour), colour, grey)
+    return Frame(grey, np.nan_to_num(view.depth_z_m), stamp_s)

@@ -26,8 +26,8 @@ class VolumeSettings:
 
     The truncation and the voxel (4.5 m in 512) are the paper's (VI-C); most_blocks bounds the memory. A frame counts from
     truncation_m before its surface to as far behind it. Behind the rim of a thing its front so grows walls of that depth,
-    where nothing was seen; with a smaller behind_m (along the normal) the weight falls to 0 there, and what saw free space
-    outweighs it.
+    where nothing was seen, and slanted views of curved things shrink them. With a smaller behind_m distances are taken along
+    the normal, slanted views weigh less, and the weight falls to 0 that far behind the surface.
     """
 
     voxel_m: float = 4.5 / 512
