@@ -3,15 +3,29 @@
 usage: background_person.py ZIP OUT ESTIMATE   (after `--` where a blender binary runs it)
 """
 
+import gc
 import importlib
 import json
 import sys
 import traceback
+import types
 from pathlib import Path
 
 import bpy
 
+MODULE = "bl_ext.user_default.iclnuim"
 PREFIXES = ("ICLNUIM", "iclnuim")
+
+
+ROOM = """v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nv -2 -2 2\nv 2 -2 2\nv 2 2 2\nv -2 2 2
+f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 2 6 7 3\nf 3 7 8 4\n"""
+
+
+def timers() -> list[str]:
+    """Functions of ours that Blender would still call."""
+    functions = [f for f in gc.get_objects() if isinstance(f, types.FunctionType)]
+    ours = [f for f in functions if "iclnuim" in (f.__module__ or "")]
+    return sorted({f.__qualname__ for f in ours if bpy.app.timers.is_registered(f)})
 
 
 def leftovers() -> dict:
@@ -30,6 +44,7 @@ def leftovers() -> dict:
         "classes": classes,
         "operators": operators,
         "property": hasattr(bpy.types.Scene, "iclnuim"),
+        "timers": timers(),
     }
     return {key: value for key, value in found.items() if value}
 
@@ -39,12 +54,54 @@ def press(name: str) -> str:
     return next(iter(getattr(bpy.ops.iclnuim, name)()))
 
 
+def own_file(found: dict, button, out: str) -> None:
+    """A room of somebody's own, as .obj: shown, lit, baked, rendered; what is said of its light before and after."""
+    settings = bpy.context.scene.iclnuim
+    light_state = importlib.import_module(MODULE + ".ui.light_state")
+    before = {name: getattr(settings, name) for name in ("scene_source", "light", "out", "frames")}
+    room = Path(out + "_file", "room.obj")
+    room.parent.mkdir(parents=True, exist_ok=True)
+    room.write_text(ROOM)
+    settings.scene_source, settings.scene_file, settings.light = "FILE", str(room), "baked"
+    settings.map_size, settings.map_samples, settings.frames = 64, 2, "100"
+    settings.out = out + "_file/run"
+    found["light_before"] = light_state.line(settings)
+    for name in ("load_scene", "bake", "render"):
+        button(name, f"{name} an own file")
+    light_state.forget()
+    found["light_after"] = light_state.line(settings)
+    found["light_counts_as_another"] = (setattr(settings, "map_size", 128), light_state.line(settings))[1]
+    for name, value in before.items():
+        setattr(settings, name, value)
+    bpy.ops.iclnuim.load_scene()
+
+
+def saved_and_opened_again(found: dict, folder: str) -> None:
+    """Settings lie in the .blend; presets of one's own come back as they were saved."""
+    settings = bpy.context.scene.iclnuim
+    settings.seed, settings.dialects = 7, {"tum", "euroc"}
+    found["pressed"]["save preset"] = next(iter(bpy.ops.iclnuim.preset_save(preset="mine")))
+    file = str(Path(folder + "_saved", "saved.blend"))
+    Path(file).parent.mkdir(exist_ok=True)
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.read_factory_settings()
+    bpy.ops.preferences.addon_enable(module=MODULE)
+    found["factory"] = bpy.context.scene.iclnuim.seed
+    bpy.ops.wm.open_mainfile(filepath=file)
+    settings = bpy.context.scene.iclnuim
+    found["opened_again"] = [settings.seed, sorted(settings.dialects), settings.trajectory_source]
+    session = importlib.import_module(MODULE + ".ui.session")
+    found["path_of_the_opened_file"] = session.current.path_lines
+    for preset in ("Quick look", "Benchmark", "mine"):
+        found["pressed"][preset] = next(iter(bpy.ops.iclnuim.preset(preset=preset)))
+    found["own_preset"] = [settings.seed, sorted(settings.dialects)]
+
+
 def main(archive: str, out: str, estimate: str) -> dict:
     bpy.ops.wm.read_factory_settings()
     bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=True)
-    module = "bl_ext.user_default.iclnuim"
-    package = importlib.import_module(module)
-    session = importlib.import_module(module + ".ui.session")
+    package = importlib.import_module(MODULE)
+    session = importlib.import_module(MODULE + ".ui.session")
     found = {"file": package.__file__, "pressed": {}, "messages": {}}
 
     package.unregister()
@@ -52,7 +109,7 @@ def main(archive: str, out: str, estimate: str) -> dict:
     package.register()
 
     settings = bpy.context.scene.iclnuim
-    inputs = importlib.import_module(module + ".ui.inputs")
+    inputs = importlib.import_module(MODULE + ".ui.inputs")
     found["folder_before_saving"] = str(inputs.output_folder(settings))
     settings.trajectory_source, settings.out, settings.frames = "kt2", out, "0:4:2"
     settings.width, settings.height, settings.fx, settings.fy, settings.cx, settings.cy = (
@@ -86,6 +143,7 @@ def main(archive: str, out: str, estimate: str) -> dict:
     found["frames"] = sorted(path.name for path in Path(out, "raw/exr").glob("*.exr"))
     found["sequences"] = sorted(str(path.relative_to(out)) for path in Path(out).glob("*/rgb/*.png"))
 
+    own_file(found, button, out)
     settings.out = "/proc/nowhere"
     button("render", "no folder")
     settings.out, settings.trajectory_source, settings.trajectory_file = out, "FILE", archive
@@ -113,13 +171,11 @@ def main(archive: str, out: str, estimate: str) -> dict:
     settings.start_location, settings.scale = (0.0, -1.0, 1.2), 3.0
     button("refresh", "through the wall")
     found["wall"] = session.current.path_warning
-    for preset in ("Quick look", "Benchmark"):
-        found["pressed"][preset] = next(iter(bpy.ops.iclnuim.preset(preset=preset)))
-    found["pressed"]["save preset"] = next(iter(bpy.ops.iclnuim.preset_save(preset="mine")))
+    saved_and_opened_again(found, out)
     package.unregister()
     found["left_at_the_end"] = leftovers()
     package.register()
-    bpy.ops.preferences.addon_disable(module=module)
+    bpy.ops.preferences.addon_disable(module=MODULE)
     found["left_when_disabled"] = leftovers()
     return found
 

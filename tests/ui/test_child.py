@@ -1,5 +1,6 @@
-"""The child process itself: killed, or left alone by its window, finished frames stay and the next run goes on."""
+"""The panel's work with a real child: killed, or left alone by its window, finished frames stay and the next run goes on."""
 
+import json
 import sys
 import time
 from pathlib import Path
@@ -11,16 +12,18 @@ from iclnuim.job import shipped_job
 from iclnuim.ui.work import ChildProcess, Work
 
 pytest.importorskip("bpy", reason="needs the bpy package")
-SCRIPT = Path(iclnuim.__file__).parent / "ui/task_process.py"
+SCRIPT = Path(iclnuim.__file__).parent / "blender/child.py"
 
 
-def begin(out: Path, frames: list[int], **changes) -> tuple[Work, ChildProcess]:
+def begin(out: Path, frames: list[int], sequences: dict | None = None, **changes) -> tuple[Work, ChildProcess]:
     job = shipped_job("kt2").changed(
         light="path", samples=1, denoise=False, camera=PinholeCamera.parse("32x24"), **changes
     )
-    child = ChildProcess([sys.executable, str(SCRIPT)], out.parent / "log.txt")
+    job_file = out.parent / "job.json"
+    job_file.write_text(json.dumps({"job": job.to_dict(), "nice": 10}))
+    child = ChildProcess([sys.executable, str(SCRIPT), str(job_file), str(out)], out.parent / "log.txt")
     work = Work()
-    work.start({"task": "render", "job": job.to_dict(), "out": str(out), "frames": frames}, child)
+    work.start("render", {"frames": frames, "sequences": sequences}, child, "all there")
     return work, child
 
 
@@ -46,7 +49,7 @@ def test_a_killed_child_is_told_in_words_and_its_frames_are_kept(tmp_path):
     kept = finished(out)
     work, _ = begin(out, [0, 2, 4])
     wait(work, lambda: not work.busy)
-    assert work.phase == "done"
+    assert (work.phase, work.message) == ("done", "all there")
     assert finished(out) >= kept | {"000004.exr"}
 
 
@@ -76,3 +79,20 @@ def test_bad_input_comes_back_as_one_line(tmp_path):
     wait(work, lambda: not work.busy)
     assert work.phase == "failed"
     assert "nowhere.txt" in work.message and "\n" not in work.message
+
+
+def test_sequences_of_other_noise_are_refused_before_the_first_frame(tmp_path):
+    def sequences(seed: int) -> dict:
+        return {
+            "dialects": ["tum"],
+            "variants": {str(tmp_path / "noisy"): {"depth": "released", "rgb": "none", "seed": seed}},
+        }
+
+    out = tmp_path / "run"
+    work, _ = begin(out, [0], sequences(seed=0))
+    wait(work, lambda: not work.busy)
+    assert work.phase == "done" and (tmp_path / "noisy/depth/000000.png").is_file()
+    work, _ = begin(out, [0, 1], sequences(seed=1))
+    wait(work, lambda: not work.busy)
+    assert work.phase == "failed" and "noisy" in work.message
+    assert finished(out) == {"000000.exr"}

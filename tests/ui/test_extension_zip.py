@@ -116,6 +116,20 @@ def test_evaluation_is_shown_in_words_and_as_a_picture(person):
     assert person["images"] == ["ICL-NUIM error", "ICL-NUIM preview"]
 
 
+def test_the_panel_knows_whether_the_cache_holds_the_light_of_somebodys_own_file(person):
+    assert "not in the cache" in person["light_before"]
+    assert "is in the cache" in person["light_after"] and "less than a minute ago" in person["light_after"]
+    assert "not in the cache" in person["light_counts_as_another"]
+    assert (person["home"] / "out_file/run/raw/exr/000100.exr").is_file()
+
+
+def test_settings_come_back_with_the_blend_and_presets_as_they_were_saved(person):
+    assert person["factory"] == 0
+    assert person["opened_again"] == [7, ["euroc", "tum"], "kt2"]
+    assert person["own_preset"] == [7, ["euroc", "tum"]]
+    assert person["path_of_the_opened_file"]
+
+
 def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(person, repository):
     import numpy as np
     from iclnuim.formats.exr import read_exr
@@ -134,5 +148,6 @@ def test_a_file_that_is_not_saved_yet_renders_into_the_extensions_own_folder(per
 
 
 def test_nothing_is_written_outside_the_output_folder_and_the_profile(person):
-    assert {p.name for p in person["home"].iterdir()} - {"same"} <= {"out", "out_own", "profile", ".cache"}
+    chosen = {"out", "out_own", "out_file", "out_saved", "profile"}
+    assert {p.name for p in person["home"].iterdir()} - {"same"} <= chosen | {".cache"}
     assert not (person["home"] / ".cache/iclnuim").exists()

@@ -1,36 +1,45 @@
 """Run inside a Blender with a window: a scripted person works through the panel, with a screenshot of each step.
 
-usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P window_person.py -- ZIP OUT ESTIMATE SHOTS
-Ends the Blender and leaves SHOTS/result.json: what was pressed and said, ticks of a timer during the render, time to draw.
+usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P window_person.py -- ZIP OUT ESTIMATE SHOTS [SETTINGS]
+
+SETTINGS is JSON: settings of the panel after the preset `Quick look`, and "open_all" to draw every sub-panel open. Ends the Blender and
+leaves SHOTS/result.json: what was pressed and said, ticks of a timer during the renders, time to draw, what stayed behind.
 """
 
+import gc
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
 import traceback
+import types
 from pathlib import Path
 
 import bpy
 
 MODULE = "bl_ext.user_default.iclnuim"
 bpy.context.preferences.view.show_splash = False
-archive, out, estimate, shots = sys.argv[-4:]
+arguments = sys.argv[sys.argv.index("--") + 1 :]
+archive, out, estimate, shots = arguments[:4]
+wanted = json.loads(arguments[4]) if len(arguments) > 4 else {}
+open_all = wanted.pop("open_all", False)
 Path(shots).mkdir(parents=True, exist_ok=True)
-found: dict = {"messages": {}, "ticks_s": [], "panels_ms": [], "view_ms": []}
+found: dict = {"messages": {}, "ticks_s": {}, "panels_ms": [], "view_ms": []}
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
 
 
 def view():
-    return max(
-        (a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D"), key=lambda a: a.x
-    )
+    return max((a for a in window().screen.areas if a.type == "VIEW_3D"), key=lambda a: a.x)
 
 
 def press(name: str, **options) -> None:
-    window = bpy.context.window_manager.windows[0]
-    with bpy.context.temp_override(window=window, area=view(), region=view().regions[-1]):
+    with bpy.context.temp_override(window=window(), area=view(), region=view().regions[-1]):
         try:
             getattr(bpy.ops.iclnuim, name)("INVOKE_DEFAULT", True, **options)
         except RuntimeError as error:
@@ -38,34 +47,48 @@ def press(name: str, **options) -> None:
     found["messages"][name] = session.current.work.message
 
 
-def undo_and_redo(name: str) -> list[bool]:
-    """Whether the object is there before, after an undo, and after a redo."""
-    there = [name in bpy.data.objects]
+def undo_and_redo(look) -> list:
+    """What `look` sees: before, after an undo, and after a redo."""
+    seen = [look()]
     for step in (bpy.ops.ed.undo, bpy.ops.ed.redo):
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        with bpy.context.temp_override(window=window()):
             step()
-        there.append(name in bpy.data.objects)
-    return there
+        seen.append(look())
+    return seen
 
 
 def shoot(name: str) -> None:
     subprocess.run(["import", "-window", "root", str(Path(shots, name + ".png"))], check=False)
 
 
-def ticking(until, most_s: float = 300.0):
+def from_above() -> None:
+    region = next(r for r in view().regions if r.type == "WINDOW")
+    with bpy.context.temp_override(window=window(), area=view(), region=region):
+        bpy.ops.view3d.view_axis(type="TOP")
+
+
+def ticking(name: str, until, most_s: float = 300.0):
     """Wait for `until`, noting how late a timer of 20 ms fires."""
+    late = found["ticks_s"].setdefault(name, [])
     begun = last = time.perf_counter()
     while not until() and time.perf_counter() - begun < most_s:
         yield 0.02
         now = time.perf_counter()
-        found["ticks_s"].append(now - last - 0.02)
+        late.append(now - last - 0.02)
         last = now
+
+
+def idle() -> bool:
+    return not session.current.work.busy
 
 
 def person():
     global session
     yield 1.5
-    bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=True)
+    bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=False)
+    if open_all:
+        open_every_panel()
+    bpy.ops.preferences.addon_enable(module=MODULE)
     session = importlib.import_module(MODULE + ".ui.session")
     measure()
     view().spaces.active.show_region_ui = True
@@ -75,67 +98,152 @@ def person():
     region.tag_redraw()
     yield 1.5
     shoot("1_enabled")
+    yield from look_and_key()
+    yield from render_five()
+    yield from evaluate()
+    yield from bad_situations()
+    yield from render_longer()
+    yield from switch_off_during_a_render()
+
+
+def look_and_key():
     settings = bpy.context.scene.iclnuim
-    settings.trajectory_source, settings.out, settings.frames = "kt2", out, "0:10:2"
+    settings.trajectory_source, settings.out = "kt2", out
     press("preset", preset="Quick look")
+    for name, value in wanted.items():
+        setattr(settings, name, value)
     settings.frames = "0:10:2"
     press("load_scene")
+    bpy.ops.object.select_all(action="DESELECT")
+    for thing in bpy.data.objects:
+        thing.hide_set(thing.name.startswith("ceiling"))
+    view().spaces.active.shading.color_type = "TEXTURE"
     yield 2.0
-    with bpy.context.temp_override(
-        window=bpy.context.window_manager.windows[0],
-        area=view(),
-        region=next(r for r in view().regions if r.type == "WINDOW"),
-    ):
-        bpy.ops.view3d.view_axis(type="TOP")
+    from_above()
+    view().spaces.active.region_3d.view_distance = 9.0
     yield 3.0
     shoot("2_scene_and_path")
     press("keyframe")
     yield 1.0
-    found["undone"] = undo_and_redo("ICL-NUIM camera")
-    settings = bpy.context.scene.iclnuim
+    found["camera_undone"] = undo_and_redo(lambda: "ICL-NUIM camera" in bpy.data.objects)
+    bpy.context.scene.iclnuim.scale = 0.5
+    bpy.ops.ed.undo_push(message="Scale")
+    found["scale_undone"] = undo_and_redo(lambda: [bpy.context.scene.iclnuim.scale, session.current.path_lines[1]])
+    bpy.ops.ed.undo()
     bpy.context.scene.frame_set(300)
     yield 3.0
     shoot("3_keyframed")
     press("preview")
-    yield from ticking(lambda: not session.current.work.busy)
+    yield from ticking("preview", idle)
     yield 2.0
     shoot("4_preview")
     found["messages"]["preview"] = session.current.work.message
-    found["ticks_s"].clear()
+
+
+def frames(folder: str = out) -> list[str]:
+    return sorted(p.name for p in Path(folder, "raw/exr").glob("[0-9]*.exr"))
+
+
+def render_five():
+    work = session.current.work
     press("render")
-    yield from ticking(lambda: session.current.work.done >= 2 or not session.current.work.busy)
+    yield from ticking("render", lambda: work.done >= 2 or idle())
+    yield 0.3
     shoot("5_rendering")
     press("render")  # two renders at once
+    found["messages"]["second render"] = found["messages"].pop("render raised", found["messages"]["render"])
     press("cancel")
-    yield from ticking(lambda: not session.current.work.busy)
+    yield from ticking("render", idle)
     yield 0.5
     shoot("6_cancelled")
-    found["frames_after_cancel"] = sorted(p.name for p in Path(out, "raw/exr").glob("[0-9]*.exr"))
+    found["frames_after_cancel"] = frames()
     found["messages"]["after cancel"] = session.current.work.message
     press("resume")
-    yield from ticking(lambda: not session.current.work.busy)
+    yield from ticking("render", idle)
     yield 1.0
     shoot("7_resumed")
     found["messages"]["after resume"] = session.current.work.message
-    found["frames"] = sorted(p.name for p in Path(out, "raw/exr").glob("[0-9]*.exr"))
+    found["frames"] = frames()
+
+
+def evaluate():
+    settings = bpy.context.scene.iclnuim
     settings.estimate = estimate
     press("evaluate")
-    with bpy.context.temp_override(
-        window=bpy.context.window_manager.windows[0],
-        area=view(),
-        region=next(r for r in view().regions if r.type == "WINDOW"),
-    ):
-        bpy.ops.view3d.view_axis(type="TOP")
+    from_above()
+    view().spaces.active.region_3d.view_distance = 9.0
     press("plot")
     yield 3.0
     shoot("8_evaluated")
     found["evaluation"] = session.current.evaluation_lines
+
+
+def bad_situations():
+    settings = bpy.context.scene.iclnuim
     settings.out = "/proc/nowhere"
     press("render")
-    yield from ticking(lambda: not session.current.work.busy)
+    yield from ticking("refused", idle)
     yield 1.0
     shoot("9_refused")
     found["messages"]["refused"] = session.current.work.message
+    settings.out, settings.frames = out + "_killed", "0:400:2"
+    press("render")
+    yield from ticking("killed", lambda: session.current.work.done >= 1 or idle())
+    os.kill(session.current.work._child._process.pid, signal.SIGKILL)
+    yield from ticking("killed", idle)
+    found["messages"]["child killed"] = session.current.work.message
+    yield 1.0
+    shoot("10_child_killed")
+
+
+def render_longer():
+    """Ticks over a render that shows its last frames beside the room in solid view."""
+    settings = bpy.context.scene.iclnuim
+    settings.out, settings.frames = out + "_longer", "0:60:2"
+    press("render")
+    yield from ticking("longer", lambda: session.current.work.done >= 12 or idle())
+    shoot("11_last_frame")
+    yield from ticking("longer", idle)
+    found["longer"] = [session.current.work.message, len(frames(out + "_longer"))]
+
+
+def switch_off_during_a_render():
+    settings = bpy.context.scene.iclnuim
+    settings.out, settings.frames = out + "_off", "0:400:2"
+    press("render")
+    yield from ticking("off", lambda: session.current.work.done >= 1 or idle())
+    child = session.current.work._child._process
+    found["timers_meanwhile"] = timers()
+    bpy.ops.preferences.addon_disable(module=MODULE)
+    yield 1.0
+    found["child_after_switching_off"] = child.poll()
+    found["left"] = {
+        "timers": timers(),
+        "classes": [name for name in dir(bpy.types) if name.startswith("ICLNUIM")],
+        "property": hasattr(bpy.types.Scene, "iclnuim"),
+        "handlers": [
+            f.__qualname__
+            for name in dir(bpy.app.handlers)
+            if isinstance(getattr(bpy.app.handlers, name), list)
+            for f in getattr(bpy.app.handlers, name)
+            if "iclnuim" in f.__module__
+        ],
+    }
+    yield 1.0
+    shoot("12_switched_off")
+
+
+def timers() -> list[str]:
+    """Functions of the extension that Blender would still call."""
+    functions = [f for f in gc.get_objects() if isinstance(f, types.FunctionType)]
+    ours = [f for f in functions if "iclnuim" in (f.__module__ or "")]
+    return sorted({f.__qualname__ for f in ours if bpy.app.timers.is_registered(f)})
+
+
+def open_every_panel() -> None:
+    panels = importlib.import_module(MODULE + ".ui.panels")
+    for panel in panels._SubPanel.__subclasses__():
+        panel.bl_options = set()
 
 
 def measure() -> None:
