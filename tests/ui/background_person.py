@@ -15,8 +15,6 @@ import bpy
 
 MODULE = "bl_ext.user_default.iclnuim"
 PREFIXES = ("ICLNUIM", "iclnuim")
-
-
 ROOM = """v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nv -2 -2 2\nv 2 -2 2\nv 2 2 2\nv -2 2 2
 f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 2 6 7 3\nf 3 7 8 4\n"""
 
@@ -52,6 +50,19 @@ def leftovers() -> dict:
 def press(name: str) -> str:
     """FINISHED or CANCELLED."""
     return next(iter(getattr(bpy.ops.iclnuim, name)()))
+
+
+def in_an_older_blender(package) -> str:
+    """What is said below Blender 4.2, which is simulated."""
+    compat = importlib.import_module(MODULE + ".blender.compat")
+    compat.bpy = types.SimpleNamespace(app=types.SimpleNamespace(version=(4, 1, 1), version_string="4.1.1"))
+    try:
+        package.register()
+        return ""
+    except importlib.import_module(MODULE + ".errors").IclnuimError as error:
+        return str(error)
+    finally:
+        compat.bpy = bpy
 
 
 def own_file(found: dict, button, out: str) -> None:
@@ -105,6 +116,7 @@ def main(archive: str, out: str, estimate: str) -> dict:
     found = {"file": package.__file__, "pressed": {}, "messages": {}}
 
     package.unregister()
+    found["older_blender"] = in_an_older_blender(package)
     found["left_after_unregister"] = leftovers()
     package.register()
 
@@ -112,14 +124,9 @@ def main(archive: str, out: str, estimate: str) -> dict:
     inputs = importlib.import_module(MODULE + ".ui.inputs")
     found["folder_before_saving"] = str(inputs.output_folder(settings))
     settings.trajectory_source, settings.out, settings.frames = "kt2", out, "0:4:2"
-    settings.width, settings.height, settings.fx, settings.fy, settings.cx, settings.cy = (
-        64,
-        48,
-        64 / 1.33,
-        48,
-        31.5,
-        23.5,
-    )
+    small = {"width": 64, "height": 48, "fx": 64 / 1.33, "fy": 48, "cx": 31.5, "cy": 23.5}
+    for name, value in small.items():
+        setattr(settings, name, value)
     settings.light, settings.samples, settings.denoise = "path", 1, "OFF"
 
     def button(name: str, label: str | None = None) -> None:

@@ -81,6 +81,11 @@ def test_nothing_stays_behind_after_unregistering(person):
     assert person["left_after_unregister"] == person["left_at_the_end"] == person["left_when_disabled"] == {}
 
 
+def test_an_older_blender_is_refused_in_one_line_and_nothing_is_registered(person):
+    assert "Blender 4.2 or newer" in person["older_blender"] and "4.1.1" in person["older_blender"]
+    assert "\n" not in person["older_blender"]
+
+
 def test_every_button_works_without_a_window(person):
     refused = {"no folder", "wrong trajectory", "no camera", "another recipe"}
     assert {name for name, result in person["pressed"].items() if result != "FINISHED"} == refused
