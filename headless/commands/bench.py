@@ -13,7 +13,7 @@ from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
 from ..options import action, subcommands
-from . import bench_farm, bench_odometry
+from . import bench_detail, bench_farm, bench_odometry
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     bench_odometry.configure(actions)
     _configure_noise(actions)
     bench_farm.configure(actions)
+    bench_detail.configure(actions)
 
 
 def _configure_render(actions: argparse._SubParsersAction) -> None:

@@ -10,6 +10,8 @@ from .mesh import Mesh, _compact, _drop_repeated_corners
 FEATURE_M = 0.004
 #: Corners whose surfaces turn away from each other more than this cosine says are the two sides of something thin, and stay apart.
 _SAME_SIDE = -0.2
+#: Added to every limit of length: many lengths are equal by design, and rounding must not decide which of them is below it.
+_TIE_M = 3.3e-7
 #: Share of a cluster's faces' weight that draws its corner to the cluster's middle, where the faces leave it open.
 _HOLD = 1e-3
 
@@ -46,13 +48,13 @@ def _groups(mesh: Mesh, within_m: float) -> np.ndarray:
     """(N,) the least index of the vertices that become one with each."""
     a, b = _edges(mesh.faces)
     normal = _vertex_normals(mesh)
-    near = np.linalg.norm(mesh.verts[a] - mesh.verts[b], axis=1) <= within_m
+    near = np.linalg.norm(mesh.verts[a] - mesh.verts[b], axis=1) <= within_m + _TIE_M
     near &= np.einsum("ij,ij->i", normal[a], normal[b]) > _SAME_SIDE
     group = _components(len(mesh.verts), a[near], b[near])
     low, high = np.full_like(mesh.verts, np.inf), np.full_like(mesh.verts, -np.inf)
     np.minimum.at(low, group, mesh.verts)
     np.maximum.at(high, group, mesh.verts)
-    wide = np.linalg.norm(high - low, axis=1) > 2 * within_m
+    wide = np.linalg.norm(high - low, axis=1) > 2 * within_m + _TIE_M
     return np.where(wide[group], np.arange(len(group)), group)
 
 

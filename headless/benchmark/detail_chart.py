@@ -1,0 +1,163 @@
+"""Detail as a chart and as a table: triangles against errors and times, map sizes against error and time, and where the knee lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ..plots import COLOURS
+from .detail import Level, knee
+from .detail_maps import MapSize
+from .detail_unseen import Unseen
+
+_HEADER = (
+    "detail",
+    "triangles",
+    "mean depth error mm",
+    "99 % mm",
+    "off > 5 mm",
+    "build s",
+    "PSNR dB",
+    "bake s",
+    "frame s",
+)
+_MAPS = ("map", "bake s", "PSNR dB to the largest", "median of 255", "frame s")
+
+
+def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Figure:
+    """Depth error, colour error and times against triangles; colour error against the light map's size. The knee is ringed, the default filled."""
+    drawn = Figure(figsize=(12, 7.6), layout="constrained")
+    FigureCanvasAgg(drawn)
+    (depth, colour), (times, sizes) = drawn.subplots(2, 2)
+    for k, (room, levels) in enumerate(rooms.items()):
+        style = {"color": COLOURS[k], "label": room.replace("_", " ")}
+        lit = [level for level in levels if level.light]
+        _depth(depth, levels, style)
+        told = [level for level in lit if level.light.psnr_db is not None]
+        colour.plot(_x(told), [level.light.psnr_db for level in told], marker="o", **style)
+        for what, line in (("build_s", ":"), ("bake_s", "-"), ("frame_s", "--")):
+            some = levels if what == "build_s" else lit
+            values = [getattr(level if what == "build_s" else level.light, what) for level in some]
+            label = f"{style['label']}: {what.removesuffix('_s')}"
+            times.plot(_x(some), values, line, marker=".", color=style["color"], label=label)
+    for k, (room, row) in enumerate(maps.items()):
+        told = [m for m in row if m.psnr_db is not None]
+        sizes.plot(
+            [m.size for m in told],
+            [m.psnr_db for m in told],
+            marker="o",
+            color=COLOURS[k],
+            label=room.replace("_", " "),
+        )
+        for m in told:
+            sizes.annotate(
+                f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(5, -10), textcoords="offset points", fontsize=8
+            )
+    _label(depth, colour, times, sizes)
+    return drawn
+
+
+def _x(levels: Sequence[Level]) -> list[float]:
+    return [level.triangles / 1000 for level in levels]
+
+
+def _depth(axes: Axes, levels: Sequence[Level], style: dict) -> None:
+    told = [level for level in levels if level.mean_m > 0]
+    axes.plot(_x(told), [1e3 * level.mean_m for level in told], marker="o", markerfacecolor="white", **style)
+    for level in told:
+        axes.annotate(
+            f"{level.detail:g}",
+            (level.triangles / 1000, 1e3 * level.mean_m),
+            xytext=(5, 4),
+            textcoords="offset points",
+            fontsize=8,
+        )
+    default = [level for level in told if level.detail == 1.0]
+    axes.plot(_x(default), [1e3 * level.mean_m for level in default], "o", color=style["color"])
+    at = levels[knee_of(levels)]
+    axes.plot(_x([at]), [1e3 * at.mean_m], "o", markersize=14, markerfacecolor="none", markeredgecolor=style["color"])
+
+
+def _label(depth: Axes, colour: Axes, times: Axes, sizes: Axes) -> None:
+    depth.set(
+        ylabel="mean depth error to the finest (mm)",
+        yscale="log",
+        title="numbers: level of detail; filled: default; ring: knee",
+    )
+    colour.set(ylabel="PSNR to the finest (dB)", title="colour, by baked light")
+    times.set(ylabel="seconds", yscale="log", title="times")
+    sizes.set(
+        ylabel="PSNR to the largest map (dB)",
+        xscale="log",
+        xlabel="side of the light map (texels)",
+        title="light map; numbers: bake",
+    )
+    for axes in (depth, colour, times):
+        axes.set_xlabel("thousand triangles")
+    for axes in (depth, colour, times, sizes):
+        axes.grid(alpha=0.3)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(frameon=False, fontsize=8)
+
+
+def knee_of(levels: Sequence[Level]) -> int:
+    """Index of the level at the knee of depth error against triangles."""
+    return knee([level.triangles for level in levels], [level.mean_m for level in levels])
+
+
+def table(levels: Sequence[Level]) -> str:
+    """One row a level, in Markdown; the knee is marked."""
+    marked = knee_of(levels)
+    return "\n".join(
+        [_line(_HEADER), _line(["---"] * len(_HEADER)), *(_row(v, k == marked) for k, v in enumerate(levels))]
+    )
+
+
+def _row(level: Level, is_knee: bool) -> str:
+    light = level.light
+    told = light is not None and light.psnr_db is not None
+    return _line(
+        (
+            f"{level.detail:g}{' (knee)' if is_knee else ''}",
+            f"{level.triangles:,}",
+            f"{1e3 * level.mean_m:.3f}",
+            f"{1e3 * level.p99_m:.2f}",
+            f"{level.off_share:.2%}",
+            f"{level.build_s:.1f}",
+            f"{light.psnr_db:.1f}" if told else "",
+            f"{light.bake_s:.0f}" if light else "",
+            f"{light.frame_s:.3f}" if light else "",
+        )
+    )
+
+
+def maps_table(row: Sequence[MapSize]) -> str:
+    """One row a size of the light map."""
+    lines = [_line(_MAPS), _line(["---"] * len(_MAPS))]
+    for m in row:
+        told = m.psnr_db is not None
+        lines.append(
+            _line(
+                (
+                    m.size,
+                    f"{m.bake_s:.0f}",
+                    f"{m.psnr_db:.1f}" if told else "",
+                    f"{m.median_of_255:.2f}" if told else "",
+                    f"{m.frame_s:.3f}",
+                )
+            )
+        )
+    return "\n".join(lines)
+
+
+def unseen_line(share: Unseen) -> str:
+    """In words."""
+    texels = "" if share.texels is None else f", {share.texels:.1%} of the light map's texels in use"
+    return f"{share.room}: no shipped path sees {share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface{texels} ({share.poses} poses)"
+
+
+def _line(cells: Sequence[object]) -> str:
+    return "| " + " | ".join(map(str, cells)) + " |"

@@ -1,0 +1,54 @@
+"""What a larger light map gives: a shipped room's frames by maps of several sizes, against those by the largest."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from iclnuim.blender import light_map, worker
+from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.job import RenderJob
+
+from .detail import difference, frames_of, views_of
+
+
+@dataclass(frozen=True)
+class MapSize:
+    """size: side in texels; bake_s: as it was made; errors against the largest (None: it is the largest); folder of the light."""
+
+    size: int
+    bake_s: float
+    frame_s: float
+    psnr_db: float | None
+    median_of_255: float | None
+    folder: Path
+
+
+def race(
+    room: str,
+    sizes: Sequence[int],
+    views: int,
+    camera: PinholeCamera,
+    map_samples: int,
+    note: Callable[[str], None],
+    on_step: Callable[[], object],
+) -> list[MapSize]:
+    """All sizes, smallest first; light that is in the cache is not baked again."""
+    found: list[MapSize] = []
+    largest = None
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "views.txt"
+        write_trajectory(path, views_of(room, views), "tum")
+        for size in sorted(sizes, reverse=True):
+            job = RenderJob(room, room, str(path), camera, map_size=size, map_samples=map_samples)
+            light = worker.bake_light(job, lambda event: None)
+            rgb, frame_s = frames_of(job, Path(folder) / str(size))
+            errors = (None, None) if largest is None else difference(rgb, largest)
+            largest = rgb if largest is None else largest
+            found.append(MapSize(size, float(light_map.read_recipe(light)["seconds"]), frame_s, *errors, light))
+            note(f"{room}: {found[-1]}")
+            on_step()
+    return found[::-1]
