@@ -104,11 +104,42 @@ def _is_plain(thing: bpy.types.Object) -> bool:
 
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
+    shading = np.empty(len(mesh.loops) * 3, np.float32)
+    mesh.corner_normals.foreach_get("vector", shading)
+    agree = _wound_as_shaded(mesh, shading)
+    custom = mesh.has_custom_normals
     mesh.transform(whole)
     thing.matrix_basis.identity()
-    if whole.determinant() < 0:
-        mesh.flip_normals()
+    if whole.determinant() < 0 and agree:
+        order = _flip(mesh)
+        shading = shading.reshape(-1, 3)[order].ravel()
+    if custom and whole.determinant() < 0:
+        turned = shading.reshape(-1, 3) @ np.linalg.inv(np.array(whole)[:3, :3])
+        mesh.normals_split_custom_set(turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12))
     mesh.update()
+
+
+def _wound_as_shaded(mesh: bpy.types.Mesh, shading: np.ndarray) -> bool:
+    """Whether faces are wound counter-clockwise about the normals that the file gives them, on the whole.
+
+    A file that was mirrored by a change of sign alone has kept its normals outside and turned its faces inside.
+    """
+    normals = np.empty(len(mesh.polygons) * 3, np.float32)
+    mesh.polygons.foreach_get("normal", normals)
+    sizes = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    return float((np.repeat(normals.reshape(-1, 3), sizes, axis=0) * shading.reshape(-1, 3)).sum()) >= 0
+
+
+def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Wind all faces the other way; (corners,) where each corner was before."""
+    numbers = mesh.attributes.new("corner before", "INT", "CORNER")
+    numbers.data.foreach_set("value", np.arange(len(mesh.loops), dtype=np.int32))
+    mesh.flip_normals()
+    order = np.empty(len(mesh.loops), np.int32)
+    mesh.attributes["corner before"].data.foreach_get("value", order)
+    mesh.attributes.remove(mesh.attributes["corner before"])
+    return order
 
 
 def _scale_lamps(objects: Sequence[bpy.types.Object], scale: float) -> None:

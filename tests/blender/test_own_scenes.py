@@ -1,0 +1,308 @@
+"""Scenes of one's own: what every format gives, how axes and units are told, what is mended, and what is refused."""
+
+import math
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+sys.path.insert(0, str(Path(__file__).parent))
+import own_scene_files as made  # noqa: E402
+from iclnuim.blender import displacing, moving, own_scene, scene, surface  # noqa: E402
+from iclnuim.errors import InputError  # noqa: E402
+from iclnuim.geometry import scene_axes  # noqa: E402
+from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
+from iclnuim.job import RenderJob  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    return made.small_room(bpy, tmp_path_factory.mktemp("own"))
+
+
+@pytest.fixture(scope="module")
+def exported(room):
+    """Kind -> file; the .blend is open when each is written."""
+    files = {"blend": room}
+    for kind, export in made.EXPORTS.items():
+        bpy.ops.wm.open_mainfile(filepath=str(room))
+        files[kind] = room.with_suffix(f".{kind}")
+        export(bpy, str(files[kind]))
+    return files
+
+
+@pytest.fixture(scope="module")
+def points(room):
+    scene.open_scene(str(room))
+    return made.points_of(surface.triangles())
+
+
+def opened(path, **reading):
+    return scene.open_scene(str(path), SceneReading(**reading))
+
+
+@pytest.mark.parametrize("kind", made.EXPORTS)
+def test_every_format_gives_the_surface_that_was_exported(exported, points, kind):
+    opened(exported[kind])
+    assert np.allclose(made.points_of(surface.triangles()), points, atol=2e-4)
+
+
+def test_a_format_that_says_nothing_has_its_guess_told(exported):
+    assert any("y up, metres; a guess" in note for note in opened(exported["obj"]))
+    assert not any("guess" in note for note in opened(exported["glb"]))
+
+
+def moved(exported, tmp_path, matrix):
+    """The OBJ with its vertices and normals taken elsewhere, textures beside it."""
+    shutil.copytree(exported["obj"].parent / "tex", tmp_path / "tex", dirs_exist_ok=True)
+    shutil.copy(exported["obj"].with_suffix(".mtl"), tmp_path)
+    lines = exported["obj"].read_text().splitlines()
+    for number, line in enumerate(lines):
+        word, *rest = line.split(" ")
+        if word in ("v", "vn"):
+            to = matrix if word == "v" else matrix / abs(np.linalg.det(matrix)) ** (1 / 3)
+            lines[number] = " ".join([word, *(f"{x:.7g}" for x in to @ np.array(rest[:3], float))])
+    path = tmp_path / "moved.obj"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+Y_TO_Z = scene_axes.UP["y"]
+
+
+@pytest.mark.parametrize(
+    ("matrix", "reading"),
+    [
+        (Y_TO_Z, {}),  # z up: guessed from the shape
+        (100 * np.eye(3), {}),  # centimetres: guessed from the size
+        (1000 * Y_TO_Z, {}),  # millimetres, z up
+        (np.diag([-1, 1, 1]), {"mirror": "x"}),
+        (np.diag([1, 1, -1]) / 0.0254, {"mirror": "z", "unit_m": 0.0254}),
+        (np.linalg.inv(scene_axes.UP["x"]) @ Y_TO_Z, {"up": "x"}),
+        (np.linalg.inv(scene_axes.UP["-y"]) @ Y_TO_Z, {"up": "-y"}),
+    ],
+)
+def test_axes_units_and_mirrors_lead_to_the_same_world(exported, points, tmp_path, matrix, reading):
+    opened(moved(exported, tmp_path, matrix), **reading)
+    assert np.allclose(made.points_of(surface.triangles()), points, atol=1e-3)
+
+
+def test_a_mirrored_file_has_normals_that_point_outwards_again(exported, tmp_path):
+    opened(moved(exported, tmp_path, np.diag([-1, 1, 1])), mirror="x")
+    crate = next(o for o in bpy.context.scene.objects if o.name.startswith("crate"))
+    centre = np.mean([v.co for v in crate.data.vertices], axis=0)
+    for face in crate.data.polygons:
+        assert np.dot(np.array(face.center) - centre, face.normal) > 0
+        for corner in face.loop_indices:
+            assert np.dot(crate.data.corner_normals[corner].vector, face.normal) > 0.99
+
+
+def test_units_of_a_blend_keep_the_picture(tmp_path):
+    """A scene drawn in centimetres, light included, sends the same light as the one in metres."""
+    made.fresh(bpy)
+    made.box(bpy, "box", (0, 0, 0), (100, 100, 250))
+    lamp = made.lamp(bpy, "AREA", 100.0, (0, 0, 300))
+    lamp.data.size = 50.0
+    bpy.context.scene.unit_settings.system, bpy.context.scene.unit_settings.scale_length = "METRIC", 0.01
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cm.blend"))
+    notes = opened(tmp_path / "cm.blend")
+    assert any("centimetres" in note for note in notes)
+    assert surface.triangles().vertices.max(0) == pytest.approx([1, 1, 2.5])
+    lamp = next(o for o in bpy.context.scene.objects if o.type == "LIGHT")
+    size = lamp.data.size * lamp.matrix_world.to_scale().x
+    assert size == pytest.approx(0.5)
+    assert lamp.data.energy / size**2 == pytest.approx(100.0 / 50.0**2)
+
+
+def test_scripts_of_a_blend_never_run(tmp_path):
+    made.fresh(bpy)
+    mark = tmp_path / "ran"
+    text = bpy.data.texts.new("start.py")
+    text.from_string(f"import bpy\nopen({str(mark)!r}, 'w').close()\nbpy.app.handlers.frame_change_post.append(print)")
+    text.use_module = True
+    box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1))
+    driver = box.driver_add("location", 0).driver
+    driver.expression = f"len(str(open({str(mark)!r}, 'w')))"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "script.blend"))
+    mark.unlink(missing_ok=True)
+    notes = opened(tmp_path / "script.blend")
+    bpy.context.scene.frame_set(3)
+    surface.triangles()
+    assert not mark.exists()
+    assert not bpy.app.handlers.frame_change_post
+    assert any("start.py" in note for note in notes)
+
+
+@pytest.mark.parametrize("kind", ["obj", "gltf", "blend"])
+def test_textures_from_outside_the_folder_are_refused_unless_allowed(exported, tmp_path, kind):
+    inside = tmp_path / "scene"
+    inside.mkdir()
+    made.picture(bpy, tmp_path / "floor.png")
+    if kind == "blend":
+        made.fresh(bpy)
+        image = bpy.data.images.load(str(tmp_path / "floor.png"))
+        made.box(bpy, "box", (0, 0, 0), (1, 1, 1), made.material(bpy, "m", image=image))
+        bpy.ops.wm.save_as_mainfile(filepath=str(inside / "room.blend"))
+    else:
+        for name in ("room.obj", "room.mtl", "room.gltf", "room.bin"):
+            shutil.copy(exported["blend"].with_name(name), inside)
+        for name in ("room.mtl", "room.gltf"):
+            text = (inside / name).read_text()
+            (inside / name).write_text(
+                text.replace("tex/floor.png", "../floor.png").replace('"floor.png', '"../floor.png')
+            )
+    file = inside / f"room.{kind}"
+    with pytest.raises(InputError, match="own folder.*floor.png.*--textures"):
+        opened(file)
+    opened(file, textures=str(tmp_path))
+
+
+def test_a_missing_texture_is_named_and_gives_way_to_the_plain_colour(exported, tmp_path):
+    for name in ("room.obj", "room.mtl"):
+        shutil.copy(exported["blend"].with_name(name), tmp_path)
+    (tmp_path / "tex").mkdir()
+    (tmp_path / "tex/floor.png").write_bytes(b"not a picture")
+    notes = opened(tmp_path / "room.obj")
+    assert any("missing or broken (floor.png)" in note for note in notes)
+    assert not any(image.name == "floor.png" for image in bpy.data.images)
+
+
+def test_the_hash_covers_textures_and_materials(exported, tmp_path):
+    shutil.copytree(exported["blend"].parent, tmp_path / "copy")
+    hashes = {}
+    for kind in ("blend", "obj", "gltf"):
+        opened(tmp_path / f"copy/room.{kind}")
+        hashes[kind] = scene.scene_sha256(str(tmp_path / f"copy/room.{kind}"))
+    for picture in (tmp_path / "copy").rglob("floor.png"):
+        made.picture(bpy, picture, value=0.25)
+    for kind, before in hashes.items():
+        opened(tmp_path / f"copy/room.{kind}")
+        assert scene.scene_sha256(str(tmp_path / f"copy/room.{kind}")) != before
+
+
+def test_broken_numbers_are_left_out_and_told(tmp_path):
+    lines = ["v 0 0 0", "v 4 0 0", "v 4 0 4", "v 0 0 4", "v nan 0 0", "v 1 1e30 0", "v 2 2 2"]
+    lines += ["f 1 2 3 4", "f 1 2 5", "f 1 2 6", "f 1 1 2", "f 7 7 7"]
+    (tmp_path / "broken.obj").write_text("\n".join(lines) + "\n")
+    notes = opened(tmp_path / "broken.obj", unit_m=1.0)
+    found = surface.triangles()
+    assert np.isfinite(found.vertices).all()
+    assert np.abs(found.vertices).max() <= 4
+    assert any("no numbers" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.obj", b"", "empty file"),
+        ("a.obj", b"# nothing\n", "at least one surface"),
+        ("a.gltf", b"{}", "Blender can read"),
+        ("a.glb", b"glTF" + bytes(40), "Blender can read"),
+        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "no header"),
+        ("a.blend", b"BLENDER-v279" + bytes(99), "Blender can read"),
+        ("a.fbx", b"Kaydara FBX Binary  \0", "Blender can read"),
+        ("a.usdc", b"PXR-USDC" + bytes(80), "scene"),
+        ("a.stl", b"solid", "ending in"),
+    ],
+)
+def test_files_that_are_no_scene_are_refused_in_words(tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        opened(tmp_path / name)
+
+
+def test_vertex_numbers_beyond_the_end_do_not_reach_blenders_ply_reader(exported, tmp_path):
+    data = bytearray(exported["ply"].read_bytes())
+    data[-2] = 0x7F
+    (tmp_path / "wild.ply").write_bytes(data)
+    with pytest.raises(InputError, match="vertices 0"):
+        opened(tmp_path / "wild.ply")
+
+
+def test_a_coloured_scan_shows_its_colours(tmp_path):
+    rows = ["0 0 0 255 0 0", "1 0 0 255 0 0", "0 1 0 255 0 0"]
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
+    text = head + "property list uchar int vertex_indices\nend_header\n" + "\n".join(rows) + "\n3 0 1 2\n"
+    (tmp_path / "scan.ply").write_text(text)
+    notes = opened(tmp_path / "scan.ply")
+    assert any("colours of their vertices" in note for note in notes)
+    assert bpy.context.scene.objects[0].material_slots[0].material is not None
+
+
+def test_what_moves_leads_to_path_tracing_with_a_word(room):
+    opened(room)
+    job = RenderJob("own", str(room), "kt2")
+    assert own_scene.lit_as_it_can_be(job) == (job, [])  # the camera moves, nothing else
+    crate = bpy.data.objects["crate"]
+    for frame, z in ((1, 0.0), (9, 1.0)):
+        crate.location.z = z
+        crate.keyframe_insert("location", frame=frame)
+    changed, words = own_scene.lit_as_it_can_be(job)
+    assert changed.light == "path"
+    assert "move (crate): path traced" in words[0]
+
+
+def test_what_hangs_on_a_moving_thing_moves_and_a_constant_action_does_not(room):
+    opened(room)
+    crate, chest = bpy.data.objects["crate"], bpy.data.objects["chest"]
+    crate.keyframe_insert("location", frame=1)
+    crate.keyframe_insert("location", frame=9)
+    assert moving.names(bpy.context.scene) == []
+    chest.parent = crate
+    crate.location.x = 3
+    crate.keyframe_insert("location", frame=9)
+    assert moving.names(bpy.context.scene) == ["chest", "crate"]
+
+
+def test_a_lamp_or_a_material_that_changes_is_found(room):
+    opened(room)
+    lamp = bpy.data.objects["lamp"].data
+    for frame, energy in ((1, 1.0), (9, 5.0)):
+        lamp.energy = energy
+        lamp.keyframe_insert("energy", frame=frame)
+    assert moving.names(bpy.context.scene) == ["lamp"]
+
+
+def test_a_scene_without_light_gets_one_and_a_closed_one_gets_lamps_inside(tmp_path):
+    made.fresh(bpy)
+    made.box(bpy, "crate", (0, 0, 0), (1, 1, 1))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "open.blend"))
+    assert any("even white sky was added" in n and "inside" not in n for n in opened(tmp_path / "open.blend"))
+    made.fresh(bpy)
+    room = made.box(bpy, "room", (-2, -2, 0), (2, 2, 2.5))
+    room.data.flip_normals()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "closed.blend"))
+    assert any("lamps inside" in n for n in opened(tmp_path / "closed.blend"))
+    lamps = [o for o in bpy.context.scene.objects if o.type == "LIGHT"]
+    assert lamps and all(abs(o.location.x) < 2 and 0 < o.location.z < 2.5 for o in lamps)
+
+
+def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_path):
+    """Height 0.2 (1 - 0.5) along z at every vertex of a plane."""
+    made.fresh(bpy)
+    material = made.material(bpy, "lifted")
+    tree = material.node_tree
+    lift = tree.nodes.new("ShaderNodeDisplacement")
+    lift.inputs["Height"].default_value, lift.inputs["Midlevel"].default_value = 1.0, 0.5
+    lift.inputs["Scale"].default_value = 0.2
+    tree.links.new(lift.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
+    material.displacement_method = "DISPLACEMENT"
+    plane = made.add(bpy, "plane", [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)], material)
+    plane.location, plane.rotation_euler = (1, 2, 3), (0, 0, math.radians(30))
+    made.lamp(bpy)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lifted.blend"))
+    notes = opened(tmp_path / "lifted.blend")
+    assert any("displaced surfaces (plane)" in note for note in notes)
+    assert surface.triangles().vertices[:, 2] == pytest.approx(3.1, abs=1e-5)
+    assert displacing.put_into_meshes(bpy.context.scene) == []
+
+
+def test_the_file_stays_as_it_was(room):
+    before = room.read_bytes()
+    opened(room)
+    own_scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
+    assert room.read_bytes() == before
