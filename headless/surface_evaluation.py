@@ -17,10 +17,25 @@ def configure(actions: argparse._SubParsersAction) -> None:
     add = parser.add_argument
     add("mesh", type=Path, metavar="MESH", help="the reconstruction (.ply, .obj, .stl, .off, .glb)")
     add("--model", required=True, metavar="MODEL", help="the truth: living_room, office, a .blend, or a mesh file")
-    add("--transform", type=Path, metavar="FILE", help="the 16 numbers of T_model_mesh, row by row; default: none needed")
-    add("--poses", type=Path, metavar="EST", help="trajectory that MESH was fused along; with --truth, the first poses are laid together")
+    add(
+        "--transform",
+        type=Path,
+        metavar="FILE",
+        help="the 16 numbers of T_model_mesh, row by row; default: none needed",
+    )
+    add(
+        "--poses",
+        type=Path,
+        metavar="EST",
+        help="trajectory that MESH was fused along; with --truth, the first poses are laid together",
+    )
     add("--truth", type=Path, metavar="GT", help="ground truth of that trajectory, in the model's world")
-    add("--align", default="none", metavar="HOW", help="none (default), or icp: then fitted to the model, as the paper did")
+    add(
+        "--align",
+        default="none",
+        metavar="HOW",
+        help="none (default), or icp: then fitted to the model, as the paper did",
+    )
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     add("--most", type=float, default=10.0, metavar="MM", help="red end of the heat map; default: 10")
 
@@ -43,7 +58,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
         from . import plots
         from .reconstruction.error_picture import figure
 
-        plots.save(figure(points @ T_model_mesh[:3, :3].T + T_model_mesh[:3, 3], triangles, error, args.most), args.plot, 100)
+        plots.save(
+            figure(points @ T_model_mesh[:3, :3].T + T_model_mesh[:3, 3], triangles, error, args.most), args.plot, 100
+        )
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     console.result(values, _text(values))
 
@@ -62,7 +79,9 @@ def _given(args: argparse.Namespace) -> np.ndarray:
     poses, truth = (read_trajectory(path).trajectory for path in (args.poses, args.truth))
     nearest = int(np.abs(truth.stamps_s - poses.stamps_s[0]).argmin())
     if abs(truth.stamps_s[nearest] - poses.stamps_s[0]) > 0.02:
-        raise InputError(f"a pose at {poses.stamps_s[0]:.3f} s", path=args.truth, found=f"{truth.stamps_s[nearest]:.3f} s at best")
+        raise InputError(
+            f"a pose at {poses.stamps_s[0]:.3f} s", path=args.truth, found=f"{truth.stamps_s[nearest]:.3f} s at best"
+        )
     return (truth.T_world_camera[nearest] @ poses.T_world_camera[0].inverse()).matrix
 
 
@@ -77,7 +96,11 @@ def _read_transform(path: Path) -> np.ndarray:
     if T.size != 16:
         raise InputError("the 16 numbers of a 4x4 matrix", path=path, found=f"{T.size} numbers")
     T = T.reshape(4, 4)
-    if not np.isfinite(T).all() or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
+    if (
+        not np.isfinite(T).all()
+        or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3)
+        or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9
+    ):
         raise InputError("a rigid motion, last row 0 0 0 1", path=path)
     return T
 

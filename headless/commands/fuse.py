@@ -14,14 +14,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="a sequence in TUM form, or in the original's")
     add("--poses", type=Path, metavar="FILE", help="trajectory, any format that is known; default: DIR's ground truth")
-    add("-o", "--out", type=Path, metavar="MESH", required=True, help="the surface as a PLY with colour; its recipe beside it")
-    add("--preset", default="best", help="best (default): a window of 18 m; paper: one of 4.5 m that follows the camera")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="MESH",
+        required=True,
+        help="the surface as a PLY with colour; its recipe beside it",
+    )
+    add(
+        "--preset", default="best", help="best (default): a window of 18 m; paper: one of 4.5 m that follows the camera"
+    )
     add("--voxel", type=float, metavar="M", help="side of a voxel; default: 0.00879, the paper's 4.5 m in 512")
     add("--truncation", type=float, metavar="M", help="default: 0.045, as in the paper")
     add("--far", type=float, metavar="M", help="no depth beyond this; default: 8")
-    add("--least-weight", type=int, default=1, metavar="N", help="mesh only what N frames saw; default: 1, use 3 with noise")
+    add(
+        "--least-weight",
+        type=int,
+        default=1,
+        metavar="N",
+        help="mesh only what N frames saw; default: 1, use 3 with noise",
+    )
     add("--frames", default="::", metavar="A:B:S", help="only these images, as a Python slice")
-    add("--most-blocks", type=int, metavar="N", help="memory: blocks of 8^3 voxels held at once; default: 120000 (0.9 GB)")
+    add(
+        "--most-blocks",
+        type=int,
+        metavar="N",
+        help="memory: blocks of 8^3 voxels held at once; default: 120000 (0.9 GB)",
+    )
     add("--plot", type=Path, metavar="PNG", help="a picture of the surface, from above and aside")
     common(parser, "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png")
 

@@ -25,11 +25,15 @@ def figure(points: np.ndarray, triangles: np.ndarray, error: SurfaceError, most_
     mappable = ScalarMappable(colors.Normalize(0, most_mm), scale)
     drawing.colorbar(mappable, ax=surface, label="distance to the model [mm]", extend="max", shrink=0.8)
     bins = np.linspace(0, most_mm, 101)
-    histogram.hist(np.minimum(distances_mm, most_mm), bins, weights=np.full(len(points), 100 / len(points)), color="#0072B2")
+    histogram.hist(
+        np.minimum(distances_mm, most_mm), bins, weights=np.full(len(points), 100 / len(points)), color="#0072B2"
+    )
     s = error.statistics
     for value, style, name in ((s.median * 1e3, "--", "median"), (s.mean * 1e3, "-", "mean")):
         histogram.axvline(min(value, most_mm), color="#D55E00", linestyle=style, label=f"{name} {value:.3f} mm")
-    histogram.set(yscale="log", xlabel=f"distance [mm]; the last bar holds all beyond {most_mm:g}", ylabel="vertices [%]")
+    histogram.set(
+        yscale="log", xlabel=f"distance [mm]; the last bar holds all beyond {most_mm:g}", ylabel="vertices [%]"
+    )
     histogram.legend()
     histogram.grid(alpha=0.3)
     return drawing

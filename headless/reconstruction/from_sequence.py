@@ -53,7 +53,9 @@ def fuse_sequence(
         settings.volume, lambda volume, leaves: parts.append(extract(volume, leaves, settings.least_weight))
     )
     bar = progress(len(posed), "fuse") if progress else None
-    left_out = [f"{p.stamp_s:.6f} s: no pose within {settings.max_difference_s} s" for p in chosen if p not in set(posed)]
+    left_out = [
+        f"{p.stamp_s:.6f} s: no pose within {settings.max_difference_s} s" for p in chosen if p not in set(posed)
+    ]
     started, fusing_s = time.perf_counter(), 0.0
     for pair, T_world_camera in zip(posed, poses, strict=True):
         try:

@@ -81,5 +81,7 @@ def _step(points: np.ndarray, normals: np.ndarray, away_m: np.ndarray) -> np.nda
     J = np.hstack([normals, np.cross(points, normals)])
     A = J.T @ J
     if len(J) < 6 or np.linalg.cond(A) > 1e10:
-        raise InputError("surfaces that fix a motion", found=f"{len(J)} vertices on planes that leave it open", hint="--align none")
+        raise InputError(
+            "surfaces that fix a motion", found=f"{len(J)} vertices on planes that leave it open", hint="--align none"
+        )
     return np.linalg.solve(A, -J.T @ away_m)

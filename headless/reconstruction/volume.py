@@ -134,7 +134,9 @@ class Volume:
             n = self._touched(inverse, K, T)
         if n is None:
             s = self.settings
-            raise InputError(f"a frame within {s.most_blocks} blocks", found="more", hint="larger voxels or more blocks")
+            raise InputError(
+                f"a frame within {s.most_blocks} blocks", found="more", hint="larger voxels or more blocks"
+            )
         (R, t), s = _parts(_inverted(T)), self.settings
         rule = (s.voxel_m, s.truncation_m, s.behind_m, s.most_weight * fusing.UNIT)
         fusing.fuse(self.grid, inverse, image, K, R, t, *rule, self._rows, n)

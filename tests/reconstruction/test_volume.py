@@ -29,7 +29,9 @@ def test_a_fused_plane_is_seen_where_it_is_from_every_side(preset, normal, camer
 
 def test_a_sphere_seen_from_around_has_no_bias_in_any_direction(camera, sphere_depth, looking_at):
     centre, radius, volume = np.array([0.3, -0.2, 1.1]), 0.5, Volume(SMALL["best"])
-    places = [centre + 1.5 * np.array([np.cos(a), np.sin(a), h]) for a in np.arange(0, 2 * np.pi, 0.5) for h in (-0.4, 0.5)]
+    places = [
+        centre + 1.5 * np.array([np.cos(a), np.sin(a), h]) for a in np.arange(0, 2 * np.pi, 0.5) for h in (-0.4, 0.5)
+    ]
     poses = [looking_at(place, centre) for place in places]
     for T in poses:
         volume.integrate(sphere_depth(centre, radius, T), camera, T)
