@@ -1,4 +1,4 @@
-"""`iclnuim check-depth DIR`: the depth of a run's frames against rays cast independently at the same geometry."""
+"""`iclnuim check-depth DIR`: the depth of a run's frames, and their ground truth, against rays cast independently at the same geometry."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
 
-from ..benchmark import depth_check
+from ..benchmark import depth_check, truth_check
 from ..console import Console
 from ..isolation import survived
 from ..options import common
@@ -42,30 +42,55 @@ def _check(args: argparse.Namespace, console: Console) -> int:
         {numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.most, len(numbers))).round().astype(int)}
     )
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
-    caster = depth_check.RayCaster(*_geometry(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console))
-    progress, errors = console.progress(len(picked), "check-depth"), []
+    caster, judge = _judges(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console)
+    progress, errors, truths = console.progress(len(picked), "check-depth"), [], []
     for number in picked:
-        errors.append(
-            depth_check.compare(read_exr(frames.frame_file(number))["Z"], caster, frames.camera, poses[number])
-        )
+        channels = read_exr(frames.frame_file(number))
+        errors.append(depth_check.compare(channels["Z"], caster, frames.camera, poses[number]))
+        if judge is not None:
+            truths.append(judge.compare(channels, frames.camera, poses[number]))
         progress.advance()
     result = depth_check.summary(errors)
-    console.result({"frames": picked, **asdict(result)}, _table(len(picked), result))
-    return 0 if result.within_01mm_share >= 0.999 and result.median_m < 1e-5 else 3
+    truth = truth_check.summary(truths) if judge is not None else None
+    values = {"frames": picked, **asdict(result), **(asdict(truth) if truth else {})}
+    console.result(values, _table(len(picked), result) + (_truth_table(truth) if truth else ""))
+    sound = result.within_01mm_share >= 0.999 and result.median_m < 1e-5
+    return 0 if sound and (truth is None or _is_sound(truth)) else 3
 
 
-def _geometry(job: RenderJob, recipe: dict, console: Console) -> tuple[np.ndarray, np.ndarray]:
+def _is_sound(truth: truth_check.TruthErrors) -> bool:
+    return min(truth.equal_instance_share, truth.normal_within_share) >= 0.999
+
+
+def _judges(
+    job: RenderJob, recipe: dict, console: Console
+) -> tuple[depth_check.RayCaster, truth_check.TruthJudge | None]:
+    """For depth, and for ground truth where the run has it."""
     with output.blender_output_in(Path(os.devnull)):
         try:
-            from iclnuim.blender import scene, surface
+            from iclnuim.blender import model, scene, surface
         except ImportError:
             raise WorkError("check-depth needs the bpy package and open3d; try: pip install bpy open3d-cpu") from None
         scene.open_scene(job.scene, job.reading)
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
         found = surface.triangles()
+        judge = truth_check.TruthJudge(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
-    return found.vertices, found.triangles
+    return depth_check.RayCaster(found.vertices, found.triangles), judge
+
+
+def _truth_table(e: truth_check.TruthErrors) -> str:
+    return "\n".join(
+        (
+            "",
+            f"on an outline (left out)     {e.outline_share:.3%}",
+            f"equal instances              {e.equal_instance_share:.4%}",
+            f"normals, median              {e.normal_median_deg:.6f} degrees",
+            f"normals, 99.9 %              {e.normal_p999_deg:.6f} degrees",
+            f"normals within 0.1 degrees   {e.normal_within_share:.4%}",
+        )
+    )
 
 
 def _table(frames: int, e: depth_check.DepthErrors) -> str:

@@ -75,35 +75,12 @@ def awkward_scene(tmp_path_factory):
     return path
 
 
-class Judge:
-    """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in the camera's frame, turned to the viewer."""
+def judge_of_open_scene():
+    """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in the camera's frame."""
+    from iclnuim.blender import model
+    from iclnuim_bench.benchmark.truth_check import TruthJudge
 
-    def __init__(self):
-        from iclnuim.blender import ground_truth, light_surfaces
-
-        ground_truth.number_objects()
-        with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
-            parts = light_surfaces.parts(depsgraph)
-            found = light_surfaces.surfaces(parts)
-            self.ids = np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts])
-        self.corners, self.normals = found.corners_m[found.triangles], found.normals[found.triangles]
-        self.caster = o3d.t.geometry.RaycastingScene()
-        order = np.arange(3 * len(self.corners), dtype=np.uint32).reshape(-1, 3)
-        self.caster.add_triangles(self.corners.reshape(-1, 3).astype(np.float32), order)
-
-    def look(self, camera, T):
-        rays = camera.rays() @ T.rotation.T
-        packed = np.concatenate([np.broadcast_to(T.translation, rays.shape), rays], -1).astype(np.float32)
-        hit = self.caster.cast_rays(packed)
-        seen = np.isfinite(hit["t_hit"].numpy())
-        triangle = np.where(seen, hit["primitive_ids"].numpy().astype(np.int64), 0)
-        u, v = np.moveaxis(hit["primitive_uvs"].numpy().astype(float), -1, 0)
-        weights = np.stack([1 - u - v, u, v], -1)
-        normal = np.einsum("hwk,hwkc->hwc", weights, self.normals[triangle])
-        a, b, c = np.moveaxis(self.corners[triangle], -2, 0)
-        away = np.einsum("hwc,hwc->hw", np.cross(b - a, c - a), rays) > 0
-        normal = np.where(away[..., None], -normal, normal) / np.linalg.norm(normal, axis=-1, keepdims=True)
-        return seen, np.where(seen, self.ids[triangle], 0), normal @ T.rotation, hit["t_hit"].numpy()
+    return TruthJudge(model.scene_model())
 
 
 def angle_deg(a, b):
@@ -127,11 +104,12 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth
     from iclnuim.blender import scene
 
     scene.open_scene(str(awkward_scene))
-    judge, run = Judge(), read_run(truth_run)
+    judge, run = judge_of_open_scene(), read_run(truth_run)
     poses = read_trajectory(truth_run / "groundtruth.txt", "tum").trajectory.T_world_camera
     for number in (0, 6):
         frame = read_exr(run.frame_file(number))
-        seen, ids, normals, z = judge.look(run.camera, poses[number])
+        z, ids, normals = judge.look(run.camera, poses[number])
+        seen = z > 0
         same_place = seen & (np.abs(frame["Z"] - z) < 1e-4)  # an outline may fall to either side
         assert same_place[seen].mean() > 0.999
         assert (frame["instance"][seen] == ids[seen]).mean() > 0.999
@@ -141,6 +119,25 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth
         assert np.quantile(off, 0.999) < 0.1
         facing = (normals_of(frame) * run.camera.rays()).sum(-1)[same_place]
         assert (facing < 0.3).all()  # they face the viewer, up to smooth shading
+
+
+def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, tmp_path):
+    import shutil
+
+    from iclnuim.formats.exr import read_attributes, write_exr
+
+    command = [sys.executable, "-m", "iclnuim_bench", "check-depth", "--json", "--quiet"]
+    done = subprocess.run([*command, str(truth_run)], capture_output=True, text=True, timeout=120)
+    figures = json.loads(done.stdout)
+    assert figures["equal_instance_share"] > 0.999 and figures["normal_within_share"] > 0.999
+    turned = tmp_path / "turned"
+    shutil.copytree(truth_run, turned)
+    for path in sorted((turned / "exr").glob("*.exr")):
+        channels = read_exr(path)
+        channels["normal.X"], channels["normal.Y"] = channels["normal.Y"], channels["normal.X"]
+        write_exr(path, channels, attributes=read_attributes(path))
+    done = subprocess.run([*command, str(turned)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 3 and json.loads(done.stdout)["normal_within_share"] < 0.9
 
 
 def test_the_table_names_every_object_with_pose_boxes_class_and_nyu40_label(truth_run):
@@ -204,7 +201,7 @@ def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(room
     from iclnuim.job import RenderJob
 
     scene.open_scene(room)
-    judge = Judge()
+    judge = judge_of_open_scene()
     job = RenderJob("x", room, "x", camera=PinholeCamera.parse("320x240"), light="path", samples=1, denoise=False)
     settings.apply(job)
     ground_truth.put_out()
@@ -213,7 +210,8 @@ def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(room
     number = len(poses) // 2
     frames.render(number, tmp_path / "f.exr")
     found = ground_truth.read(tmp_path / "f.exr", poses[number])
-    seen, ids, normals, z = judge.look(job.camera, poses[number])
+    z, ids, normals = judge.look(job.camera, poses[number])
+    seen = z > 0
     depth_z_m = frames.read(tmp_path / "f.exr", tmp_path / "f.exr")[1]
     same_place = seen & (np.abs(depth_z_m - z) < 1e-4)
     assert same_place.mean() > 0.998
