@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import iclnuim
@@ -103,7 +104,8 @@ class WorkerProcess:
         """Close what is open; the log of a worker that did well is dropped."""
         self.gone = True
         self.process.wait()
-        self.process.stdin.close()
+        with suppress(OSError):  # what it did not live to read
+            self.process.stdin.close()
         self.log.with_suffix(".json").unlink(missing_ok=True)
         if clean:
             self.log.unlink(missing_ok=True)
