@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if values["queue"] is None
         else f"\nin Slurm's queue: {values['queue']}; logs: {values['folder']}/.farm/slurm"
     )
-    console.result(values, f"{text}\nworks on it: {values['holder'] or 'no local command'}{queue}")
+    console.result(values, f"{text}\nworks on it: {values['holder'] or 'no local command'}{queue}{words}")
     return 0
 
 
@@ -78,7 +78,8 @@ def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], mi
         "missing": len(missing),
         "missing_frames": missing,
         "holder": _holder(raw / ".farm/lock"),
-        "queue": _queue(raw),
+        "queue": (queue := _queue(raw)),
+        "failed": slurm_queue.last_words(raw) if missing and queue == "nothing" else None,
     }
 
 

@@ -83,6 +83,15 @@ def record(raw: Path, jobs: list[Submitted]) -> None:
     write_json(_file(raw), {"jobs": content})
 
 
+def last_words(raw: Path) -> str | None:
+    """The error of the task that failed last, from the logs beside the frames."""
+    logs = sorted((raw / ".farm/slurm").glob("*_log.err"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for log in logs:
+        if found := re.findall(r"^(?:[\w.]*\.)?\w*Error: (.+)$", log.read_text("utf-8", "replace"), re.M):
+            return f"{log.name}: {found[-1]}"
+    return None
+
+
 def _file(raw: Path) -> Path:
     return raw / ".farm/slurm/submitted.json"
 

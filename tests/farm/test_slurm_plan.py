@@ -244,3 +244,17 @@ def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended,
     assert main(list(words)) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["estimate"]["frames"] == 8 and {option(s, "partition")[0] for s in said["scripts"]} == {"night"}
+
+
+def test_status_says_why_nothing_goes_on(pretended, job, tmp_path, capsys):
+    raw = tmp_path / "o/raw"
+    begun(job, raw, [0])
+    slurm_queue.record(raw, [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", ((0,), (1,)))])
+    (raw / ".farm/slurm/12_1_0_log.err").write_text(
+        "Traceback ...\niclnuim.errors.WorkError: no space left\nsrun: error: x\n"
+    )
+    pretended()
+    assert main(["status", str(raw), "--frames", "0:2"]) == 0
+    said = capsys.readouterr().out
+    assert "1 missing" in said and "in Slurm's queue: nothing" in said
+    assert "the last task that failed: 12_1_0_log.err: no space left" in said

@@ -80,6 +80,7 @@ def test_after_a_cancelled_task_and_a_killed_node_resume_gives_the_bytes_of_a_lo
     cluster.wait_until_empty()
     state = cluster.status(out)
     assert 0 < state["missing"] < 60, "the cancelled task's frames are missing, and the folder says so"
+    assert "are not rendered" in state["failed"]
     words = cluster.run("resume", out).stderr
     assert f"{state['missing']} frames in" in words, words
     cluster.wait_until_empty()
