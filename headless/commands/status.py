@@ -31,13 +31,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     values = state(args.folder, args.frames)
     missing = f"{values['missing']} missing" if values["missing"] else "nothing is missing"
-    text = f"{values['folder']}: {values['sequence']}, {values['finished']} of {values['frames']} frames rendered, {values['in_sequences']} of them in the sequences, {missing}"
-    queue = (
-        ""
-        if values["queue"] is None
-        else f"\nin Slurm's queue: {values['queue']}; logs: {values['folder']}/.farm/slurm"
-    )
-    console.result(values, f"{text}\nworks on it: {values['holder'] or 'no local command'}{queue}{words}")
+    lines = [
+        f"{values['folder']}: {values['sequence']}, {values['finished']} of {values['frames']} frames rendered, "
+        f"{values['in_sequences']} of them in the sequences, {missing}",
+        f"works on it: {values['holder'] or 'no local command'}",
+    ]
+    if values["queue"] is not None:
+        lines.append(f"in Slurm's queue: {values['queue']}; logs: {values['folder']}/.farm/slurm")
+    if values["failed"] is not None:
+        lines.append(f"the last task that failed: {values['failed']}")
+    console.result(values, "\n".join(lines))
     return 0
 
 
@@ -69,6 +72,7 @@ def state_of(run: RunFolder, frames: str) -> dict:
 
 
 def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], missing: list[int]) -> dict:
+    queue = _queue(raw)
     return {
         "folder": str(raw),
         "sequence": sequence,
@@ -78,7 +82,7 @@ def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], mi
         "missing": len(missing),
         "missing_frames": missing,
         "holder": _holder(raw / ".farm/lock"),
-        "queue": (queue := _queue(raw)),
+        "queue": queue,
         "failed": slurm_queue.last_words(raw) if missing and queue == "nothing" else None,
     }
 
