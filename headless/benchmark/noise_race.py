@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.frames import FrameSource, run_frames
-from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, noisy_images
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, keep_freed_memory, noisy_images
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
@@ -62,11 +62,8 @@ def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[
         rgb_model(name).apply(light, frame_generator(0, number, RGB))
 
     works = (("depth", depth, DEPTH_MODELS), ("rgb", rgb, RGB_MODELS))
-    with ThreadPoolExecutor(1) as thread:  # as in a sequence: the main thread gives memory back and asks for it again
-        return {
-            kind: {name: thread.submit(_median_ms, work, name, repeats).result() for name in names}
-            for kind, work, names in works
-        }
+    keep_freed_memory()  # as where sequences are written
+    return {kind: {name: _median_ms(work, name, repeats) for name in names} for kind, work, names in works}
 
 
 def _median_ms(work: Callable[[str], None], name: str, repeats: int) -> float:

@@ -6,7 +6,7 @@ from iclnuim.errors import InputError
 from iclnuim.sensor.models import RGB_MODELS, rgb_model
 from iclnuim.sensor.randomness import frame_generator, gaussian
 from iclnuim.sensor.rgb import PaperRgbNoise, ReleasedRgbNoise
-from iclnuim.sensor.transfer import light_from_srgb, light_from_srgb8, srgb8, srgb_from_light
+from iclnuim.sensor.transfer import light_from_srgb, light_from_srgb8, srgb8, srgb8_in_place, srgb_from_light
 
 
 def _patch(light, shape=(200, 300, 3)):
@@ -23,6 +23,20 @@ def test_8_bits_come_back_exactly_and_the_transfer_function_is_srgb():
     assert srgb8(np.array([np.nan, -1, np.inf, 7, -np.inf, 0.2159])).tolist() == [0, 0, 255, 255, 0, 128]
     # OpenCV knows no sRGB curve; two values that stand in the standard's tables
     assert srgb_from_light(np.array([0.5])) == pytest.approx(0.735357, abs=1e-6)
+
+
+def test_the_table_of_even_steps_is_the_same_curve():
+    light = np.linspace(-0.2, 1.2, 200_001).astype(np.float32)
+    exact = srgb_from_light(light.astype(float)) * 255
+    assert np.abs(srgb8_in_place(light.copy()).astype(float) - exact).max() < 0.5 + 0.03
+    assert np.array_equal(srgb8_in_place(light_from_srgb8(np.arange(256, dtype=np.uint8))), np.arange(256))
+
+
+def test_light_that_is_no_number_or_has_no_end_is_black_or_white():
+    light = np.full((20, 30, 3), np.inf, np.float16)
+    light[:10] = np.nan
+    image = PaperRgbNoise().apply(light, frame_generator(1, 1, 1))
+    assert (image[:10] < 30).all() and (image[10:] == 255).all()
 
 
 def test_the_gaussian_is_one():

@@ -15,9 +15,10 @@ from ..errors import InputError
 from .bands import bands
 from .parameters import NoiseSettings, parameter
 from .randomness import gaussian
-from .transfer import srgb8
+from .transfer import srgb8, srgb8_in_place
 
 _EXPOSURE = "gain of the light before noise and clipping; 1 shows the scene as rendered"
+_BRIGHTEST = np.float32(65504)  # of half precision; infinite light would have infinite noise
 _MEASURED = "measured on 15 pairs of official clean and noisy office frames, quantisation included"
 _CHOSEN = (
     "the paper prints none; such that a mid grey of 128 has the standard deviation of the released frames, 2 of 255, "
@@ -53,7 +54,8 @@ class PaperRgbNoise(NoiseSettings):
         light = _exposed(light, self.exposure)
         image = np.empty(light.shape, np.uint8)
         for rows in bands(len(light)):
-            image[rows] = srgb8(self.noisy_light(np.maximum(light[rows], 0, dtype=np.float32), rng))
+            seen = np.fmax(light[rows].astype(np.float32), np.float32(0))  # NaN becomes 0
+            image[rows] = srgb8_in_place(self.noisy_light(np.minimum(seen, _BRIGHTEST, out=seen), rng))
         return image
 
     def noisy_light(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -65,11 +65,12 @@ def _within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_sh
 def _corners(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """The four pixels round each position (left and right above, left and right below), its shares right and down."""
     height, width = image.shape
-    column = np.minimum(u.astype(np.intp), width - 2)
-    row = np.minimum(v.astype(np.intp), height - 2)
-    place = row * width + column
+    column = np.minimum(u.astype(np.int32), np.int32(width - 2))
+    row = np.minimum(v.astype(np.int32), np.int32(height - 2))
+    place = (row * np.int32(width) + column).astype(np.intp)
     flat = image.ravel()
-    corners = [flat[offset:].take(place) for offset in (0, 1, width, width + 1)]
+    # "clip" spares a look at every index beforehand; none is outside
+    corners = [flat[offset:].take(place, mode="clip") for offset in (0, 1, width, width + 1)]
     return corners, u - column.astype(np.float32), v - row.astype(np.float32)
 
 

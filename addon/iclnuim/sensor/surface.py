@@ -83,4 +83,4 @@ def _fill(normals: Normals, a: np.ndarray, b: np.ndarray, x: np.ndarray, y: np.n
     np.negative(b, out=normals.y)
     normals.z[:] = 1 + a * x + b * y
     secant = np.sqrt((a * a + b * b + normals.z * normals.z) * (1 + x * x + y * y))
-    normals.secant[:] = np.where(secant < np.inf, secant, np.float32(np.inf))
+    np.fmin(secant, np.float32(np.inf), out=normals.secant)  # NaN becomes infinite

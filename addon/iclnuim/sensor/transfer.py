@@ -17,7 +17,17 @@ def srgb8(light: np.ndarray) -> np.ndarray:
     """
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(light, np.float16)
-    return _srgb8_of_half().take(half.view(np.uint16))
+    return _srgb8_of_half().take(half.view(np.uint16), mode="clip")
+
+
+def srgb8_in_place(light: np.ndarray) -> np.ndarray:
+    """The same of float32 light without NaN, which is overwritten: by a table of 65536 even steps of light, each at most
+    1/20 of an 8-bit step, in half the time that rounding to half precision would take.
+    """
+    np.clip(light, 0, 1, out=light)
+    light *= np.float32(65535)
+    light += np.float32(0.5)
+    return _srgb8_of_steps().take(light.astype(np.uint16), mode="clip")
 
 
 def light_from_srgb8(image: np.ndarray) -> np.ndarray:
@@ -43,6 +53,13 @@ def _srgb8_of_half() -> np.ndarray:
     halves = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float64)
     values = np.nan_to_num(halves, nan=0.0, posinf=1.0, neginf=0.0)
     table = np.floor(srgb_from_light(values) * 255 + 0.5).astype(np.uint8)
+    table.setflags(write=False)
+    return table
+
+
+@functools.cache
+def _srgb8_of_steps() -> np.ndarray:
+    table = np.floor(srgb_from_light(np.arange(1 << 16) / 65535) * 255 + 0.5).astype(np.uint8)
     table.setflags(write=False)
     return table
 
