@@ -52,6 +52,12 @@ def has_denoiser() -> bool:
         return False
 
 
+def leave_out_experiments(scene: bpy.types.Scene) -> None:
+    """Cycles' supported features alone. From 5.2 on there is no other set."""
+    if hasattr(scene.cycles, "feature_set"):
+        scene.cycles.feature_set = "SUPPORTED"
+
+
 def import_fbx(path: str) -> object:
     """4.5 brought a reader of its own; before, and in builds without it, the add-on's. Raises AttributeError where there is none."""
     for group, name in (("wm", "fbx_import"), ("import_scene", "fbx")):

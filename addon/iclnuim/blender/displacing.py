@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ..errors import WorkError
+from . import compat
 from .light_points import kept
 
 _ATTRIBUTE = "displaced position"
@@ -55,7 +56,7 @@ def _without_adaptive_subdivision(scene: bpy.types.Scene) -> list[str]:
             if getattr(owner, "use_adaptive_subdivision", False):
                 owner.use_adaptive_subdivision = False
                 found.append(thing.name)
-    scene.cycles.feature_set = "SUPPORTED"
+    compat.leave_out_experiments(scene)
     return (
         [f"adaptive subdivision ({', '.join(sorted(found))[:120]}): the levels for rendering are used"] if found else []
     )
