@@ -60,7 +60,7 @@ class Model:
         by_chunks = ceil(self.chunks / self.workers_a_node)
         by_store = int(self.chunks * self.chunk_seconds / (self._stored_s * self.workers_a_node))
         if by_store < by_chunks:
-            return max(1, by_store), f"the file system at {self.bytes_a_second / 1e9:.0f} GB/s is full"
+            return max(1, by_store), f"the file system at {self.bytes_a_second / 1e9:g} GB/s is full"
         return by_chunks, "every worker has one chunk"
 
 
