@@ -91,7 +91,7 @@ def _error_tile(
     covered = (
         truth is not None and len(truth) > 1 and truth.stamps_s[0] <= stamps.min() <= stamps.max() <= truth.stamps_s[-1]
     )
-    if other is pair or not covered:
+    if other is pair or truth is None or not covered:
         return tile
     poses = sample(truth, stamps)
     T_other_here = poses[1].inverse() @ poses[0]

@@ -61,8 +61,8 @@ def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None
         times = (f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}")
         rows.append((f"{p.depth} + {p.rgb}", *times))
     models = [("model", "ms a frame", "overlap with the official noise")]
-    for kind, times in times_ms.items():
-        for name, ms in times.items():
+    for kind, by_name in times_ms.items():
+        for name, ms in by_name.items():
             models.append((f"{kind} {name}", f"{ms:.1f}", f"{overlaps[kind][name]:.3f}" if overlaps else ""))
     return "\n\n".join("\n".join(map(_line, [t[0], ["---"] * len(t[0]), *t[1:]])) for t in (rows, models))
 

@@ -35,7 +35,7 @@ def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) ->
         every = np.abs(np.concatenate(found)) if found else np.zeros(0)
         every = every[every < _SAME_SURFACE_M]  # NaN is not
         fits.append(float(np.median(every)) if every.size > 100 else float("nan"))
-    return PoseFit(*fits, pairs=len(depths_z_m) - 1)
+    return PoseFit(fits[0], fits[1], len(depths_z_m) - 1)
 
 
 def carried_residual(

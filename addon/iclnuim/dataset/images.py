@@ -45,9 +45,10 @@ def find_pairs(folder: Path) -> list[ImagePair]:
         inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
         hint = f"a folder inside: {', '.join(inside)}" if inside else "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
-    numbers = [int(rgb.stem) if rgb.stem.isdigit() else None for _, rgb, _ in rows]
-    named = None not in numbers and len(set(numbers)) == len(numbers) and max(numbers) < 10_000_000
-    return [ImagePair(numbers[i] if named else i, *row) for i, row in enumerate(rows)]
+    numbers = [int(rgb.stem) for _, rgb, _ in rows if rgb.stem.isdigit()]
+    if len(set(numbers)) < len(rows) or max(numbers) >= 10_000_000:
+        numbers = list(range(len(rows)))
+    return [ImagePair(number, *row) for number, row in zip(numbers, rows, strict=True)]
 
 
 def find_associations(folder: Path) -> Path | None:
@@ -107,11 +108,11 @@ def _listed(folder: Path) -> list[tuple[float, Path, Path]]:
     file = find_associations(folder)
     if file is not None:
         pairs = read_associations(file)
-        rows = zip(pairs.rgb.stamps_s, pairs.rgb.paths, pairs.depth.paths, strict=True)
+        rows = list(zip(pairs.rgb.stamps_s, pairs.rgb.paths, pairs.depth.paths, strict=True))
     elif (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
         rgb, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
         both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
-        rows = ((rgb.stamps_s[i], rgb.paths[i], depth.paths[j]) for i, j in zip(both.first, both.second, strict=True))
+        rows = [(rgb.stamps_s[i], rgb.paths[i], depth.paths[j]) for i, j in zip(both.first, both.second, strict=True)]
     else:
         return []
     return [(stamp_s, folder / rgb, folder / depth) for stamp_s, rgb, depth in rows]

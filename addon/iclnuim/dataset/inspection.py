@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from ..geometry.trajectory import Trajectory, sample, statistics
 from .consistency import PoseFit, pose_fit
 from .depth_units import LARGEST_UNIT
 from .images import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
+
+T = TypeVar("T")
 
 #: Depth images looked into, and the share of a frame's time that a pose may be off.
 _SAMPLES, _SLACK = 24, 0.5
@@ -29,10 +33,10 @@ class Inspection:
     wrong: list[str] = field(default_factory=list)
     odd: list[str] = field(default_factory=list)
 
-    def attempt(self, work: object, *arguments: object) -> object:
+    def attempt(self, work: Callable[..., T], *arguments: object) -> T | None:
         """The result, or None with the error's line among what is wrong."""
         try:
-            return work(*arguments)  # type: ignore[operator]
+            return work(*arguments)
         except InputError as error:
             self.wrong.append(str(error).removeprefix(f"{self.folder}/"))
             return None

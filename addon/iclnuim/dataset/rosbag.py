@@ -95,7 +95,8 @@ class _Bag:
 
     def truth(self, truth: Trajectory) -> None:
         """Poses, and the same as transforms."""
-        for stamp_s, T in zip(truth.stamps_s.tolist(), truth.T_world_camera, strict=True):
+        for i, stamp_s in enumerate(truth.stamps_s.tolist()):
+            T = truth.T_world_camera[i]
             position, orientation = self._parts(T)
             header = self._header(stamp_s, WORLD)
             pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)

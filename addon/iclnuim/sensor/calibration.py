@@ -49,19 +49,19 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
 
     Raises InputError for fewer than two exposures, fewer than two repeats, or nothing between black and white.
     """
-    exposures = np.asarray(exposures, float)
-    if len(exposures) < 2 or len(images) != len(exposures) or (exposures <= 0).any():
-        raise InputError("two or more exposures > 0, with images each", found=f"{len(exposures)}")
+    gains = np.asarray(exposures, float)
+    if len(gains) < 2 or len(images) != len(gains) or (gains <= 0).any():
+        raise InputError("two or more exposures > 0, with images each", found=f"{len(gains)}")
     if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
         raise InputError("two or more 8-bit images of each exposure", found="fewer")
     means = np.stack([stack.mean(0, dtype=np.float64).ravel() for stack in images])
-    gamma = _gamma(exposures, means)
+    gamma = _gamma(gains, means)
     curves = {
         "linear": lambda v: v / 255,
         "srgb": lambda v: light_from_srgb(v / 255),
         "gamma": lambda v: (v / 255) ** gamma,
     }
-    spreads = {name: _spread(exposures, curve(means), means) for name, curve in curves.items()}
+    spreads = {name: _spread(gains, curve(means), means) for name, curve in curves.items()}
     # the free exponent fits its own family best; a named curve that is hardly worse is the simpler word
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
     light, variance = _noise_points(images, curves[best](np.arange(256.0)))
@@ -121,14 +121,14 @@ def _spread(exposures: np.ndarray, light: np.ndarray, means: np.ndarray) -> floa
 def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean light and variance over repeats, rounding to 8 bits taken out, for groups of pixels of like light."""
     step = np.gradient(light_of_value)
-    light, variance = [], []
+    lights, variances = [], []
     for stack in images:
         mean_value = stack.mean(0, dtype=np.float64)
         use = (mean_value > _DARKEST) & (mean_value < _BRIGHTEST)
         samples = light_of_value[stack][:, use]
-        light.append(samples.mean(0))
-        variance.append(samples.var(0, ddof=1) - np.interp(mean_value[use], np.arange(256), step) ** 2 / 12)
-    light, variance = np.concatenate(light), np.concatenate(variance)
+        lights.append(samples.mean(0))
+        variances.append(samples.var(0, ddof=1) - np.interp(mean_value[use], np.arange(256), step) ** 2 / 12)
+    light, variance = np.concatenate(lights), np.concatenate(variances)
     groups = np.array_split(np.argsort(light), min(_BINS, max(2, len(light) // 50)))
     light, variance = (np.array([values[g].mean() for g in groups]) for values in (light, variance))
     # nearer to black or white than this, clipping takes part of the variance away

@@ -136,5 +136,5 @@ class RedwoodDepthNoise(NoiseSettings):
         layer = np.clip((depth_z_m - np.float32(self.map_first_m)) / np.float32(self.map_step_m), 0, layers - 1)
         below = np.minimum(layer.astype(np.intp), max(layers - 2, 0))
         above = np.minimum(below + 1, layers - 1)
-        share = layer - below.astype(np.float32)
+        share: np.ndarray = layer - below.astype(np.float32)
         return multipliers[below, row, column] * (1 - share) + multipliers[above, row, column] * share

@@ -73,7 +73,7 @@ def motion_px(depth_z_m: np.ndarray, camera: PinholeCamera, T_here_camera: SE3, 
     """
     depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
     points = (camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]).reshape(-1, 3)
-    pixels = np.stack([camera.project(T.inverse().apply(points)) for T in T_here_camera])
+    pixels = np.stack([camera.project(T_here_camera[i].inverse().apply(points)) for i in range(len(stamps_s))])
     seen = ((pixels >= -0.5) & (pixels < (camera.width - 0.5, camera.height - 0.5))).all(-1)
     moved_px = np.linalg.norm(np.diff(pixels, axis=0), axis=-1)
     fastest_px = np.where(seen[1:] & seen[:-1], moved_px, 0.0).max(1)
