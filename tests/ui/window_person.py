@@ -2,8 +2,8 @@
 
 usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P window_person.py -- ZIP OUT ESTIMATE SHOTS [SETTINGS]
 
-SETTINGS is JSON: settings of the panel after the preset `Quick look`, and "open_all" to draw every sub-panel open. Ends the Blender and
-leaves SHOTS/result.json: what was pressed and said, ticks of a timer during the renders, time to draw, what stayed behind.
+SETTINGS is JSON: settings of the panel after the preset `Quick look`, "open_all" to draw every sub-panel open, and "parts", names of what is
+done after a look at the scene (PARTS below; default: all). Ends the Blender and leaves SHOTS/result.json: what was pressed and said, ticks of a timer during the renders, time to draw, what stayed behind.
 """
 
 import gc
@@ -25,7 +25,7 @@ bpy.context.preferences.view.show_splash = False
 arguments = sys.argv[sys.argv.index("--") + 1 :]
 archive, out, estimate, shots = arguments[:4]
 wanted = json.loads(arguments[4]) if len(arguments) > 4 else {}
-open_all = wanted.pop("open_all", False)
+open_all, parts = wanted.pop("open_all", False), wanted.pop("parts", None)
 Path(shots).mkdir(parents=True, exist_ok=True)
 found: dict = {"messages": {}, "ticks_s": {}, "panels_ms": [], "view_ms": []}
 
@@ -99,11 +99,9 @@ def person():
     yield 1.5
     shoot("1_enabled")
     yield from look_and_key()
-    yield from render_five()
-    yield from evaluate()
-    yield from bad_situations()
-    yield from render_longer()
-    yield from switch_off_during_a_render()
+    for part in PARTS:
+        if parts is None or part.__name__ in parts:
+            yield from part()
 
 
 def look_and_key():
@@ -133,6 +131,9 @@ def look_and_key():
     bpy.context.scene.frame_set(300)
     yield 3.0
     shoot("3_keyframed")
+
+
+def preview():
     press("preview")
     yield from ticking("preview", idle)
     yield 2.0
@@ -231,6 +232,9 @@ def switch_off_during_a_render():
     }
     yield 1.0
     shoot("12_switched_off")
+
+
+PARTS = (preview, render_five, evaluate, bad_situations, render_longer, switch_off_during_a_render)
 
 
 def timers() -> list[str]:

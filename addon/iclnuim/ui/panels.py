@@ -53,7 +53,7 @@ class ICLNUIM_PT_scene(_SubPanel, bpy.types.Panel):
         if settings.scene_source != "OPEN":
             layout.operator("iclnuim.load_scene", icon="IMPORT")
             if getattr(context.space_data, "overlay", None) is not None:
-                layout.prop(context.space_data.overlay, "show_extras", text="Symbols of lamps and cameras")
+                layout.prop(context.space_data.overlay, "show_extras", text="Lamp symbols")
 
 
 class ICLNUIM_PT_trajectory(_SubPanel, bpy.types.Panel):
