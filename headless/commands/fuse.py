@@ -30,10 +30,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--far", type=float, metavar="M", help="no depth beyond this; default: 8")
     add(
         "--least-weight",
-        type=int,
-        default=1,
+        type=float,
+        default=0.25,
         metavar="N",
-        help="mesh only what N frames saw; default: 1, use 3 with noise",
+        help="mesh only what N frames saw, slanted views counting less; default: 0.25, use 3 with noise",
     )
     add("--frames", default="::", metavar="A:B:S", help="only these images, as a Python slice")
     add(
@@ -51,17 +51,17 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.formats.files import write_json
     from iclnuim.formats.trajectories import read_trajectory
 
-    from ..reconstruction.ply import write_ply
-
     if args.out.suffix.lower() != ".ply":
         raise InputError("a mesh named *.ply", path=args.out)
     if not args.out.parent.is_dir():
         raise InputError("a folder to write into", path=args.out.parent, found="nothing of that name")
+    _needs_numba()
     settings = _settings(args)
     poses = args.poses or _truth(args.folder)
     loaded = read_trajectory(poses)
     console.note(f"{poses}: {loaded.taken.sentence}")
     from ..reconstruction.from_sequence import fuse_sequence
+    from ..reconstruction.ply import write_ply
 
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress)
     for line in surface.left_out[:5]:
@@ -73,6 +73,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
         _draw(surface.mesh, args.plot)
     console.result(figures, _text(figures))
     return 0
+
+
+def _needs_numba() -> None:
+    from importlib.util import find_spec
+
+    from iclnuim.errors import WorkError
+
+    if find_spec("numba") is None:
+        raise WorkError("fuse needs numba; try: pip install 'iclnuim[odometry]'")
 
 
 def _settings(args: argparse.Namespace):

@@ -23,7 +23,7 @@ class FuseSettings:
     """least_weight: how often a voxel must have been seen to be meshed; frames: a slice of the images, A:B:S."""
 
     volume: VolumeSettings
-    least_weight: int = 1
+    least_weight: float = 0.25
     frames: str = "::"
     max_difference_s: float = 0.02
 

@@ -36,11 +36,11 @@ class Mesh:
         return Mesh((self.points @ T[:3, :3].T + T[:3, 3]).astype(np.float32), self.triangles, self.colours)
 
 
-def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: int = 1) -> Mesh:
+def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: float = 0.25) -> Mesh:
     """Marching cubes over all blocks, or over the cubes that have a corner in the rows where `leaves` (rows,) is true.
 
     So what is meshed when it leaves and what is meshed later meet without a gap and without an overlap. Only cubes whose
-    corners were all seen more than `least_weight` - 1 times, slanted views counting less.
+    corners were all seen `least_weight` times; views count less where they are slanted, and behind the surface.
     """
     grid, rows = volume.grid, volume.rows()
     if leaves is None:
@@ -50,7 +50,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: int 
     if not len(rows):
         return Mesh.joined([])
     low = grid.place[rows].min(axis=0).astype(np.int64)
-    common = ((least_weight - 1) * UNIT + 1, leaves, marching.EDGES, marching.COUNT, low)
+    common = (max(1.0, least_weight * UNIT), leaves, marching.EDGES, marching.COUNT, low)
     totals = np.zeros(len(rows), np.int64)
     marching.count_triangles(grid, rows, *common, totals)
     start = np.concatenate([[0], np.cumsum(totals)])
