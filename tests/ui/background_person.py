@@ -135,6 +135,9 @@ def main(archive: str, out: str, estimate: str) -> dict:
 
     for name in ("load_scene", "refresh", "keyframe", "preview", "render"):
         button(name)
+    kept = Path(out, "path.txt")
+    found["pressed"]["save path"] = next(iter(bpy.ops.iclnuim.save_path(filepath=str(kept))))
+    found["saved_path"] = kept.read_text()
     found["path"] = session.current.path_lines
     found["no_wall"] = session.current.path_warning
     camera = bpy.context.scene.camera

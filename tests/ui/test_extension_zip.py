@@ -111,6 +111,13 @@ def test_the_keyed_camera_stands_where_the_pose_says(person, repository):
     assert person["camera_at_100"] == pytest.approx([float(v) for v in pose[1:4]], abs=1e-6)
 
 
+def test_the_path_is_saved_as_it_is_rendered(person, repository):
+    import numpy as np
+
+    shipped = np.loadtxt(repository / "trajectories/living_room/kt2.txt")
+    assert np.allclose(np.loadtxt(person["saved_path"].splitlines()), shipped, rtol=0, atol=1e-9)
+
+
 def test_a_path_through_a_wall_is_warned_of_and_one_inside_the_room_is_not(person):
     assert person["no_wall"] == ""
     assert "passes through a surface" in person["wall"]
