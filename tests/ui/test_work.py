@@ -135,6 +135,11 @@ def test_the_words_of_an_error_outlive_the_end_of_the_child(work, child):
     assert (work.phase, work.message) == ("failed", "/x: no camera")
 
 
+def test_a_disk_that_is_full_in_the_middle_of_a_render_is_named_with_what_to_do(work, child):
+    say(work, child, START, *READY, *frames(0), {"event": "error", "text": "/x/000010.exr: cannot write: failed"})
+    assert work.phase == "failed" and "space" in work.message and "Resume" in work.message
+
+
 @pytest.mark.parametrize(
     "text, field",
     [

@@ -137,7 +137,10 @@ class Work:
         self.last_frame = event["frame"]
 
     def _error(self, event: dict, now_s: float) -> None:
-        self.phase, self.message = "failed", in_panel_words(event["text"])
+        text = in_panel_words(event["text"])
+        if self.kind == "render" and "cannot write" in text:
+            text += "; finished frames stay: see that there is space, then Resume"
+        self.phase, self.message = "failed", text
 
     def _exit(self, event: dict, now_s: float) -> None:
         self._child, self._stopping_since_s = None, None
