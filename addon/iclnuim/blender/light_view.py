@@ -14,8 +14,9 @@ from .light_points import Target, batches, kept
 
 #: A place counts as free when less than this share of its sight lines ends at the back of a surface.
 _BACKS = 0.1
-#: Of free places those are taken that are enclosed nearly as much as the most enclosed: inside rooms, if there are any.
-_ENCLOSED = 0.9
+#: Of free places those are taken that are enclosed nearly as much as the most enclosed: inside rooms, if there are any. Where
+#: fewer than half of them are, the scene is open and those few are nooks: then all that see a fair part of what the best one sees.
+_ENCLOSED, _IN_THE_OPEN = 0.9, 0.25
 _RAYS = 48
 _NEAREST_M, _FARTHEST_M = 0.1, 4.0
 #: Test lamps outshine by far what glows in the scene, which baking cannot be told to leave out (W; radiance).
@@ -29,7 +30,9 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     places = [_place_before(depsgraph, surfaces, rng) for _ in range(count * 24)]
     hits = np.array([_front_hits(depsgraph, p, directions) for p in places])
-    free = np.array(places)[(hits > 0) & (hits >= _ENCLOSED * hits.max())]
+    enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
+    share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
+    free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
     return _spread(free, count)
 
 
