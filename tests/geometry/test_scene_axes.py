@@ -1,0 +1,75 @@
+"""How a scene file's axes and units are taken: options as matrices, guesses that follow the scene when it is turned or scaled."""
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.geometry import scene_axes
+from iclnuim.geometry.scene_axes import SceneReading
+
+
+def room(size):
+    """Vertices and triangles of a closed box of this size."""
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float) * size
+    quads = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
+@pytest.mark.parametrize("up", scene_axes.UP)
+def test_every_up_axis_is_turned_to_z_by_a_rotation(up):
+    axis = np.zeros(3)
+    axis["xyz".index(up[-1])] = -1.0 if up.startswith("-") else 1.0
+    matrix = scene_axes.linear(up, 1.0, "none")
+    assert matrix @ axis == pytest.approx([0, 0, 1])
+    assert matrix @ matrix.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(matrix) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("mirror", ["x", "y", "z"])
+def test_a_mirror_changes_the_hand_and_units_the_size(mirror):
+    assert np.linalg.det(scene_axes.linear("y", 0.01, mirror)) == pytest.approx(-1e-6)
+
+
+@pytest.mark.parametrize("usual", ["y", "z"])
+@pytest.mark.parametrize(("size", "truth"), [((5, 2.5, 6), "y"), ((5, 6, 2.5), "z"), ((4.94, 2.5, 5.02), "y")])
+def test_a_room_stands_on_its_floor_whatever_the_format_mostly_does(usual, size, truth):
+    assert scene_axes.guess_up(scene_axes.shape_of(*room(np.array(size))), usual) == truth
+
+
+@pytest.mark.parametrize("usual", ["y", "z"])
+def test_a_cube_says_nothing_so_the_format_decides(usual):
+    assert scene_axes.guess_up(scene_axes.shape_of(*room(np.ones(3))), usual) == usual
+
+
+@pytest.mark.parametrize("size", [(5, 2.5, 6), (12, 3, 20), (3, 2, 2.2), (8, 6, 9)])
+@pytest.mark.parametrize("unit_m", [1.0, 0.01, 0.001])
+def test_the_unit_of_a_room_is_found(size, unit_m):
+    shape = scene_axes.shape_of(*room(np.array(size) / unit_m))
+    assert scene_axes.guess_unit_m(shape, "y") == unit_m
+
+
+def test_a_thing_on_a_table_is_believed_to_be_in_metres():
+    assert scene_axes.guess_unit_m(scene_axes.shape_of(*room(np.array([0.3, 0.2, 0.3]))), "y") == 1.0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"up": "w"}, {"mirror": "xy"}, {"unit_m": 0.0}, {"unit_m": "cm"}, {"unit_m": True}, {"textures": 3}],
+)
+def test_a_reading_that_makes_no_sense_is_refused(settings):
+    with pytest.raises(InputError):
+        SceneReading.from_dict(settings)
+
+
+def test_a_reading_comes_back_from_its_dictionary_and_an_open_one_leaves_no_trace():
+    reading = SceneReading(up="-y", unit_m=0.01, mirror="x", textures="/pictures")
+    assert SceneReading.from_dict(reading.to_dict()) == reading
+    assert SceneReading().to_dict() == {}
+    with pytest.raises(InputError, match="up, unit_m"):
+        SceneReading.from_dict({"upp": "y"})
+
+
+def test_units_are_read_by_name_or_as_metres():
+    assert scene_axes.parse_unit("cm") == 0.01
+    assert scene_axes.parse_unit("0.3048") == 0.3048
+    with pytest.raises(InputError, match="a unit"):
+        scene_axes.parse_unit("furlong")
