@@ -11,6 +11,9 @@ from . import kernels
 from .pyramid import Level
 from .system import System
 
+#: Disagreement of normals (1 - cosine) that is not yet noise.
+LEAST_NOISE = 1e-4
+
 
 @dataclass(frozen=True)
 class Planes:
@@ -55,6 +58,23 @@ class PlaneTerm:
         )
         if nu > 0:
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 10), 1e-5)
-        J1, r1 = (self.J1, self.residual1) if self.planes.both else (self.J, self.residual)
-        sums = kernels.sums(self.points, self.J, self.residual, J1, r1, self.sigma, nu)
-        return System.of_sums(sums).as_information(self.planes.spread)
+        if not self.planes.both:
+            sums = kernels.sums(self.points, self.J, self.residual, self.J, self.residual, self.sigma, nu)
+            return System.of_sums(sums).as_information(self.planes.spread)
+        sums = kernels.sums(self.points, self.J, self.residual, self.J1, self.residual1, self.sigma, nu)
+        system = System.of_sums(sums)
+        if iteration == 0:
+            self.disagreement = self._disagreement()
+        # What two normals of one place disagree about is noise; a sensor's steps may let them agree on as much again.
+        return system.trusted(self.disagreement * system.weight).as_information(self.planes.spread)
+
+    def _disagreement(self) -> float:
+        """1 - n0 . n1 in the mean, from the median of some 2000 pairs: true normals differ by more at edges.
+
+        Without a sensor's noise, steps of 0.2 mm alone, it is below 1e-4 (0.8 degrees): such normals are taken at their word.
+        """
+        step = len(self.residual) // 2000 + 1
+        some = np.isfinite(self.residual[::step])
+        cosines = np.sum(self.J[::step, :3][some] * self.J1[::step, :3][some], axis=1)
+        mean = (1.0 - float(np.median(cosines))) / math.log(2.0) if len(cosines) else 0.0
+        return max(mean - LEAST_NOISE, 0.0)

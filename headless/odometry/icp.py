@@ -37,7 +37,15 @@ class IcpSettings:
 PRESETS = {
     "paper": IcpSettings(),
     "best": IcpSettings(
-        iterations=(0, 4, 3), strides=(1, 2, 1), filter=False, smallest_step=5e-6, both=True, spread=30.0, prior_m=0.003
+        iterations=(0, 4, 3),
+        strides=(1, 2, 1),
+        filter=False,
+        smallest_step=5e-6,
+        both=True,
+        most_angle_deg=12.0,
+        nu=10.0,
+        spread=30.0,
+        prior_m=0.003,
     ),
 }
 

@@ -33,18 +33,19 @@ PRESETS = {
     "paper": IcpRgbdSettings(),
     "kintinuous2013": IcpRgbdSettings(weights="kintinuous2013"),
     "best": IcpRgbdSettings(
-        iterations=(0, 4, 3),
-        strides=(1, 2, 1),
+        iterations=(0, 4, 3, 3),
+        strides=(1, 2, 1, 1),
         filter=False,
+        most_angle_deg=12.0,
         smallest_step=5e-6,
         both=True,
         spread=30.0,
         prior_m=0.003,
-        nu=5.0,
+        nu=10.0,
         weights="information",
-        spread_rgbd=150.0,
+        spread_rgbd=75.0,
         esm=True,
-        least_gradients=(12, 3, 3),
+        least_gradients=(12, 3, 3, 3),
         reference="kept",
     ),
 }
@@ -59,7 +60,7 @@ class IcpRgbd(Icp):
             return super().align(reference, current, guess)
         s, levels = self.settings, []
         for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
-            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], 0.0, s.both, s.spread)
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, s.spread)
             plane = PlaneTerm(reference[n], current[n], planes)
             light = PhotometricTerm(
                 reference[n], current[n], Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu, s.esm, s.spread_rgbd)

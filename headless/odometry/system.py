@@ -21,6 +21,7 @@ class System:
     count: float
     centre_m: np.ndarray
     length_m: float
+    weight: float = 1.0
     informed: bool = False
 
     @classmethod
@@ -32,7 +33,19 @@ class System:
         weight = max(s[28], 1e-30)
         centre = s[30:33] / weight
         length = np.sqrt(max(s[33] / weight - centre @ centre, 1e-12))
-        return cls(A, s[21:27], float(s[27] / weight), float(s[29]), centre, float(length))
+        return cls(A, s[21:27], float(s[27] / weight), float(s[29]), centre, float(length), float(weight))
+
+    def trusted(self, doubt: float) -> System:
+        """Every eigenvalue of the centred A less `doubt`, at least 0, and b in proportion: information that may be noise is none."""
+        A, G = self.centred()
+        values, vectors = np.linalg.eigh(A)
+        left = np.maximum(values - doubt, 0.0)
+        share = left / np.where(left > 0, values, 1.0)
+        back = np.eye(6)  # G^-1
+        back[3:, :3] = -self.length_m * G[3:, :3]
+        back[3:, 3:] *= self.length_m
+        b = back @ (vectors @ (share * (vectors.T @ (G @ self.b))))
+        return replace(self, A=back @ (vectors * left) @ vectors.T @ back.T, b=b)
 
     def as_information(self, spread: float) -> System:
         """A and b as information (1 / variance) where `spread` pixels share one error; spread 0: unchanged."""
