@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
+from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.scene_model_files import write_obj, write_ply
@@ -90,11 +91,11 @@ def _poses(name: str, scene: str) -> SE3:
 
 
 def _model(args: argparse.Namespace) -> SceneModel:
-    try:
-        from iclnuim.blender import model, objects, output, scene
-    except ImportError:
-        raise WorkError("surface needs Blender's module; try: pip install bpy") from None
-    with output.blender_output_in(Path(os.devnull)):
+    with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
+        try:
+            from iclnuim.blender import model, objects, scene
+        except ImportError:
+            raise WorkError("surface needs Blender's module; try: pip install bpy") from None
         scene.open_scene(args.scene, reading_from(args))
         found = model.scene_model()
         rows = objects.table()["objects"]

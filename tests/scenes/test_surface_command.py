@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")  # before open3d: both bring a TBB, and bpy 5.2 needs its own
 o3d = pytest.importorskip("open3d")
-bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 
 def surface(*arguments):
