@@ -17,7 +17,7 @@ from iclnuim.job import RenderJob
 #: Fewer frames than this say little.
 LEAST_FRAMES = 3
 #: Core-seconds, living room at 640 x 480 (docs/farm.md): bake of 2048 x 2048 texels with 32 samples each; the pair of sequences of a frame.
-BAKE_CORE_S, PAIR_CORE_S = 1110.0, 0.25
+BAKE_CORE_S, PAIR_CORE_S = 1110.0, 0.1
 START_S = 15.0
 #: Bytes of a frame: its EXR a pixel, and its four images (clean and noisy, measured on kt2) a pixel.
 EXR_BYTES, PAIR_BYTES = 10.0, 4.6
