@@ -40,7 +40,7 @@ def show(run: Run) -> None:
 
 
 def _path(axes: Axes, run: Run) -> None:
-    """In the world of the truth where there is one, else in the first camera's; along the two axes that are moved along most."""
+    """In the world of the truth where there is one, else the first camera's; along the two axes of most motion."""
     estimate_m, truth_m = run.trajectory.positions_m, None
     try:
         if run.truth is not None:

@@ -27,7 +27,7 @@ class Sequence:
         return len(self.pairs)
 
     def frames(self, first: int | None = None) -> Iterator[tuple[float, Frame | str]]:
-        """Of all pairs or the first ones: (stamp, frame), or (stamp, why it cannot be read) for a missing, broken or odd pair."""
+        """Of all pairs or the first ones: (stamp, frame or why it cannot be read)."""
         for pair in self.pairs[:first]:
             try:
                 yield pair.stamp_s, self.load(pair)

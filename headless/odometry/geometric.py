@@ -17,7 +17,7 @@ LEAST_NOISE = 1e-4
 
 @dataclass(frozen=True)
 class Planes:
-    """What a point-to-plane term uses: every `stride`-th row and column. nu > 0: Student-t weights; both: both normals."""
+    """Every `stride`-th row and column is used. nu > 0: Student-t weights; both: products along both normals."""
 
     most_distance_m: float = 0.10
     most_angle_deg: float = 20.0
@@ -71,7 +71,7 @@ class PlaneTerm:
     def _disagreement(self) -> float:
         """1 - n0 . n1 in the mean, from the median of some 2000 pairs: true normals differ by more at edges.
 
-        Without a sensor's noise, steps of 0.2 mm alone, it is below 1e-4 (0.8 degrees): such normals are taken at their word.
+        Without a sensor's noise, steps of 0.2 mm alone, it is below 1e-4 (0.8 degrees): taken at their word.
         """
         step = len(self.residual) // 2000 + 1
         some = np.isfinite(self.residual[::step])

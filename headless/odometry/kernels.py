@@ -1,9 +1,9 @@
 """The compiled loops over pixels. One thread on purpose: a row pass takes half a millisecond, which the
 barriers of a thread pool on a busy machine exceed many times, and so no number of threads can change a bit.
 
-Pixels worth a look are gathered into lists once a frame; an iteration only walks the lists. Residuals come first, normal
-equations after, so that a scale can be estimated in between. Twists are (translation, rotation) applied from the left in
-the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
+Pixels worth a look are gathered into lists once a frame; an iteration only walks the lists. Residuals come first,
+normal equations after, so that a scale can be estimated in between. Twists are (translation, rotation) applied from the
+left in the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
 """
 
 from __future__ import annotations
@@ -196,10 +196,10 @@ def plane_residuals(T, k, points, directions, z, normals, most_distance, least_c
 
 @njit(cache=True)
 def sums(points, J, residual, J1, residual1, sigma, nu):
-    """(34,): 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both made symmetric, w r^2, w, count, w (x, y, z), w |p|^2.
+    """(34,): 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both made symmetric, w r^2, w, count, w p, w |p|^2.
 
-    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J: the usual squares. J1 from the other image:
-    products, whose noise is independent, where squares would draw the motion to nothing and fake constraint.
+    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J: the usual squares. J1 of the other
+    image: products, whose noise is independent, where squares would draw the motion to nothing and fake constraint.
     """
     out = np.zeros(34)
     for i in range(len(residual)):

@@ -18,7 +18,7 @@ NAMES = tuple(f"peer:opencv-{n}" for n in OPENCV) + tuple(f"peer:open3d-{n}" for
 
 
 class OpencvPeer:
-    """cv2.rgbd with its defaults; a frame's pyramids are kept between the two pairs that it is in. The guess is not used."""
+    """cv2.rgbd with its defaults; a frame's pyramids are kept for the two pairs that it is in. No guess is used."""
 
     reference = "frame"
 
@@ -46,7 +46,7 @@ class OpencvPeer:
 
 
 class Open3dPeer:
-    """The multi-scale RGB-D odometer of Open3D's tensor pipelines, with its defaults. The guess is not used."""
+    """The multi-scale RGB-D odometer of Open3D's tensor pipelines, with its defaults. No guess is used."""
 
     reference = "frame"
 

@@ -32,7 +32,7 @@ class Light:
 
 
 class PhotometricTerm:
-    """Equations in grey levels. sigma is kept between calls; each_time re-estimates it, else only the first one does."""
+    """Equations in grey levels. sigma is kept between calls; each_time re-estimates it, else the first one does."""
 
     def __init__(
         self, reference: Level, current: Level, light: Light, each_time: bool = True, sigma: float = 5.0

@@ -47,12 +47,13 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One alignment. T_reference_camera (4, 4); residual in the method's unit (grey levels, metres or sigmas).
+    """One alignment. T_reference_camera (4, 4); residual in the method's unit (grey levels or metres).
 
-    information (6, 6) belongs to a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue is
-    that of the centred, length-scaled translation block, as a share of its trace (1/3 at best); weakest_sigma_m the standard
-    deviation in the direction known least (NaN where the preset has no noise model); `held` counts the directions in which the
-    guess was believed more than the images. A failure has converged = False and a reason; its pose is not to be believed.
+    information (6, 6) belongs to a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue
+    is that of the centred, length-scaled translation block, as a share of its trace (1/3 at best); weakest_sigma_m the
+    standard deviation in the direction known least (NaN where the preset has no noise model); `held` counts the
+    directions in which the guess was believed more than the images. A failure has converged = False and a reason; its
+    pose is not to be believed.
     """
 
     T_reference_camera: np.ndarray

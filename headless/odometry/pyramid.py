@@ -39,7 +39,7 @@ class Level:
 def pyramid(
     frame: Frame, camera: PinholeCamera, levels: int, *, depth: str = "mean", normal_step: int = 1
 ) -> list[Level]:
-    """Fine to coarse. depth: "mean" of what belongs together, or "median-pick" (Kerl: 3x3 median, every second pixel)."""
+    """Fine to coarse. depth: "mean" of what belongs together, or "median-pick" (3x3 median, every second pixel)."""
     grey, z = frame.grey, frame.depth_z_m
     result = [Level(grey, z, camera, normal_step)]
     for _ in range(levels - 1):

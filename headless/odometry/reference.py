@@ -11,8 +11,8 @@ from .protocol import Frame
 
 
 class Reference(Protocol):
-    """Both answer with a view, as the odometer's prepare() makes it of a frame, and the pose (4, 4) that it is seen from:
-    `T_world_camera`, or an earlier one where a view is kept.
+    """Both answer with a view, as the odometer's prepare() makes it of a frame, and the pose (4, 4) that it is seen
+    from: `T_world_camera`, or an earlier one where a view is kept.
     """
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:

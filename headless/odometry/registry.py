@@ -30,7 +30,7 @@ def odometer(name: str, preset: str = "best") -> Odometer:
 
 
 def reference(name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> Reference:
-    """What frames are aligned against: `own` (what the odometer asks for), `frame`, `kept`, `model`. Else an InputError."""
+    """What to align against: `own` (what the odometer asks for), `frame`, `kept`, `model`; else an InputError."""
     if name in ("own", *OWN):
         return OWN[odometer.reference if name == "own" else name]()
     if name != "model":

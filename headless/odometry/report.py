@@ -91,8 +91,8 @@ def run_together(
 ) -> list[Run]:
     """Each frame of a folder, or of its first `frames`, is read once and given to one odometer after the other.
 
-    So all see the machine at the same moments. `progress(total, label)` makes something with advance(); reference: default
-    what each odometer asks for.
+    So all see the machine at the same moments. `progress(total, label)` makes something with advance(). Without
+    `reference` each has what it asks for.
     """
     sequence, odometers = Sequence(Path(folder)), list(odometers)
     camera = sequence.camera.pinhole

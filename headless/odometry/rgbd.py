@@ -1,4 +1,4 @@
-"""RGB-D: F. Steinbruecker, J. Sturm, D. Cremers, "Real-time visual odometry from dense RGB-D images", ICCV workshops 2011.
+"""RGB-D: F. Steinbruecker, J. Sturm, D. Cremers, "Real-time visual odometry from dense RGB-D images", ICCV 2011.
 
 Photometric error of the whole image, plain least squares, as Kintinuous runs it.
 """

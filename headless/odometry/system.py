@@ -13,7 +13,7 @@ DEGENERATE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A x = b for a twist x (6,) in the reference frame; error: weighted mean square; centre and length of the points."""
+    """A x = b for a twist (6,) in the reference frame; error: weighted mean square; the points' centre and length."""
 
     A: np.ndarray
     b: np.ndarray
@@ -36,7 +36,7 @@ class System:
         return cls(A, s[21:27], float(s[27] / weight), float(s[29]), centre, float(length), float(weight))
 
     def trusted(self, doubt: float) -> System:
-        """Every eigenvalue of the centred A less `doubt`, at least 0, and b in proportion: information that may be noise is none."""
+        """Every eigenvalue of the centred A less `doubt`, at least 0, and b in proportion: may-be noise goes."""
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
         left = np.maximum(values - doubt, 0.0)
@@ -81,11 +81,11 @@ class System:
         return float(max(np.linalg.eigvalsh(schur)[0], 0) / trace)
 
     def step(self, gone: np.ndarray, prior_m: float = 0.0) -> tuple[np.ndarray, int]:
-        """The twist (6,), and how many directions the images say less about than a prior of standard deviation `prior_m`.
+        """The twist (6,), and in how many directions the images say less than a prior of standard deviation `prior_m`.
 
-        The prior (Kerl 2013, eq. 19, with what has `gone` (6,) from the guess) holds what is not fixed near the guess; without one
-        such directions are not updated (solution remapping, Zhang, Kaess, Singh 2016). A direction of negative information, which
-        products of noise can have, counts as none.
+        The prior (as in Kerl 2013) holds what is not fixed near the guess, from where the pose has `gone` (6,) so far;
+        without one such directions are not updated (solution remapping, Zhang, Kaess, Singh 2016). A direction of
+        negative information, which products of noise can have, counts as none.
         """
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
@@ -97,7 +97,7 @@ class System:
         return G.T @ (vectors @ x), int((values < prior).sum())
 
     def weakest_sigma_m(self) -> float:
-        """Standard deviation (metres) in the direction known least; rotations count by the points' length. NaN where unknown."""
+        """Standard deviation in the direction known least; rotations count by the points' length. NaN: not known."""
         if not self.informed:
             return float("nan")
         smallest = np.linalg.eigvalsh(self.centred()[0])[0]

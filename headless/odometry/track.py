@@ -23,7 +23,7 @@ PATIENCE = 5
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """T_world_camera (4, 4) with the first frame as world. Where `lost`, the pose is the policy's, not a measurement."""
+    """T_world_camera (4, 4) with the first frame as world. Where `lost`, the pose is the policy's, not measured."""
 
     stamp_s: float
     T_world_camera: np.ndarray
@@ -32,7 +32,7 @@ class Tracked:
 
 
 class Tracker:
-    """One frame after the other, at constant memory and cost, against `reference` (default: what the odometer asks for).
+    """One frame after the other at constant memory and cost, against `reference` (default: what the odometer wants).
 
     Each alignment starts from the motion of the frame before, except after a loss.
     """

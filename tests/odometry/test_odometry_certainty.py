@@ -21,7 +21,7 @@ WALL = ((0.0, 0.0, 1.0),)
 
 
 def view(i, planes, noise=0.0, camera=CAMERA):
-    """The i-th frame of a steady motion before planes at 2 m; depth noise (share) and grey noise from a seed of its own."""
+    """The i-th frame of a steady motion before planes at 2 m; depth noise is a share, from a seed of its own."""
     T, rng = np.linalg.matrix_power(STEP, i), np.random.default_rng([5, i])
     rays = camera.rays() @ T[:3, :3].T
     nearest = np.full(rays.shape[:2], np.inf)
