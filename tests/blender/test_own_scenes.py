@@ -306,3 +306,16 @@ def test_the_file_stays_as_it_was(room):
     opened(room)
     own_scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
     assert room.read_bytes() == before
+
+
+def test_generated_coordinates_keep_the_box_of_the_mesh_before_its_modifiers():
+    from iclnuim.blender import light_surfaces
+
+    made.fresh(bpy)
+    crate = made.box(bpy, "crate", (0, 0, 0), (1, 2, 3))
+    crate.modifiers.new("round", "SUBSURF").render_levels = 2
+    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        mesh = light_surfaces.parts(depsgraph)[0].mesh
+    assert len(mesh.polygons) > 90
+    assert tuple(mesh.texspace_location) == pytest.approx((0.5, 1, 1.5), abs=1e-3)
+    assert tuple(mesh.texspace_size) == pytest.approx((0.5, 1, 1.5), abs=1e-3)

@@ -69,11 +69,19 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         if mesh is None or not len(mesh.polygons):
             continue
         _own_materials(mesh, thing)
+        _same_texture_space(mesh, thing.data)
         origin = instance.parent.original if instance.is_instance else thing.original
         found.append(
             Part(thing.name, mesh, instance.matrix_world.copy(), thing.original, origin, not instance.is_instance)
         )
     return found
+
+
+def _same_texture_space(mesh: bpy.types.Mesh, evaluated: bpy.types.ID) -> None:
+    """Generated coordinates span the box of the mesh before its modifiers."""
+    if isinstance(evaluated, bpy.types.Mesh):
+        mesh.use_auto_texspace = False
+        mesh.texspace_location, mesh.texspace_size = evaluated.texspace_location, evaluated.texspace_size
 
 
 def _own_materials(mesh: bpy.types.Mesh, thing: bpy.types.Object) -> None:
