@@ -25,8 +25,8 @@ class ModelSettings:
 
 
 PRESETS = {
-    "paper": ModelSettings(replace(VOLUMES["paper"], channels=1)),
-    "best": ModelSettings(replace(VOLUMES["best"], channels=1), every=3),
+    "paper": ModelSettings(VOLUMES["paper"]),
+    "best": ModelSettings(VOLUMES["best"], every=3),
 }
 
 
@@ -39,7 +39,9 @@ class ModelReference:
         if preset not in PRESETS:
             raise InputError(f"a preset of the model ({', '.join(PRESETS)})", found=preset)
         self.settings, self.odometer, self.camera = PRESETS[preset], odometer, camera
-        self.volume = Volume(self.settings.volume, leaving)
+        # what only asks for geometry is spared the colours
+        grey = 1 if _asks_for(odometer)[1] else 0
+        self.volume = Volume(replace(self.settings.volume, channels=grey), leaving)
         self._view, self._T_world_view, self._age = None, np.eye(4), 0
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
@@ -61,9 +63,7 @@ class ModelReference:
         if not (isinstance(prepared, list) and isinstance(prepared[0], Level)):
             view = self.volume.raycast(self.camera, T_world_camera, normals=False)
             return self.odometer.prepare(_as_frame(view, frame.grey, frame.stamp_s), self.camera)
-        settings = self.odometer.settings
-        planes, light = hasattr(settings, "most_angle_deg"), hasattr(settings, "most_dz_m")
-        finest = _finest(settings)
+        finest, (planes, light) = _finest(self.odometer.settings), _asks_for(self.odometer)
         first = prepared[finest]
         view = self.volume.raycast(first.camera, T_world_camera, planes, light)
         seen = _as_frame(view, first.grey, frame.stamp_s)
@@ -72,6 +72,14 @@ class ModelReference:
             # the gradient's normals, rather than those that differences of depth would give when first asked for
             vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)
         return [*prepared[:finest], *levels]
+
+
+def _asks_for(odometer: Odometer) -> tuple[bool, bool]:
+    """Whether an odometer looks at normals, and whether at grey levels; a peer may look at all."""
+    settings = getattr(odometer, "settings", None)
+    if settings is None:
+        return True, True
+    return hasattr(settings, "most_angle_deg"), hasattr(settings, "most_dz_m")
 
 
 def _finest(settings: Any) -> int:
