@@ -25,6 +25,7 @@ from iclnuim.scenes import build_scene
 from iclnuim.sensor.transfer import srgb_from_light
 
 from .depth_check import RayCaster
+from .detail_colour import by_lamp
 
 #: Depth beyond this is the painted surroundings: not a matter of triangles.
 _FARTHEST_M = 15.0
@@ -35,17 +36,18 @@ Note = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Light:
-    """Of a lit level: seconds of its bake, seconds of a frame in Cycles (median), mean PSNR in dB to the finest (None: it is the finest)."""
+    """Of a lit level: seconds of its bake, seconds of a frame in Cycles (median)."""
 
     bake_s: float
     frame_s: float
-    psnr_db: float | None
-    median_of_255: float | None
 
 
 @dataclass(frozen=True)
 class Level:
-    """A room at a level of detail. Depth errors against the finest level, in metres; off_share: of pixels off by more than OFF_M."""
+    """A room at a level of detail. Depth errors against the finest level, in metres; off_share: of pixels off by more than OFF_M.
+
+    frame_s: seconds of a frame by a lamp at the camera, one ray a pixel. psnr_db, median_of_255: its colour against the finest's; None for the finest.
+    """
 
     detail: float
     triangles: int
@@ -53,6 +55,9 @@ class Level:
     mean_m: float
     p99_m: float
     off_share: float
+    frame_s: float
+    psnr_db: float | None = None
+    median_of_255: float | None = None
     light: Light | None = None
 
 
@@ -92,8 +97,13 @@ class Room:
         poses = self.views.T_world_camera
         return np.stack([caster.depth(self.camera, poses[k]) for k in range(len(self.views))])
 
-    def lit(self, detail: float, map_size: int, map_samples: int, seed: int = 0) -> tuple[np.ndarray, float, float]:
-        """(n, h, w, 3) scene-linear by baked light, seconds of the bake (as it was made), median seconds of a frame."""
+    def colour(self) -> tuple[np.ndarray, float]:
+        """(n, h, w, 3) scene-linear of the scene in the session, by a lamp at the camera; seconds of a frame."""
+        with output.blender_output_in(self.folder / "lamp.log"):
+            return by_lamp(self.name, self.views, self.camera, self.folder)
+
+    def lit(self, detail: float, map_size: int, map_samples: int) -> Light:
+        """By baked light: seconds of the bake (as it was made), and of a frame."""
         job = RenderJob(
             f"{self.name}/views",
             str(self._blend(detail)),
@@ -101,11 +111,10 @@ class Room:
             self.camera,
             map_size=map_size,
             map_samples=map_samples,
-            seed=seed,
         )
         bake_s = light_map.read_recipe(worker.bake_light(job, lambda event: None))["seconds"]
-        rgb, frame_s = frames_of(job, self.folder / f"frames-{detail:g}-{map_size}-{seed}")
-        return rgb, float(bake_s), frame_s
+        _, frame_s = frames_of(job, self.folder / f"frames-{detail:g}-{map_size}")
+        return Light(float(bake_s), frame_s)
 
     def _blend(self, detail: float) -> Path:
         return self.folder / f"{self.name}-{detail:g}.blend"
@@ -122,7 +131,7 @@ def race(
     note: Note,
     on_step: Callable[[], object],
 ) -> list[Level]:
-    """All levels, coarsest first; those in `lit` with light and colour too. The finest of each is what its others are held against."""
+    """All levels, coarsest first; those in `lit` with baked light too. The finest is what the others are held against."""
     with tempfile.TemporaryDirectory() as folder:
         scene = Room(room, views_of(room, views), camera, Path(folder), note)
         found: list[Level] = []
@@ -131,14 +140,13 @@ def race(
             triangles, build_s = scene.build(detail)
             depth_z_m = scene.depth()
             finest_z_m = depth_z_m if finest_z_m is None else finest_z_m
-            light = None
-            if detail in lit:
-                rgb, bake_s, frame_s = scene.lit(detail, map_size, map_samples)
-                light = Light(
-                    bake_s, frame_s, *(difference(rgb, finest_rgb) if finest_rgb is not None else (None, None))
-                )
-                finest_rgb = rgb if finest_rgb is None else finest_rgb
-            found.append(Level(detail, triangles, build_s, *depth_error(depth_z_m, finest_z_m), light))
+            rgb, frame_s = scene.colour()
+            errors = (None, None) if finest_rgb is None else difference(rgb, finest_rgb)
+            finest_rgb = rgb if finest_rgb is None else finest_rgb
+            light = scene.lit(detail, map_size, map_samples) if detail in lit else None
+            found.append(
+                Level(detail, triangles, build_s, *depth_error(depth_z_m, finest_z_m), frame_s, *errors, light)
+            )
             note(str(found[-1]))
             on_step()
     return found[::-1]

@@ -36,11 +36,11 @@ def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Fig
         style = {"color": COLOURS[k], "label": room.replace("_", " ")}
         lit = [level for level in levels if level.light]
         _depth(depth, levels, style)
-        told = [level for level in lit if level.light.psnr_db is not None]
-        colour.plot(_x(told), [level.light.psnr_db for level in told], marker="o", **style)
+        told = [level for level in levels if level.psnr_db is not None]
+        colour.plot(_x(told), [level.psnr_db for level in told], marker="o", **style)
         for what, line in (("build_s", ":"), ("bake_s", "-"), ("frame_s", "--")):
-            some = levels if what == "build_s" else lit
-            values = [getattr(level if what == "build_s" else level.light, what) for level in some]
+            some = lit if what == "bake_s" else levels
+            values = [getattr(level.light if what == "bake_s" else level, what) for level in some]
             label = f"{style['label']}: {what.removesuffix('_s')}"
             times.plot(_x(some), values, line, marker=".", color=style["color"], label=label)
     for k, (room, row) in enumerate(maps.items()):
@@ -87,7 +87,7 @@ def _label(depth: Axes, colour: Axes, times: Axes, sizes: Axes) -> None:
         yscale="log",
         title="numbers: level of detail; filled: default; ring: knee",
     )
-    colour.set(ylabel="PSNR to the finest (dB)", title="colour, by baked light")
+    colour.set(ylabel="PSNR to the finest (dB)", title="colour, by a lamp at the camera")
     times.set(ylabel="seconds", yscale="log", title="times")
     sizes.set(
         ylabel="PSNR to the largest map (dB)",
@@ -118,7 +118,6 @@ def table(levels: Sequence[Level]) -> str:
 
 def _row(level: Level, is_knee: bool) -> str:
     light = level.light
-    told = light is not None and light.psnr_db is not None
     return _line(
         (
             f"{level.detail:g}{' (knee)' if is_knee else ''}",
@@ -127,9 +126,9 @@ def _row(level: Level, is_knee: bool) -> str:
             f"{1e3 * level.p99_m:.2f}",
             f"{level.off_share:.2%}",
             f"{level.build_s:.1f}",
-            f"{light.psnr_db:.1f}" if told else "",
+            "" if level.psnr_db is None else f"{level.psnr_db:.1f}",
             f"{light.bake_s:.0f}" if light else "",
-            f"{light.frame_s:.3f}" if light else "",
+            f"{level.frame_s:.3f}",
         )
     )
 

@@ -1,0 +1,44 @@
+"""A room's colours without noise and without a bake: lit by nothing but a point lamp at the camera, so that no sample is left to chance."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+from iclnuim.blender import camera, frames, settings
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.job import RenderJob
+
+#: Lights white paper at 2.5 m to about half of white.
+_POWER_W = 40.0
+
+
+def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) -> tuple[np.ndarray, float]:
+    """(n, h, w, 3) scene-linear of the scene in the session, and the median seconds of a frame, the first left out.
+
+    The scene keeps the lamp; its own lamps and sky are put out; what glows, glows.
+    """
+    job = RenderJob(room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True)
+    settings.apply(job)
+    scene = bpy.context.scene
+    scene.cycles.max_bounces = 0
+    scene.world = None
+    for thing in scene.objects:
+        if thing.type == "LIGHT":
+            thing.hide_render = True
+    camera.keyframe(views.T_world_camera, pinhole)
+    lamp = bpy.data.objects.new("lamp at the camera", bpy.data.lights.new("lamp at the camera", "POINT"))
+    lamp.data.energy, lamp.data.shadow_soft_size = _POWER_W, 0.0
+    scene.collection.objects.link(lamp)
+    lamp.parent = scene.camera
+    found, seconds = [], []
+    for number in range(len(views)):
+        raw = folder / "lamp.exr"
+        begun = time.perf_counter()
+        frames.render(number, raw)
+        seconds.append(time.perf_counter() - begun)
+        found.append(frames.read(raw, raw)[0])
+    return np.stack(found).astype(np.float32), float(np.median(seconds[1:]))

@@ -1,0 +1,55 @@
+"""`iclnuim bench detail`: the knee of a curve, what an error counts, and the command from end to end at its smallest."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip(
+    "bpy", reason="needs the bpy package"
+)  # before open3d: both bring a TBB, and bpy 5.2 needs its own
+pytest.importorskip("open3d")
+
+
+def test_the_knee_of_a_bent_line_is_where_it_bends_in_whatever_units():
+    from iclnuim_bench.benchmark.detail import knee
+
+    cost, error = np.array([1, 2, 3, 6, 9]), np.array([10, 5, 1, 0.5, 0])
+    assert knee(cost, error) == 2
+    assert knee(1000 * cost + 7, error / 1000) == 2
+    hyperbola = np.linspace(1, 10, 91)
+    assert hyperbola[knee(hyperbola, 1 / hyperbola)] == pytest.approx(np.sqrt(10), abs=0.1)
+
+
+def test_depth_errors_leave_out_the_sky_and_the_painted_surroundings():
+    from iclnuim_bench.benchmark.detail import depth_error, difference
+
+    finest = np.array([[[1.0, 2.0, 40.0, 0.0]]])
+    assert depth_error(finest + [0.001, 0.009, 5, 1], finest)[0] == pytest.approx(0.005)
+    assert depth_error(finest + [0.001, 0.009, 5, 1], finest)[2] == 0.5
+    psnr_db, median = difference(np.zeros((2, 4, 4, 3)), np.ones((2, 4, 4, 3)))
+    assert psnr_db == pytest.approx(0.0, abs=1e-6) and median == pytest.approx(255)
+
+
+def test_the_command_measures_draws_and_names_the_knee(tmp_path):
+    command = [sys.executable, "-m", "iclnuim_bench", "bench", "detail", "office", "--quiet", "--json"]
+    small = ["--levels", "0.15,0.2,0.3", "--lit", "none", "--maps", "none", "--views", "3", "--camera", "64x48"]
+    chart = ["--every", "3000", "--chart", str(tmp_path / "c.png")]
+    done = subprocess.run([*command, *small, *chart], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    levels = found["levels"]["office"]
+    assert [level["detail"] for level in levels] == [0.15, 0.2, 0.3] and found["knee"]["office"] in (0.15, 0.2, 0.3)
+    assert levels[0]["triangles"] < levels[2]["triangles"] and levels[0]["mean_m"] > 0 == levels[2]["mean_m"]
+    assert 15 < levels[0]["psnr_db"] < 60 and levels[2]["psnr_db"] is None
+    assert 0.5 < found["unseen"][0]["triangles"] < 1
+    assert (tmp_path / "c.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("options, words", [(["cellar"], "living_room, office"), (["--levels", "1,2"], "three levels")])
+def test_unknown_rooms_and_too_few_levels_are_refused_in_a_line(options, words):
+    command = [sys.executable, "-m", "iclnuim_bench", "bench", "detail", *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
