@@ -58,7 +58,7 @@ class Judge:
         return SurfaceError(np.linalg.norm(moved - self.closest(moved)[0], axis=1).astype(float), T)
 
     def refined(self, points: np.ndarray, T_model_mesh: np.ndarray, rounds: int = 30) -> np.ndarray:
-        """T_model_mesh after point-to-plane ICP on 50 000 vertices; those within three medians (at least 1 cm) count.
+        """T_model_mesh after point-to-plane ICP on 50 000 vertices; those within three medians (at least 0.5 mm) count.
 
         Raises InputError where the surfaces do not fix a motion.
         """
@@ -68,7 +68,7 @@ class Judge:
             near, normals = self.closest(moved)
             away = ((moved - near) * normals).sum(axis=1)
             distance = np.linalg.norm(moved - near, axis=1)
-            use = distance <= max(0.01, 3 * np.median(distance))
+            use = distance <= max(5e-4, 3 * np.median(distance))
             step = _step(moved[use], normals[use], away[use])
             T = SE3.exp(step).matrix @ T
             if np.abs(step).max() < 1e-7:
