@@ -92,7 +92,7 @@ class ICLNUIM_PT_camera(_SubPanel, bpy.types.Panel):
         _words(
             layout,
             context,
-            f"In Blender: lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:.4f}, {made.shift_y:.4f}, "
+            f"In Blender: lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}, "
             f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}",
         )
 

@@ -231,4 +231,5 @@ def _last_line(log: Path) -> str:
         lines = log.read_text(errors="replace").split("\n")
     except OSError:
         return ""
-    return next((f"Its last word: {line.strip()[:200]}" for line in reversed(lines) if line.strip()), "")
+    said = (line.strip() for line in reversed(lines) if not line.startswith("OIIO DEBUG"))
+    return next((f"Its last word: {line[:200]}" for line in said if line), "")
