@@ -10,6 +10,7 @@ import bpy
 import mathutils
 import numpy as np
 
+from ..errors import InputError
 from ..geometry import scene_axes
 from ..geometry.scene_axes import SceneReading
 from . import surface
@@ -33,20 +34,25 @@ class Placed:
 
 
 def place(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> Placed:
-    """Put the `objects` that came from `path` in their place, below an empty where they have to move."""
+    """Put the `objects` that came from `path` in their place, below an empty where they have to move.
+
+    Raises InputError for a file without surfaces whose shape should be guessed by.
+    """
     kind, turn = path.suffix.lower(), importers_turn(path)
-    placed = _decided(kind, reading)
+    placed = _decided(path, kind, reading)
     matrix = scene_axes.linear(placed.up, placed.unit_m, placed.mirror) @ turn.T
     if not np.allclose(matrix, np.eye(3), atol=1e-9):
         _move(objects, matrix)
     return placed
 
 
-def _decided(kind: str, reading: SceneReading) -> Placed:
+def _decided(path: Path, kind: str, reading: SceneReading) -> Placed:
     usual = "y" if kind in (".glb", ".gltf") else "z"
     up, unit_m, reasons = reading.up or usual, reading.unit_m, []
     if kind in SILENT and (reading.up is None or unit_m is None):
         found = surface.triangles()
+        if not len(found.triangles):
+            raise InputError("a scene with at least one surface", path=path, found="none")
         shape = scene_axes.shape_of(found.vertices, found.triangles)
         up = reading.up or scene_axes.guess_up(shape, SILENT[kind])
         unit_m = unit_m or scene_axes.guess_unit_m(shape, up)

@@ -22,6 +22,7 @@ _TYPES = {
 }
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _LONGEST_HEADER = 1 << 16
+_INDICES = ("vertex_indices", "vertex_index")
 
 
 @dataclass
@@ -52,8 +53,9 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     if not data.startswith(b"ply") or end < 0:
         raise InputError("a PLY file", path=path, found="no header of one")
     order, elements = None, []
-    for number, line in enumerate(data[:end].decode("latin-1").splitlines(), 1):
-        words = line.split()
+    for number, row in enumerate(data[:end].split(b"\n"), 1):
+        line = row.decode("latin-1")
+        words = [word.decode("latin-1") for word in row.split()]
         try:
             if words[:1] == ["format"]:
                 order = _ORDERS[words[1]]
@@ -65,6 +67,8 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append((words[2], _TYPES[words[1]], None))
         except (KeyError, IndexError, ValueError):
             raise InputError("a line of a PLY header", path=path, line=number, found=line) from None
+    if any(e.name == "face" and not {name for name, _, _ in e.properties} & set(_INDICES) for e in elements):
+        raise InputError(f"faces with a list of {_INDICES[0]}", path=path, found="a header without it")
     if order is None or any(not 0 <= e.count < 1 << 31 for e in elements):
         raise InputError("a format and counts in the PLY header", path=path)
     after = data.find(b"\n", end)
@@ -100,9 +104,6 @@ def _lists(path: Path, data: bytes, at: int, order: str, element: _Element) -> t
         at, done = at + like_first * row.itemsize, done + like_first
         ahead = 2 * ahead if like_first == ahead else 64  # rows of changing length are not looked at again and again
     return at, found
-
-
-_INDICES = ("vertex_indices", "vertex_index")
 
 
 def _row_type(path: Path, data: bytes, at: int, order: str, element: _Element) -> np.dtype:
