@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
 
 from .protocol import Frame, Odometer, Result, failure
 from .reference import OWN, Reference
@@ -19,6 +20,8 @@ from .system import inverted
 POLICIES = ("hold", "constant-velocity", "restart")
 #: After so many lost frames in a row the reference shows another place.
 PATIENCE = 5
+#: A motion that is held and not measured fades by this factor a frame: nobody's hand goes on for ever.
+FADING = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class Tracker:
         current = None if fault else self.odometer.prepare(frame, self.camera)
         result = self._aligned(current, fault)
         lost = not np.isfinite(result.residual) and bool(result.reason)
-        pose = self._lost(frame, current) if lost else self._found(frame, current, result.T_reference_camera)
+        pose = self._lost(frame, current) if lost else self._found(frame, current, result)
         return Tracked(stamp_s, pose, replace(result, seconds=time.perf_counter() - started), lost)
 
     def _aligned(self, current: object, fault: str) -> Result:
@@ -65,9 +68,11 @@ class Tracker:
         guess = self.T_view_camera if self.losses else self.T_view_camera @ self.motion
         return self.odometer.align(self.view, current, guess)
 
-    def _found(self, frame: Frame, current: object, T_view_camera: np.ndarray) -> np.ndarray:
-        self.motion, self.losses = inverted(self.T_view_camera) @ T_view_camera, 0
-        pose = self.T_world_view @ T_view_camera
+    def _found(self, frame: Frame, current: object, result: Result) -> np.ndarray:
+        self.motion, self.losses = inverted(self.T_view_camera) @ result.T_reference_camera, 0
+        if result.held:
+            self.motion = SE3.exp(FADING * SE3.from_matrix(self.motion).log()).matrix
+        pose = self.T_world_view @ result.T_reference_camera
         self.view, self.T_world_view = self.reference.renew(frame, current, pose)
         self.T_view_camera = inverted(self.T_world_view) @ pose
         return pose
