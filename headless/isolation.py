@@ -41,14 +41,18 @@ def survived(work: Callable[[], int], file: str) -> int:
         told = stream.read()
     status = _wait(child)
     if os.WIFSIGNALED(status):
-        name = signal.Signals(os.WTERMSIG(status)).name
-        raise WorkError(
-            f"{file}: Blender crashed on it ({name}): the file is damaged, or meets a bug of this Blender; "
-            "try opening and saving it in a Blender window"
-        )
+        raise WorkError(crash_words(file, os.WTERMSIG(status)))
     if told:
         raise _WordedError(*pickle.loads(told))
     return os.waitstatus_to_exitcode(status)
+
+
+def crash_words(file: str, number: int) -> str:
+    """What the end of Blender by a signal means for the file it was at."""
+    return (
+        f"{file}: Blender crashed on it ({signal.Signals(number).name}): the file is damaged, or meets a bug of this Blender; "
+        "try opening and saving it in a Blender window"
+    )
 
 
 def _run(work: Callable[[], int], writing: int) -> None:

@@ -18,6 +18,7 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
 
 from ..console import Console
+from ..isolation import crash_words
 from .cores import own_cores, split
 from .local import Care, LocalFarm, Outcome
 from .lock import OutputLock
@@ -111,6 +112,8 @@ class LocalRun:
                 return
             if event["event"] == "error" and not event.get("bug"):
                 raise WorkerError(event)
+            if event["event"] == "exit" and event["code"] < 0:
+                raise WorkError(f"{crash_words(self.job.scene, -event['code'])}; its log: {worker.log}")
             if event["event"] == "exit":
                 raise WorkError(
                     f"a worker does not start (code {event['code']}): {worker.last_words()}; its log: {worker.log}"
