@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     figures = {"mesh": str(args.out), "sequence": str(args.folder), "poses": str(poses), **surface.figures}
     write_json(args.out.with_suffix(".json"), {**_recipe(), **figures})
     if args.plot:
-        _draw(surface.mesh, args.plot)
+        _draw(surface.mesh, loaded, args.plot)
     console.result(figures, _text(figures))
     return 0
 
@@ -119,12 +119,19 @@ def _recipe() -> dict:
     return {"schema_version": 1, "kind": "surface", "iclnuim": __version__, "source_commit": source_commit()}
 
 
-def _draw(mesh, path: Path) -> None:
+def _draw(mesh, loaded, path: Path) -> None:
+    """Worlds that are the first camera's frame (y down) are stood upright, as well as its tilt allows."""
+    import numpy as np
+    from iclnuim.formats.freiburg import ANCHORED_WORLD
     from iclnuim.formats.png import write_png
+    from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN
 
     from ..reconstruction.shading import picture
 
-    write_png(path, picture(mesh.points, mesh.triangles, mesh.colours))
+    first = loaded.trajectory.T_world_camera[0].matrix
+    y_down = loaded.taken.frame == ANCHORED_WORLD or np.allclose(first, np.eye(4), atol=1e-3)
+    points = mesh.points @ Z_UP_FROM_Y_DOWN.T if y_down else mesh.points
+    write_png(path, picture(points, mesh.triangles, mesh.colours))
 
 
 def _text(f: dict) -> str:
