@@ -47,6 +47,16 @@ def test_the_unit_of_a_room_is_found(size, unit_m):
     assert scene_axes.guess_unit_m(shape, "y") == unit_m
 
 
+def test_a_landscape_seen_through_a_window_does_not_count():
+    vertices, triangles = room(np.array([5, 2.5, 6.0]))
+    many = np.concatenate([triangles] * 20)
+    far = np.array([(-80, 0, -80), (80, 0, -80), (80, 0, 80), (-80, 40, 80)], float)
+    ground = np.array([(0, 1, 2), (0, 2, 3)]) + len(vertices)
+    shape = scene_axes.shape_of(np.concatenate([vertices, far]), np.concatenate([many, ground]))
+    assert scene_axes.guess_up(shape, "z") == "y"
+    assert scene_axes.guess_unit_m(shape, "y") == 1.0
+
+
 def test_a_thing_on_a_table_is_believed_to_be_in_metres():
     assert scene_axes.guess_unit_m(scene_axes.shape_of(*room(np.array([0.3, 0.2, 0.3]))), "y") == 1.0
 

@@ -66,7 +66,7 @@ class SceneReading:
 
 @dataclass(frozen=True)
 class Shape:
-    """What a guess goes by: extent (3,) of the vertices along the file's axes, and area_facing (3,) of surfaces square to each."""
+    """What a guess goes by: extent (3,) of nearly all corners along the file's axes, and area_facing (3,) of surfaces square to each."""
 
     extent: np.ndarray
     area_facing: np.ndarray
@@ -87,12 +87,18 @@ def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:
 
 
 def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
-    """Of vertices (n, 3) and triangles (m, 3). A surface faces an axis within some 15 degrees."""
-    used = vertices[triangles.reshape(-1)].reshape(-1, 3, 3)
-    vectors = np.cross(used[:, 1] - used[:, 0], used[:, 2] - used[:, 0]) / 2
+    """Of vertices (n, 3) and triangles (m, 3), where its detail is: a landscape seen through a window does not count.
+
+    A surface faces an axis within some 15 degrees.
+    """
+    corners = vertices[triangles.reshape(-1)].reshape(-1, 3, 3)
+    low, high = np.percentile(corners.reshape(-1, 3), (2, 98), axis=0)
+    within = ((corners.mean(1) >= low) & (corners.mean(1) <= high)).all(1)
+    corners = corners[within] if within.any() else corners
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     areas = np.linalg.norm(vectors, axis=1)
     facing = np.abs(vectors) > 0.966 * np.maximum(areas, 1e-30)[:, None]
-    return Shape(np.ptp(used.reshape(-1, 3), axis=0), (facing * areas[:, None]).sum(0))
+    return Shape(high - low, (facing * areas[:, None]).sum(0))
 
 
 def guess_up(shape: Shape, usual: str) -> str:
