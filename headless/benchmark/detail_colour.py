@@ -1,4 +1,4 @@
-"""A room's colours without noise and without a bake: lit by nothing but a point lamp at the camera, so that no sample is left to chance."""
+"""A room's colours without a bake and nearly without noise: lit by nothing but a point lamp at the camera, so that one ray a pixel is enough."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from iclnuim.blender import camera, frames, settings
+from iclnuim.blender import camera, frames, lambertian, settings
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
 
 #: Lights white paper at 2.5 m to about half of white.
-_POWER_W = 40.0
+_POWER_W = 120.0
 
 
 def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) -> tuple[np.ndarray, float]:
@@ -22,9 +22,11 @@ def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) 
     The scene keeps the lamp; its own lamps and sky are put out; what glows, glows.
     """
     job = RenderJob(room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True)
+    lambertian.apply()
     settings.apply(job)
     scene = bpy.context.scene
-    scene.cycles.max_bounces = 0
+    scene.cycles.max_bounces, scene.cycles.use_light_tree = 0, False
+    scene.cycles.light_sampling_threshold = 0.0  # faint light would be left to chance
     scene.world = None
     for thing in scene.objects:
         if thing.type == "LIGHT":

@@ -10,6 +10,8 @@ from .mesh import Mesh, _compact, _drop_repeated_corners
 FEATURE_M = 0.004
 #: Corners whose surfaces turn away from each other more than this cosine says are the two sides of something thin, and stay apart.
 _SAME_SIDE = -0.2
+#: Groups whose normals' mean is shorter than this go round a wire or a pin, which would be lost; at a box's corner it is 0.58.
+_RING = 0.4
 #: Added to every limit of length: many lengths are equal by design, and rounding must not decide which of them is below it.
 _TIE_M = 3.3e-7
 #: Share of a cluster's faces' weight that draws its corner to the cluster's middle, where the faces leave it open.
@@ -31,8 +33,8 @@ def coarser(mesh: Mesh, within_m: float) -> Mesh:
 def _merged(mesh: Mesh, within_m: float) -> Mesh:
     """`mesh` with corners that lie within `within_m` of each other, along edges, made one, where the planes of the faces that remain meet.
 
-    So a chamfered box becomes the box about it, not one that is smaller. What is round stays round: a group wider than twice
-    `within_m` is left as it is, and so are the two sides of a sheet.
+    So a chamfered box becomes the box about it, not one that is smaller. What is round stays round: a group that goes round a wire, or is
+    wider than twice `within_m`, is left as it is, and so are the two sides of a sheet.
     """
     group = _groups(mesh, within_m)
     if within_m <= 0 or len(np.unique(group)) == len(mesh.verts):
@@ -54,8 +56,11 @@ def _groups(mesh: Mesh, within_m: float) -> np.ndarray:
     low, high = np.full_like(mesh.verts, np.inf), np.full_like(mesh.verts, -np.inf)
     np.minimum.at(low, group, mesh.verts)
     np.maximum.at(high, group, mesh.verts)
+    members = np.bincount(group, minlength=len(group))
+    mean = np.stack([np.bincount(group, normal[:, k], len(group)) for k in range(3)], 1)
+    whole = np.linalg.norm(mean, axis=1) < _RING * members
     wide = np.linalg.norm(high - low, axis=1) > 2 * within_m + _TIE_M
-    return np.where(wide[group], np.arange(len(group)), group)
+    return np.where((wide | whole)[group], np.arange(len(group)), group)
 
 
 def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
