@@ -60,31 +60,28 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
 
 @njit(cache=True, inline="always")
 def _sample(inverse, u, v, jump):
-    """Inverse depth, bilinear (exact on planes) where the four belong together, else the nearest; 0 = missing."""
+    """(inverse depth, whether depth jumps here): bilinear, exact on planes, else the nearest pixel's; 0 = missing."""
     i, j = int(math.floor(v)), int(math.floor(u))
     if i < 0 or j < 0 or i + 1 >= inverse.shape[0] or j + 1 >= inverse.shape[1]:
-        return 0.0
+        return 0.0, False
     a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
     near, far = max(a, b, c, d), min(a, b, c, d)
     if far <= 0.0:
-        return 0.0
+        return 0.0, False
     p, q = v - i, u - j
     if near - far > jump * near * far:
-        return inverse[i + (1 if p >= 0.5 else 0), j + (1 if q >= 0.5 else 0)]
-    return (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d)
+        return inverse[i + (1 if p >= 0.5 else 0), j + (1 if q >= 0.5 else 0)], True
+    return (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d), False
 
 
 @njit(cache=True, inline="always")
-def _slant(inverse, K, u, v, found, jump):
-    """Distance along the normal as a share of that along z; 0 where depth jumps.
+def _slant(inverse, K, u, v, found):
+    """Distance along the normal as a share of that along z, where depth does not jump.
 
     On a plane the inverse depth is linear in the image, and its slopes are the normal's: n . ray = inverse depth.
     """
     i, j = int(math.floor(v)), int(math.floor(u))
     a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
-    near, far = max(a, b, c, d), min(a, b, c, d)
-    if near - far > jump * near * far:
-        return 0.0
     across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
     nz = found - (u - K[2]) * across - (v - K[3]) * down
     return found / math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
@@ -127,20 +124,20 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, most, rows, n):
                     continue
                 u = K[0] * (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]) / z + K[2]
                 v = K[1] * (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]) / z + K[3]
-                found = _sample(inverse, u, v, trunc)
+                found, jumps = _sample(inverse, u, v, trunc)
                 if found <= 0.0:
                     continue
                 distance = 1.0 / found - z
                 if distance < -trunc:
                     continue
                 more = UNIT
-                if behind < trunc and distance < trunc:
-                    slant = _slant(inverse, K, u, v, found, trunc)
-                    if slant > 0.0:
+                if behind < trunc:
+                    if jumps:  # one of two surfaces, or one that is all but edge-on: hardly a word in this, nor in free space
+                        more = 1.0 if distance > -behind else 0.0
+                    elif distance < trunc:
+                        slant = _slant(inverse, K, u, v, found)
                         distance *= slant
                         more = math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind))
-                    else:
-                        more = 1.0 if distance > -behind else 0.0
                     if more < 1.0:
                         continue
                 at = line * 8 + k
