@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from iclnuim.errors import WorkError
 
@@ -14,7 +16,7 @@ class SurfaceDistance:
             import open3d
         except ImportError:
             raise WorkError("clearance needs the package open3d; try: pip install open3d-cpu") from None
-        self._tensor = open3d.core.Tensor
+        self._tensor: Any = open3d.core.Tensor
         self._scene = open3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(self._tensor(vertices.astype(np.float32)), self._tensor(triangles.astype(np.uint32)))
 

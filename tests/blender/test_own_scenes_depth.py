@@ -54,7 +54,7 @@ def rich_room(folder: Path) -> Path:
     tree.links.new(noise.outputs[0], lift.inputs["Height"])
     tree.links.new(lift.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
     waves.displacement_method = "DISPLACEMENT"
-    sheet = made.add(bpy, "sheet", grid, quads, waves)
+    sheet = made.add(bpy, "sheet", grid, quads, waves, uv=False)
     sheet.location, sheet.rotation_euler = (1.6, 1.2, 1.2), (1.0, 0, 0)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
     return folder / "room.blend"

@@ -108,7 +108,8 @@ def _lists(path: Path, data: bytes, at: int, order: str, element: _Element) -> t
 
 def _row_type(path: Path, data: bytes, at: int, order: str, element: _Element) -> np.dtype:
     """The layout of the row at `at`."""
-    fields, here = [], at
+    fields: list[tuple] = []
+    here = at
     for name, kind, length in element.properties:
         if length is None:
             fields.append((name, order + kind))

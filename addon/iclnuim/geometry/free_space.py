@@ -33,8 +33,8 @@ class FreeSpace:
         """Over a box, in cells of 0.1 m or larger where the box is large."""
         size = np.maximum(high_m - low_m, 1e-3)
         cell_m = max(_FINEST_M, float((size.prod() / _MOST_CELLS) ** (1 / 3)), float(size.max()) / 400)
-        shape = np.ceil(size / cell_m).astype(int) + 1
-        points = low_m + cell_m * np.stack(np.indices(shape), -1).reshape(-1, 3)
+        shape = tuple(int(n) + 1 for n in np.ceil(size / cell_m))
+        points = low_m + cell_m * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
         return cls(low_m, cell_m, measure(points).reshape(shape), measure)
 
     def way(self, start_m: np.ndarray, end_m: np.ndarray, clear_m: float) -> np.ndarray:
@@ -49,14 +49,16 @@ class FreeSpace:
 
     def _cell(self, point_m: np.ndarray) -> tuple[int, int, int]:
         index = np.rint((point_m - self.low_m) / self.cell_m).astype(int)
-        return tuple(int(k) for k in np.clip(index, 0, np.array(self.clearance_m.shape) - 1))
+        i, j, k = np.clip(index, 0, np.array(self.clearance_m.shape) - 1).tolist()
+        return i, j, k
 
     def _walk(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
         """Cells from start to end. The two themselves need not be as clear: their places were looked at before."""
         goal, shape = np.array(end), self.clearance_m.shape
         steps = [(tuple(n), float(np.linalg.norm(n))) for n in _NEIGHBOURS]
-        length, before, open_ = {start: 0.0}, {start: None}, [(0.0, start)]
-        done = set()
+        length: dict[tuple, float] = {start: 0.0}
+        before: dict[tuple, tuple | None] = {start: None}
+        open_, done = [(0.0, start)], set()
         while open_:
             cell = heapq.heappop(open_)[1]
             if cell == end:
