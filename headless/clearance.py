@@ -17,7 +17,7 @@ class SurfaceDistance:
         except ImportError:
             raise WorkError("clearance needs the package open3d; try: pip install open3d-cpu") from None
         self._tensor: Any = open3d.core.Tensor
-        self._scene = open3d.t.geometry.RaycastingScene()
+        self._scene: Any = open3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(self._tensor(vertices.astype(np.float32)), self._tensor(triangles.astype(np.uint32)))
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ def walk(stops, measure=clearance, clear_m=0.25, **options):
 ENDS = [((1.0, 1.0, 1.3), (3.0, 1.0, 1.2)), ((5.0, 1.0, 1.3),)]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 7])
 def test_the_way_leads_through_the_door_and_keeps_clear(seed):
     made = walk(ENDS, seed=seed)
     positions = made.motion.trajectory.positions_m
