@@ -121,6 +121,18 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth
         assert (facing < 0.3).all()  # they face the viewer, up to smooth shading
 
 
+def test_baked_light_shows_the_same_truth_as_path_tracing(render, truth_run, awkward_scene, tmp_path, monkeypatch):
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
+    options = ("--frames", "6", "--camera", "160x120", "--map-size", "256", "--map-samples", "2", "--ground-truth")
+    done = render(tmp_path / "baked", *options, scene=awkward_scene, base=())
+    assert done.returncode == 0, done.stderr
+    baked, traced = (read_exr(p / "exr/000006.exr") for p in (tmp_path / "baked", truth_run))
+    assert np.array_equal(baked["instance"], traced["instance"])
+    assert angle_deg(normals_of(baked), normals_of(traced)).max() < 0.01
+    tables = [json.loads((p / "objects.json").read_text()) for p in (tmp_path / "baked", truth_run)]
+    assert tables[0] == tables[1]
+
+
 def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, tmp_path):
     import shutil
 
