@@ -28,36 +28,39 @@ _MAPS = ("map", "bake s", "PSNR dB to the largest", "median of 255", "frame s")
 
 
 def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Figure:
-    """Depth error, colour error and times against triangles; colour error against the light map's size. The knee is ringed, the default filled."""
-    drawn = Figure(figsize=(12, 7.6), layout="constrained")
+    """Depth error, colour error and times against triangles; colour error against the light map's size, where it was measured.
+
+    The knee is ringed, the default filled.
+    """
+    with_maps = any(maps.values())
+    drawn = Figure(figsize=(12, 7.6) if with_maps else (15, 4.6), layout="constrained")
     FigureCanvasAgg(drawn)
-    (depth, colour), (times, sizes) = drawn.subplots(2, 2)
+    panels = drawn.subplots(*((2, 2) if with_maps else (1, 3))).ravel()
     for k, (room, levels) in enumerate(rooms.items()):
         style = {"color": COLOURS[k], "label": room.replace("_", " ")}
-        lit = [level for level in levels if level.light]
-        _depth(depth, levels, style)
+        _depth(panels[0], levels, style)
         told = [level for level in levels if level.psnr_db is not None]
-        colour.plot(_x(told), [level.psnr_db for level in told], marker="o", **style)
-        for what, line in (("build_s", ":"), ("bake_s", "-"), ("frame_s", "--")):
-            some = lit if what == "bake_s" else levels
-            values = [getattr(level.light if what == "bake_s" else level, what) for level in some]
-            label = f"{style['label']}: {what.removesuffix('_s')}"
-            times.plot(_x(some), values, line, marker=".", color=style["color"], label=label)
-    for k, (room, row) in enumerate(maps.items()):
-        told = [m for m in row if m.psnr_db is not None]
-        sizes.plot(
-            [m.size for m in told],
-            [m.psnr_db for m in told],
-            marker="o",
-            color=COLOURS[k],
-            label=room.replace("_", " "),
-        )
-        for m in told:
-            sizes.annotate(
-                f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(5, -10), textcoords="offset points", fontsize=8
-            )
-    _label(depth, colour, times, sizes)
+        panels[1].plot(_x(told), [level.psnr_db for level in told], marker="o", **style)
+        _times(panels[2], levels, style)
+        if with_maps:
+            _sizes(panels[3], maps[room], style)
+    _label(panels)
     return drawn
+
+
+def _times(axes: Axes, levels: Sequence[Level], style: dict) -> None:
+    for what, line in (("build_s", ":"), ("bake_s", "-"), ("frame_s", "--")):
+        some = [level for level in levels if level.light] if what == "bake_s" else levels
+        values = [getattr(level.light if what == "bake_s" else level, what) for level in some]
+        label = f"{style['label']}: {what.removesuffix('_s')}" if some else None
+        axes.plot(_x(some), values, line, marker=".", color=style["color"], label=label)
+
+
+def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
+    told = [m for m in row if m.psnr_db is not None]
+    axes.plot([m.size for m in told], [m.psnr_db for m in told], marker="o", **style)
+    for m in told:
+        axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(5, -10), textcoords="offset points", fontsize=8)
 
 
 def _x(levels: Sequence[Level]) -> list[float]:
@@ -81,26 +84,21 @@ def _depth(axes: Axes, levels: Sequence[Level], style: dict) -> None:
     axes.plot(_x([at]), [1e3 * at.mean_m], "o", markersize=14, markerfacecolor="none", markeredgecolor=style["color"])
 
 
-def _label(depth: Axes, colour: Axes, times: Axes, sizes: Axes) -> None:
-    depth.set(
-        ylabel="mean depth error to the finest (mm)",
-        yscale="log",
-        title="numbers: level of detail; filled: default; ring: knee",
+def _label(panels: Sequence[Axes]) -> None:
+    titles = (
+        {
+            "ylabel": "mean depth error to the finest (mm)",
+            "yscale": "log",
+            "title": "numbers: detail; filled: default; ring: knee",
+        },
+        {"ylabel": "PSNR to the finest (dB)", "title": "colour, by a lamp at the camera"},
+        {"ylabel": "seconds", "yscale": "log", "title": "times"},
+        {"ylabel": "PSNR to the largest map (dB)", "xscale": "log", "title": "light map; numbers: bake"},
     )
-    colour.set(ylabel="PSNR to the finest (dB)", title="colour, by a lamp at the camera")
-    times.set(ylabel="seconds", yscale="log", title="times")
-    sizes.set(
-        ylabel="PSNR to the largest map (dB)",
-        xscale="log",
-        xlabel="side of the light map (texels)",
-        title="light map; numbers: bake",
-    )
-    for axes in (depth, colour, times):
-        axes.set_xlabel("thousand triangles")
-    for axes in (depth, colour, times, sizes):
+    for axes, words in zip(panels, titles, strict=False):
+        axes.set(xlabel="side of the light map (texels)" if "xscale" in words else "thousand triangles", **words)
         axes.grid(alpha=0.3)
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(frameon=False, fontsize=8)
+        axes.legend(frameon=False, fontsize=8)
 
 
 def knee_of(levels: Sequence[Level]) -> int:

@@ -19,12 +19,12 @@ def configure(actions: argparse._SubParsersAction) -> None:
     detail = action(actions, "detail", help, "iclnuim bench detail --chart detail.png", _detail)
     detail.add_argument("rooms", nargs="*", metavar="ROOM", help="default: living_room office")
     detail.add_argument(
-        "--levels", type=_numbers, default=(0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0), metavar="D,D",
-        help="of detail, for depth and build time; default: 0.2,0.25,0.35,0.5,0.7,1,1.4,2",
+        "--levels", type=_numbers, default=(0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0), metavar="D,D",
+        help="of detail, for depth, colour, build and frame time; default: 0.25,0.35,0.5,0.7,1,1.4,2",
     )  # fmt: skip
     detail.add_argument(
         "--lit", type=_numbers, default=(0.25, 0.5, 1.0, 2.0), metavar="D,D",
-        help="levels that are lit too, for colour, bake and frame time; default: 0.25,0.5,1,2; `none`: no light at all",
+        help="levels that are lit too, for the bake's time; default: 0.25,0.5,1,2; `none`: no light at all",
     )  # fmt: skip
     detail.add_argument(
         "--maps", type=_numbers, default=(256, 512, 1024, 2048), metavar="N,N",
