@@ -14,7 +14,8 @@ FAR_M = 1000.0
 def findings(baked: bool) -> list[str]:
     """One plain sentence each, in the open scene; `baked` adds what baked light cannot follow. Changes nothing."""
     scene = bpy.context.scene
-    return [*_camera(scene), *_look(scene), *_surfaces(), *_place(scene), *_motion(scene, baked)]
+    bumps = _bumps() if baked else []
+    return [*_camera(scene), *_look(scene), *_surfaces(), *bumps, *_place(scene), *_motion(scene, baked)]
 
 
 def _camera(scene: bpy.types.Scene) -> list[str]:
@@ -61,6 +62,13 @@ def _surfaces() -> list[str]:
             f"partly transparent surfaces ({', '.join(sorted(mixed))[:120]}): Z is that of the nearest one, seen or not"
         )
     return found
+
+
+def _bumps() -> list[str]:
+    """Materials whose shading baked light cannot follow: one value a texel, for the smooth surface."""
+    trees = [(m.name, m.node_tree) for m in bpy.data.materials if m.users and m.node_tree]
+    found = sorted(name for name, tree in trees if {n.type for n in tree.nodes} & {"NORMAL_MAP", "BUMP"})
+    return [f"normal maps or bumps ({', '.join(found)[:120]}): seen in gloss alone by baked light"] if found else []
 
 
 def _used(node: bpy.types.Node, socket: str, neutral: float) -> bool:
