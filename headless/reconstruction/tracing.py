@@ -13,6 +13,13 @@ from numba import njit, prange
 from .grid import gradient, read, read_colour, row_of
 
 
+@njit(cache=True, inline="always")
+def _beside(x, z, f, c, size, radius):
+    """Whether a ball at (x, z) lies outside one of the two planes through the image's borders."""
+    low, high = c + 0.5, size - 0.5 - c
+    return f * x + low * z < -radius * math.hypot(f, low) or high * z - f * x < -radius * math.hypot(f, high)
+
+
 @njit(cache=True)
 def ranges(grid, highest, K, R, t, voxel, tile, near, far):
     """Planar depths between which the blocks of rows 1..highest lie, tile by tile of the image: from `near` to `far`.
@@ -21,20 +28,24 @@ def ranges(grid, highest, K, R, t, voxel, tile, near, far):
     """
     size = 8.0 * voxel
     radius = 0.5 * math.sqrt(3.0) * size
+    height, width = near.shape[0] * tile, near.shape[1] * tile
     for row in range(1, highest + 1):
         px = grid.place[row, 0] * size + 3.5 * voxel
         py = grid.place[row, 1] * size + 3.5 * voxel
         pz = grid.place[row, 2] * size + 3.5 * voxel
         z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + t[2]
-        nearest = z - radius
         if z < -radius or row_of(grid, grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]) != row:
             continue
+        x = R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]
+        y = R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]
+        if _beside(x, z, K[0], K[2], width, radius) or _beside(y, z, K[1], K[3], height, radius):
+            continue
+        nearest = z - radius
         if nearest < 0.1:
             u0, u1, v0, v1 = 0, near.shape[1] - 1, 0, near.shape[0] - 1
             nearest = 0.0
         else:
-            u = K[0] * (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0])
-            v = K[1] * (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1])
+            u, v = K[0] * x, K[1] * y
             du, dv = K[0] * radius, K[1] * radius
             u0 = int(max(0.0, (min((u - du) / z, (u - du) / nearest) + K[2]) // tile))
             v0 = int(max(0.0, (min((v - dv) / z, (v - dv) / nearest) + K[3]) // tile))

@@ -133,3 +133,18 @@ def test_empty_depth_leaves_nothing_to_see(camera):
     volume = Volume(VolumeSettings(most_blocks=4))
     volume.integrate(np.full((120, 160), np.nan), camera, np.eye(4))
     assert np.isnan(volume.raycast(camera, np.eye(4)).depth_z_m).all()
+
+
+def test_what_lies_beside_and_behind_costs_a_raycast_nothing(camera, plane_depth):
+    volume = Volume(SMALL["best"])
+    volume.integrate(plane_depth((0, 0, -1), (0, 0, 1.5)), camera, np.eye(4))
+    alone = volume._ranges(camera, np.eye(4))
+    for angle in (np.pi / 2, -np.pi / 2, np.pi):
+        T = np.eye(4)
+        T[0, 0], T[0, 2], T[2, 0], T[2, 2] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
+        normal = -T[:3, 2]
+        volume.integrate(plane_depth(normal, 1.0 * T[:3, 2], T), camera, T)
+    for before, after in zip(alone, volume._ranges(camera, np.eye(4)), strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert alone[0].min() > 1.2
+    assert alone[1].max() < 1.8
