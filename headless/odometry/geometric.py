@@ -25,6 +25,7 @@ class Planes:
     nu: float = 0.0
     both: bool = False
     spread: float = 0.0
+    doubt: float = 1.0
 
 
 class PlaneTerm:
@@ -66,7 +67,7 @@ class PlaneTerm:
         if iteration == 0:
             self.disagreement = self._disagreement()
         # What two normals of one place disagree about is noise; a sensor's steps may let them agree on as much again.
-        return system.trusted(self.disagreement * system.weight).as_information(self.planes.spread)
+        return system.trusted(self.planes.doubt * self.disagreement * system.weight).as_information(self.planes.spread)
 
     def _disagreement(self) -> float:
         """1 - n0 . n1 in the mean, from the median of some 2000 pairs: true normals differ by more at edges.

@@ -60,7 +60,7 @@ def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
 
 
 def test_the_stated_deviation_is_of_the_size_of_the_error():
-    found = run("icp", [view(i, ROOM, 0.003) for i in range(12)])
+    found = run("icp", [view(i, ROOM, 0.001) for i in range(12)])
     steps = [inverted(a.T_world_camera) @ b.T_world_camera for a, b in zip(found, found[1:], strict=False)]
     errors = [np.linalg.norm((inverted(STEP) @ step)[:3, 3]) for step in steps[1:]]
     stated = [np.sqrt(np.trace(np.linalg.inv(f.result.information)[:3, :3])) for f in found[2:]]
