@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from .console import Console
 from .options import action
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 def configure(actions: argparse._SubParsersAction) -> None:
@@ -67,6 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 def _given(args: argparse.Namespace) -> np.ndarray:
     """T_model_mesh (4, 4) as far as it is given."""
+    import numpy as np
     from iclnuim.errors import InputError
     from iclnuim.formats.trajectories import read_trajectory
 
@@ -86,6 +89,7 @@ def _given(args: argparse.Namespace) -> np.ndarray:
 
 
 def _read_transform(path: Path) -> np.ndarray:
+    import numpy as np
     from iclnuim.errors import InputError
     from iclnuim.formats.files import read_text
 

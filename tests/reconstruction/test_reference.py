@@ -66,6 +66,8 @@ def test_icp_drifts_less_against_the_model(small, camera, room):
 
 @pytest.mark.parametrize("name", ["dvo", "rgbd", "icp_rgbd", "peer:opencv-icp"])
 def test_every_odometer_can_be_shown_the_model(small, name, camera, room):
+    if name.startswith("peer:") and not hasattr(pytest.importorskip("cv2"), "rgbd"):
+        pytest.skip("this OpenCV has no rgbd module (opencv-contrib-python-headless)")
     poses, frames = room
     assert error_m(tracked(name, "model", camera, frames[:13]), poses[:13]) < 0.01
 
