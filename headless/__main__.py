@@ -1,7 +1,5 @@
 """`python -m iclnuim_bench` is the command `iclnuim`."""
 
-import sys
+from .cli import command
 
-from .cli import main
-
-sys.exit(main())
+command()

@@ -9,6 +9,7 @@ import argparse
 import importlib
 import os
 import sys
+from typing import NoReturn
 
 from iclnuim import __version__
 from iclnuim.errors import IclnuimError
@@ -57,6 +58,16 @@ def main(argv: list[str] | None = None) -> int:
     return _guarded(argv[0], argv[1:])
 
 
+def command() -> NoReturn:
+    """`main` as a process: its exit code is the process's."""
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if "bpy" in sys.modules:
+        os._exit(code)  # Blender as a module may wait at the end for threads of its own that are gone by then
+    sys.exit(code)
+
+
 def _guarded(command: str, argv: list[str]) -> int:
     try:
         return _run(command, argv)
@@ -90,4 +101,4 @@ def _overview() -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command()

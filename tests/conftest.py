@@ -4,11 +4,28 @@ import contextlib
 import os
 import resource
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+_ended = []
+
+
+def pytest_sessionfinish(exitstatus):
+    _ended.append(int(exitstatus))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure():
+    """Blender as a module may wait at the end for threads of its own that are gone by then: all is said, so end here."""
+    if "bpy" in sys.modules and _ended:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_ended[-1])
 
 
 @pytest.fixture(scope="session")
