@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
 
 from ..console import Console
@@ -76,7 +77,11 @@ class _Clock:
         wall_s = time.perf_counter() - self._begun
         first = self._first or (wall_s, 0.0, 0)
         seconds, cpu_s, count = (b - a for a, b in zip(first, self._last or first, strict=True))
-        rate = count / seconds if seconds > 0 else 0.0
+        if not count:
+            raise InputError(
+                f"frames enough for {workers} workers to be at work together", found=frames, hint=f"--frames {3 * frames}"
+            )
+        rate = count / seconds
         return Throughput(
             name="baked" if job.light == "baked" else f"path traced, {job.samples} samples",
             light=job.light,
@@ -86,8 +91,8 @@ class _Clock:
             startup_s=round(first[0] - self._begun, 3),
             wall_s=round(wall_s, 3),
             frames_an_hour=round(3600 * rate, 1),
-            seconds_a_frame_a_worker=round(workers / rate, 4) if rate else 0.0,
-            busy_share=round(cpu_s / (seconds * workers * threads), 3) if seconds > 0 else 0.0,
+            seconds_a_frame_a_worker=round(workers / rate, 4),
+            busy_share=round(cpu_s / (seconds * workers * threads), 3),
             startup_share=round((first[0] - self._begun) / wall_s, 3),
         )
 

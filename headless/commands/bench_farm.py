@@ -33,7 +33,7 @@ def _configure_farm(actions: argparse._SubParsersAction) -> None:
     farm = action(actions, "farm", help, "iclnuim bench farm kt2 --chart farm.png", _farm)
     farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     farm.add_argument("--light", choices=("baked", "path"), help="default: both")
-    farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 16 path-traced")
+    farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 48 path-traced")
     farm.add_argument("--samples", type=int, default=4, metavar="N", help="of path tracing; default: 4")
     farm.add_argument(
         "--repeat", type=int, default=1, metavar="N", help="rounds, of which the fastest counts; default: 1"
@@ -65,7 +65,7 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
     results, models = [], []
     for light in [args.light] if args.light else ["baked", "path"]:
         job = _job(args, light)
-        frames = args.frames or (160 if light == "baked" else 16)
+        frames = args.frames or (160 if light == "baked" else 48)
         measured = farm_throughput.race(job, frames, args.repeat, console.note)
         known = {"sequences": args.sequences, "frames_a_sequence": len(load_trajectory(job))}
         models.append(farm_model.of(farm_throughput.best(measured), **known))
