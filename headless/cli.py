@@ -81,7 +81,10 @@ def _guarded(command: str, argv: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        print(f"iclnuim {command}: {error.filename or ''}: {error.strerror or error}".replace(": : ", ": "), file=sys.stderr)
+        print(
+            f"iclnuim {command}: {error.filename or ''}: {error.strerror or error}".replace(": : ", ": "),
+            file=sys.stderr,
+        )
         return 3
 
 
@@ -97,7 +100,9 @@ def _run(command: str, argv: list[str]) -> int:
 def _overview() -> str:
     width = max(map(len, COMMANDS))
     lines = [f"  {name:<{width}}  {text}" for name, text in COMMANDS.items()]
-    return "\n".join(["usage: iclnuim COMMAND ...", "", *lines, "", "iclnuim COMMAND --help tells more; iclnuim --version."])
+    return "\n".join(
+        ["usage: iclnuim COMMAND ...", "", *lines, "", "iclnuim COMMAND --help tells more; iclnuim --version."]
+    )
 
 
 if __name__ == "__main__":

@@ -79,7 +79,9 @@ class _Clock:
         seconds, cpu_s, count = (b - a for a, b in zip(first, self._last or first, strict=True))
         if not count:
             raise InputError(
-                f"frames enough for {workers} workers to be at work together", found=frames, hint=f"--frames {3 * frames}"
+                f"frames enough for {workers} workers to be at work together",
+                found=frames,
+                hint=f"--frames {3 * frames}",
             )
         rate = count / seconds
         return Throughput(

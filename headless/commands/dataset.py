@@ -33,7 +33,9 @@ def add_form_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rosbag", action="store_true", help="also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
     )
-    parser.add_argument("--klg", action="store_true", help="also OUT.klg, the log of ElasticFusion, and its camera OUT.cal")
+    parser.add_argument(
+        "--klg", action="store_true", help="also OUT.klg, the log of ElasticFusion, and its camera OUT.cal"
+    )
     parser.add_argument("--workers", type=int, metavar="N", help="threads; default: one a core")
 
 

@@ -53,7 +53,9 @@ class LocalRun:
         self._opener = self._start(own_cores(), heard)
         self._wait(heard, "start")
         self.run = read_run(self.out)
-        self.job = RenderJob.from_dict(self.run.recipe["job"])  # as the worker settled it: no baked light where things move
+        self.job = RenderJob.from_dict(
+            self.run.recipe["job"]
+        )  # as the worker settled it: no baked light where things move
         self._opener_heard = heard
         return self.run
 

@@ -94,7 +94,13 @@ def test_the_run_folder_tells_camera_poses_and_recipe(whole_run, forward_path):
     ours = read_trajectory(whole_run / "groundtruth.txt", "tum").trajectory
     theirs = read_trajectory(forward_path, "tum").trajectory
     assert np.abs(ours.positions_m - theirs.positions_m).max() < 1e-8
-    assert sorted(p.name for p in whole_run.iterdir()) == [".farm", "camera.json", "exr", "groundtruth.txt", "sequence.json"]
+    assert sorted(p.name for p in whole_run.iterdir()) == [
+        ".farm",
+        "camera.json",
+        "exr",
+        "groundtruth.txt",
+        "sequence.json",
+    ]
 
 
 def test_background_is_zero(render, tmp_path, forward_path):

@@ -8,7 +8,9 @@ from iclnuim.scenes.mesh import face_normals, join
 from iclnuim.scenes.shapes import lathe, sheet, tube
 from iclnuim.scenes.solids import block
 
-bpy = pytest.importorskip("bpy", reason="needs the bpy package")  # before open3d: both bring a TBB, and bpy 5.2 needs its own
+bpy = pytest.importorskip(
+    "bpy", reason="needs the bpy package"
+)  # before open3d: both bring a TBB, and bpy 5.2 needs its own
 pytest.importorskip("open3d")
 
 

@@ -7,7 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-bpy = pytest.importorskip("bpy", reason="needs the bpy package")  # before open3d: both bring a TBB, and bpy 5.2 needs its own
+bpy = pytest.importorskip(
+    "bpy", reason="needs the bpy package"
+)  # before open3d: both bring a TBB, and bpy 5.2 needs its own
 o3d = pytest.importorskip("open3d")
 
 

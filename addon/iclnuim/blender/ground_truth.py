@@ -31,7 +31,9 @@ def number_objects() -> None:
     instanced = {i.object.original for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance}
     things += sorted((o for o in instanced if o.type in _SURFACES and o not in things), key=lambda o: o.name)
     if len(things) > _MOST_OBJECTS:
-        raise InputError(f"at most {_MOST_OBJECTS} objects for instance numbers", found=len(things), hint="joining some")
+        raise InputError(
+            f"at most {_MOST_OBJECTS} objects for instance numbers", found=len(things), hint="joining some"
+        )
     taken: set[int] = set()
     for thing in things:
         own = thing.get("instance_id")
