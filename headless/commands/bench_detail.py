@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import asdict
 from pathlib import Path
 
 from iclnuim import shipped
+from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 
@@ -52,7 +54,8 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
     if args.views < 2 or args.every < 1:
         raise InputError("--views of at least 2, --every of at least 1", found=f"{args.views}, {args.every}")
     try:
-        import bpy  # noqa: F401
+        with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
+            import bpy  # noqa: F401
         import open3d  # noqa: F401
     except ImportError as error:
         raise WorkError(f"bench detail needs bpy and open3d ({error}); try: pip install bpy open3d-cpu") from None
