@@ -92,4 +92,5 @@ def test_unknown_scenes_names_and_endings_are_refused_in_a_line(room, tmp_path):
     ):
         done = surface(*arguments)
         assert done.returncode in (2, 3) and words in done.stderr, done.stderr
-        assert len(done.stderr.strip().splitlines()) == 1 and "Traceback" not in done.stderr
+        ours = [line for line in done.stderr.splitlines() if "mounted file-systems" not in line]  # Blender, in a chroot
+        assert len(ours) == 1 and "Traceback" not in done.stderr
