@@ -9,6 +9,7 @@ import argparse
 import importlib
 import os
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 from iclnuim import __version__
@@ -61,9 +62,9 @@ def main(argv: list[str] | None = None) -> int:
 def command() -> NoReturn:
     """`main` as a process: its exit code is the process's."""
     code = main()
-    sys.stdout.flush()
-    sys.stderr.flush()
     if "bpy" in sys.modules:
+        with suppress(OSError):
+            sys.stdout.flush()
         os._exit(code)  # Blender as a module may wait at the end for threads of its own that are gone by then
     sys.exit(code)
 

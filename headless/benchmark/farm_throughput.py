@@ -75,14 +75,14 @@ class _Clock:
 
     def result(self, job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
         wall_s = time.perf_counter() - self._begun
-        first = self._first or (wall_s, 0.0, 0)
-        seconds, cpu_s, count = (b - a for a, b in zip(first, self._last or first, strict=True))
-        if not count:
+        first, last = self._first, self._last
+        if first is None or last is None or last == first:
             raise InputError(
                 f"frames enough for {workers} workers to be at work together",
                 found=frames,
                 hint=f"--frames {3 * frames}",
             )
+        seconds, cpu_s, count = (b - a for a, b in zip(first, last, strict=True))
         rate = count / seconds
         return Throughput(
             name="baked" if job.light == "baked" else f"path traced, {job.samples} samples",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import importlib.util
-import os
 import platform
 import re
 import shutil
@@ -17,6 +16,7 @@ from iclnuim import __version__, shipped
 from iclnuim.errors import InputError
 
 from ..console import Console
+from ..farm.cores import own_cores
 from ..options import common
 
 
@@ -57,7 +57,7 @@ def examine() -> list[Finding]:
         _slurm(),
         Finding(
             "cores",
-            str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+            str(len(own_cores())),
             True,
             False,
         ),

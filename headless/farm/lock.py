@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from iclnuim.errors import WorkError
+from iclnuim.formats.files import process_lives
 
 #: The holder touches its file this often; on other hosts a file that was not touched for STALE_S belongs to nobody.
 BEAT_S, STALE_S = 5.0, 90.0
@@ -140,10 +141,4 @@ def _born(pid: int) -> str | None:
         pass
     if Path("/proc/self/stat").exists():
         return None
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return None
-    except PermissionError:
-        pass
-    return "unknown"
+    return "unknown" if process_lives(pid) else None

@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..lightmap import denoise, filling
 from ..lightmap.contrast import contrast
 from ..lightmap.layout import Layout, lay_out
-from ..lightmap.surfaces import BACK, FRONT, Surfaces
+from ..lightmap.surfaces import BACK, FRONT
 from . import baked_materials, compat, light_map, light_passes, light_surfaces, light_view, lit_scene, scene_key
 from .light_passes import Halves
 from .light_surfaces import Part
@@ -117,14 +117,16 @@ def _make(
     surfaces = light_surfaces.surfaces(found)
     places = light_view.viewpoints(depsgraph, surfaces, _VIEWPOINTS, settings.seed)
     report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
-    wanted, exposure = _seen_sides(surfaces, found, places, settings)
-    _, translucent, sends = _kinds(found)
+    shows, translucent, sends = _kinds(found)
     coarse = lay_out(surfaces, np.repeat(sends[:, None], 2, 1), settings.coarse_size)
-    coarse = _Points(coarse, places, settings.coarse_samples, settings.seed, translucent)
+    seen = light_view.seen(*coarse.points(), places, settings.seed)
+    wanted, exposure = _seen_sides(coarse, seen, shows, translucent)
+    coarse = _Points(coarse, seen > 0, places, settings.coarse_samples, settings.seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
     fine = lay_out(surfaces, wanted, settings.size, exposure, coarse.contrast(first))
-    fine = _Points(fine, places, settings.samples, settings.seed + 1, translucent)
+    seen = light_view.seen(*fine.points(), places, settings.seed + 1)
+    fine = _Points(fine, seen > 0, places, settings.samples, settings.seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct() + fine.gathered())
@@ -163,15 +165,12 @@ def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
 
 
 def _seen_sides(
-    surfaces: Surfaces, found: list[Part], places: np.ndarray, settings: BakeSettings
+    layout: Layout, light: np.ndarray, shows: np.ndarray, translucent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(F, 2) sides that need light, and (F, 2) how much of an image each may fill.
+    """(F, 2) sides that need light, and (F, 2) how much of an image each may fill, by `light` (N,) from cameras' places.
 
     A side needs light when a camera in free space may see it; the far side of cloth that light passes through, too.
     """
-    both, translucent = _lit_sides(found), _kinds(found)[1]
-    layout = lay_out(surfaces, both, settings.coarse_size)
-    light = light_view.seen(*layout.points(), places, settings.seed)
     share = layout.per_side(light > 0)
     exposure = (
         layout.per_side(np.sqrt(light)) / np.maximum(share, 1e-9)
@@ -179,40 +178,36 @@ def _seen_sides(
     share[:, BACK] *= share[:, BACK] > _GLIMPSE * share[:, FRONT]
     exposure = np.where(translucent[:, None], exposure.max(1, keepdims=True), exposure)
     share = np.where(translucent[:, None], share.max(1, keepdims=True), share)
-    return both & (share > 0), exposure
-
-
-def _lit_sides(found: list[Part]) -> np.ndarray:
-    """(F, 2): both sides of all faces that show light. Those that no camera sees send light to others, too."""
-    diffuse, translucent, _ = _kinds(found)
-    return np.repeat((diffuse | translucent)[:, None], 2, 1)
+    return shows[:, None] & (share > 0), exposure
 
 
 def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(F,) faces that show diffuse light, (F,) faces that let light through, (F,) faces that send light to others."""
+    """(F,) faces that show baked light, (F,) faces that let light through, (F,) faces that send light to others."""
     rows = []
     for part in found:
         kinds = [baked_materials.kind(m) for m in part.mesh.materials] or [baked_materials.kind(None)]
         table = np.array([(k.diffuse, k.translucent, k.sends) for k in kinds])
         rows.append(table[np.maximum(light_surfaces.material_of_face(part), 0)])
     diffuse, translucent, sends = np.concatenate(rows).T
-    return diffuse, translucent, sends
+    return diffuse | translucent, translucent, sends
 
 
 class _Points:
     """The texels of one map: their points, which of them can be seen, and light on them."""
 
-    def __init__(self, layout: Layout, places: np.ndarray, samples: int, seed: int, translucent: np.ndarray) -> None:
+    def __init__(
+        self, layout: Layout, seen: np.ndarray, places: np.ndarray, samples: int, seed: int, translucent: np.ndarray
+    ) -> None:
         self.layout, self.samples, self.seed = layout, samples, seed
         self.points_m, self.normals = layout.points()
         image = layout.texels.image
         self.chart, self.facing = image(layout.texels.chart, -1), image(self.normals.astype(np.float32))
-        self.visible = image(self._seen(places, translucent[layout.face_of_texel]), False)
+        self.visible = image(self._shown(seen, places, translucent[layout.face_of_texel]), False)
         self._into_view(places)
 
-    def _seen(self, places: np.ndarray, translucent: np.ndarray) -> np.ndarray:
-        """(N,) texels that show: those in view, and those whose light shines through to a side in view."""
-        seen = light_view.seen(self.points_m, self.normals, places, self.seed) > 0
+    def _shown(self, seen: np.ndarray, places: np.ndarray, translucent: np.ndarray) -> np.ndarray:
+        """(N,) texels that show: those `seen`, and those whose light shines through to a side in view."""
+        seen = seen.copy()
         rows = np.flatnonzero(translucent & ~seen)
         seen[rows] = light_view.seen(self.points_m[rows], -self.normals[rows], places, self.seed) > 0
         return seen

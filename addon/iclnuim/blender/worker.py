@@ -29,7 +29,7 @@ from .. import __version__, shipped
 from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ..errors import InputError, WorkError
-from ..formats.files import read_bytes, sha256, write_json, writer_died
+from ..formats.files import process_lives, read_bytes, sha256, write_json, writer_died
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
@@ -330,7 +330,7 @@ def _work_folder(run: RunFolder) -> Path:
     """
     host, place = platform.node(), Path(os.environ.get("ICLNUIM_SCRATCH") or run.path)
     for old in place.glob(f".work-{host}-*"):
-        if not _alive(int(old.name.rsplit("-", 1)[1])):
+        if not process_lives(int(old.name.rsplit("-", 1)[1])):
             shutil.rmtree(old, ignore_errors=True)
     for leftover in (run.path / "exr").glob(".*.tmp.exr"):
         if writer_died(leftover):
@@ -341,16 +341,6 @@ def _work_folder(run: RunFolder) -> Path:
     except OSError as error:
         raise WorkError(f"{work}: cannot make the folder: {error.strerror or error}") from None
     return work
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 def _features() -> list[str]:

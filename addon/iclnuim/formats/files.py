@@ -32,18 +32,26 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         temporary.unlink(missing_ok=True)
 
 
+def process_lives(process: int) -> bool:
+    """Whether a process of this host runs; on Windows, where asking would end it, supposed to."""
+    if os.name == "nt":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
 def writer_died(temporary: Path) -> bool:
     """Whether a file of `atomic_write` was left by a process of this host that is gone; those of other hosts may be in work."""
     try:
         process, host, _ = temporary.name.split(".")[-3].split("-")
-        if host == _HOST:
-            os.kill(int(process), 0)
-            return False
-    except ProcessLookupError:
-        return True
-    except (IndexError, ValueError, PermissionError):
-        pass
-    return False
+        return host == _HOST and not process_lives(int(process))
+    except (IndexError, ValueError):
+        return False
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -14,6 +14,7 @@ from .. import shipped
 from ..blender import camera_path
 from ..errors import InputError, WorkError
 from ..formats import exr, png
+from ..formats.files import process_lives
 from ..formats.libraries import first_library
 from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
 from ..geometry import axes
@@ -66,7 +67,7 @@ def check_free(raw: Path) -> None:
     """Raises WorkError where a living process of this machine renders into the folder."""
     for folder in raw.glob(f".work-{platform.node()}-*"):
         process = int(folder.name.rsplit("-", 1)[1])
-        if process != os.getpid() and _alive(process):
+        if process != os.getpid() and os.name != "nt" and process_lives(process):
             raise WorkError(
                 f"{raw}: another render (process {process}) works in this folder; wait for it, or choose another Folder"
             )
@@ -134,15 +135,3 @@ def _make(folder: Path) -> None:
         raise WorkError(
             f"{folder}: cannot be made: {error.strerror or error}; choose another Folder under Output"
         ) from None
-
-
-def _alive(process: int) -> bool:
-    if os.name == "nt":
-        return False
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
