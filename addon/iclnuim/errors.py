@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 
 
@@ -36,6 +37,11 @@ class InputError(IclnuimError):
         if hint:
             text += f"; try {hint}"
         super().__init__(text)
+
+    def __reduce__(self) -> tuple:
+        """As errors from another process arrive: the same in every part."""
+        parts = {"path": self.path, "line": self.line, "found": self.found, "hint": self.hint}
+        return functools.partial(type(self), **parts), (self.expected,)
 
 
 class WorkError(IclnuimError):

@@ -58,7 +58,7 @@ def _configure_noise(actions: argparse._SubParsersAction) -> None:
     noise.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
     noise.add_argument("--frames", default=":40", metavar="A:B:S", help="default: the first 40")
     noise.add_argument("--rounds", type=int, default=5, metavar="N", help="of which the median counts; default: 5")
-    noise.add_argument("--workers", type=int, default=4, metavar="N", help="threads; default: 4")
+    noise.add_argument("--workers", type=int, default=4, metavar="N", help="processes; default: 4")
     both = "holds clean/ and noisy/ of the same frames, such as the original's"
     noise.add_argument("--official", type=Path, metavar="DIR", help=both)
     picture = "time against likeness as a picture (.png, .pdf, .svg)"

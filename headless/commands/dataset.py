@@ -36,7 +36,7 @@ def add_form_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--klg", action="store_true", help="also OUT.klg, the log of ElasticFusion, and its camera OUT.cal"
     )
-    parser.add_argument("--workers", type=int, metavar="N", help="threads; default: one a core")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that make images; default: one a core")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:

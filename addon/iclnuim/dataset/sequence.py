@@ -1,10 +1,10 @@
-"""Frames -> noise -> a sequence on disk: in any order, on any number of threads, resumable, with its recipe."""
+"""Frames -> noise -> a sequence on disk: in any order, on any number of cores, resumable, with its recipe."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ..formats.files import read_bytes, sha256, writer_died
 from ..formats.png import write_png
 from ..geometry.camera import PinholeCamera
 from . import ground_truth
+from .crew import Crew, result_of
 from .depth_units import total
 from .dialects import Contents, Dialect, dialect
 from .frames import FrameSource
@@ -82,12 +83,12 @@ class SequenceWriter:
         The first error stops the work; finished frames stay. Raises InputError for a frame that cannot be read,
         WorkError where one cannot be written.
         """
-        with ThreadPoolExecutor(workers or _cores()) as pool:
-            waiting = {pool.submit(self.make, number) for number in self.missing}
+        with Crew(self.make, min(workers or _cores(), len(self.missing) or 1)) as crew:
+            waiting = {crew.submit(number) for number in self.missing}
             try:
                 for done in as_completed(waiting.copy()):
                     waiting.remove(done)
-                    on_frame(self.note(done.result()))
+                    on_frame(self.note(result_of(done)))
             except BaseException:
                 self._note_finished(waiting)
                 raise
@@ -101,18 +102,20 @@ class SequenceWriter:
             if not future.cancelled() and future.exception() is None:
                 self.note(future.result())
 
-    def make(self, number: int) -> list[tuple[_Target, JournalEntry]]:
-        """What each sequence lacked of a frame, written; on any thread. `note` what it returns, on one thread."""
+    def make(self, number: int) -> list[JournalEntry | None]:
+        """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread, in any process.
+        `note` what it returns, on one thread.
+        """
         light, depth_z_m = self.source.load(number)
-        lacking = [t for t in self.targets if number not in t.finished]
         truth = self.source.truth_images.images(number) if self.source.truth_images else {}
-        return [(t, t.make(number, light, depth_z_m, self.source.camera, truth)) for t in lacking]
+        return [t.make(number, light, depth_z_m, self.source.camera, truth) for t in self.targets]
 
-    def note(self, entries: list[tuple[_Target, JournalEntry]]) -> int:
+    def note(self, entries: list[JournalEntry | None]) -> int:
         """Into the journals; the frame's number."""
-        for target, entry in entries:
+        new = [(target, entry) for target, entry in zip(self.targets, entries, strict=True) if entry is not None]
+        for target, entry in new:
             target.journal.add(entry)
-        return entries[0][1].frame
+        return new[0][1].frame
 
     def stands(self, number: int) -> bool:
         """Whether the frame's images, read back, are in every sequence what its journal says."""
@@ -144,7 +147,9 @@ class _Target:
 
     def make(
         self, number: int, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, truth: dict[str, np.ndarray]
-    ) -> JournalEntry:
+    ) -> JournalEntry | None:
+        if number in self.finished:
+            return None
         image, units, invalid = noisy_images(light, depth_z_m, camera, number, self.settings)
         images = {"rgb": image, "depth": units, **truth}
         digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}

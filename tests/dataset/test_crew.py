@@ -1,0 +1,95 @@
+"""Frames on all cores: processes and threads do the same, and nothing of a crew outlives its parent."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+from iclnuim.errors import InputError
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
+
+ADDON = os.pathsep.join(sys.path)
+START = """
+import os, sys, time
+from iclnuim.dataset.crew import Crew, result_of
+from iclnuim.errors import InputError
+def results(work, count):
+    with Crew(work, 3) as crew:
+        return [result_of(f) for f in [crew.submit(n) for n in range(count)]]
+"""
+
+
+def start(script: str) -> subprocess.Popen:
+    """A process of its own: here Blender or other threads may be about."""
+    environment = {**os.environ, "PYTHONPATH": ADDON}
+    command = [sys.executable, "-W", "error", "-c", START + script]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def output(script: str) -> str:
+    out, err = start(script).communicate(timeout=60)
+    assert err == ""
+    return out
+
+
+def test_the_work_is_done_in_other_processes_and_comes_back_in_order():
+    script = "print(results(lambda n: (n * n, os.getpid() != parent), 20))"
+    assert eval(output("parent = os.getpid()\n" + script)) == [(n * n, True) for n in range(20)]
+
+
+@pytest.mark.parametrize("hindrance", ["sys.modules['bpy'] = sys", "import threading; threading.Timer(9, int).start()"])
+def test_beside_blender_or_other_threads_it_is_done_in_threads(hindrance):
+    tail = "print(results(lambda n: os.getpid(), 5) == [os.getpid()] * 5, flush=True)\nos._exit(0)"
+    assert output(f"{hindrance}\n{tail}") == "True\n"
+
+
+def test_an_error_arrives_as_it_was_raised():
+    script = """
+def work(n):
+    raise InputError("a frame", path="x.exr", line=3, found=n, hint="another")
+try:
+    results(work, 1)
+except InputError as error:
+    print(error, error.line, error.found)
+"""
+    assert output(script) == "x.exr:3: expected a frame, found 0; try another 3 0\n"
+
+
+def test_an_input_error_survives_pickling():
+    error = InputError("a camera", path="a/b", line=7, found="none", hint="--camera")
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error) and vars(again) == vars(error) and type(again) is InputError
+
+
+def test_a_killed_process_is_one_line():
+    script = """
+from iclnuim.errors import WorkError
+try:
+    results(lambda n: os.kill(os.getpid(), 9), 4)
+except WorkError as error:
+    print(error)
+"""
+    assert output(script).count("\n") == 1
+
+
+def test_all_end_when_the_parent_is_killed():
+    parent = start("print('begun', flush=True)\nresults(lambda n: time.sleep(60), 4)")
+    parent.stdout.readline()
+    children = _children(psutil.Process(parent.pid), 3)
+    parent.send_signal(signal.SIGKILL)
+    _, alive = psutil.wait_procs(children, timeout=10)
+    parent.communicate()
+    assert len(children) == 3 and not alive
+
+
+def _children(process: psutil.Process, count: int) -> list[psutil.Process]:
+    end = time.monotonic() + 20
+    while len(found := process.children()) < count and time.monotonic() < end:
+        time.sleep(0.05)
+    time.sleep(0.3)  # each has heard of its parent's end by now
+    return found
