@@ -58,9 +58,8 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("ceiling", "ceiling", panels, "ceiling")
     stage.add("ceiling_rails", "ceiling", rails, "rail")
     for k, (x, y) in enumerate(LUMINAIRES, 1):
-        fitting = stage.add(
-            f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "white metal", "tube light", "louver"
-        )
+        skins = ("white metal", "tube light", "louver", "louver across")
+        fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), *skins)
         fitting.visible_diffuse = False  # its light is the rectangle's beneath it; what glows is for the eye
     for k, (x, y) in enumerate(VENTS, 1):
         stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1 - 0.003), "rail", "dark")

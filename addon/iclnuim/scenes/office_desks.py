@@ -29,11 +29,11 @@ def desk(width: float, depth: float, side_boards: bool = True) -> Mesh:
                 .moved(i * (x - 0.026), j * (y - 0.026))
             )
     steel.append(block((width - 0.106, 0.04, 0.02), (0, y - 0.026, 0.27), 0.002))
-    parts.append(block((width - 0.106, 0.018, 0.485), (0, y - 0.021, 0.5235), 0.002, 0.9))
+    parts.append(block((width - 0.106, 0.018, 0.4905), (0, y - 0.021, 0.52475), 0.002, 0.9))
     if side_boards:
         for i in (-1, 1):
             steel.append(block((0.04, depth - 0.106, 0.02), (i * (x - 0.026), 0, 0.27), 0.002))
-            parts.append(block((0.018, depth - 0.106, 0.485), (i * (x - 0.021), 0, 0.5235), 0.002).painted(2))
+            parts.append(block((0.018, depth - 0.106, 0.4905), (i * (x - 0.021), 0, 0.52475), 0.002).painted(2))
     return join([*parts, *[s.painted(1) for s in steel]])
 
 

@@ -61,18 +61,16 @@ def _papers(stage: Stage, rng: np.random.Generator, key: str, spots: tuple) -> N
 
 
 def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    """Desk A as the original shows it: trays, lamp, keyboard, a monitor with its back to the room and cables in front."""
+    """Desk A as the original shows it: trays, keyboard, a monitor with its back to the room and cables in front."""
     _computer(stage, "a", detail, rng, (-2.09, -1.985), -16, (-1.82, -2.36, 8))
-    filled = join([tray(2).turned("z", 180).moved(-1.10, -2.06, TOP)])
-    stage.add("trays_blue", "tray", filled, "blue plastic")
-    stage.add("trays_black", "tray", tray(3).turned("z", 180).moved(-1.35, -1.965, TOP), "black")
+    stage.add("trays_blue", "tray", tray(2).moved(-1.10, -2.06, TOP), "blue plastic")
+    stage.add("trays_black", "tray", tray(3).moved(-1.35, -1.965, TOP), "black")
     heaps = [
         paper_pile(rng, 3, 0.009, 1.5).moved(-1.10, -2.06, TOP + 0.078),
         paper_pile(rng, 3, 0.010, 1.5).moved(-1.35, -1.965, TOP + 0.149),
     ]
     heaps.append(paper_pile(rng, 4, 0.009, 1.5).moved(-1.10, -2.06, TOP + 0.007))
     stage.add("papers_trays", "paper", join(heaps), "paper")
-    stage.add("lamp_a", "lamp", desk_lamp(detail).turned("z", 12).moved(-1.72, -2.06, TOP), "chrome", "bulb")
     _papers(stage, rng, "a", ((-1.42, -2.42, 12, 0), (-1.15, -2.42, -20, 2)))
     edge, over = -1.806 + 0.012, TOP + 0.004
     leads = (
@@ -164,7 +162,7 @@ def dress_c(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 
 def dress_d(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    """Desk D along the bare wall: binders, phone, open folders, a monitor."""
+    """Desk D along the bare wall: binders, phone, lamp, open folders, a monitor."""
     from .office_storage import binder_row
 
     _computer(stage, "d", detail, rng, (-2.18, 2.62), 78, (-1.84, 2.56, 86))
@@ -176,12 +174,13 @@ def dress_d(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add(
         "pen_jar_d",
         "jar",
-        pen_jar(rng, detail).moved(-2.25, 2.28, TOP),
+        pen_jar(rng, detail).moved(-2.08, 2.27, TOP),
         "red plastic",
         "black",
         "yellow",
         "white plastic",
     )
+    stage.add("lamp_d", "lamp", desk_lamp(detail).turned("z", 165).moved(-2.33, 2.20, TOP), "chrome", "bulb")
     stage.add("trays_d", "tray", tray(2).turned("z", 90).moved(-2.26, 1.90, TOP), "black")
     _papers(stage, rng, "d", ((-1.88, 2.14, 60, 1), (-1.88, 3.08, 96, 4), (-2.26, 1.90, 90, 1)))
     _tower(stage, "d", detail, -2.2, 1.95, 90)

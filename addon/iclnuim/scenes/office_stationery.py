@@ -41,7 +41,7 @@ def tray(levels: int) -> Mesh:
         z = 0.071 * k
         parts.append(block((0.236, 0.33, 0.003), (0, 0, z + 0.004), 0.001))
         parts += [_side(s).moved(z=z) for s in (-1, 1)]
-        parts.append(block((0.236, 0.003, 0.062), (0, 0.1635, z + 0.034), 0.001))
+        parts.append(block((0.236, 0.003, 0.066), (0, 0.1635, z + 0.036), 0.001))
         parts.append(block((0.236, 0.003, 0.018), (0, -0.1635, z + 0.012), 0.001))
         parts += [
             block((0.012, 0.012, 0.07), (i * 0.114, j * 0.15, z + 0.036), 0.002) for i in (-1, 1) for j in (-1, 1)
@@ -51,7 +51,7 @@ def tray(levels: int) -> Mesh:
 
 def _side(sign: int) -> Mesh:
     """A side wall whose upper edge falls towards the front."""
-    wall = block((0.003, 0.33, 0.062), (sign * 0.1185, 0, 0.034), 0.001)
+    wall = block((0.003, 0.33, 0.066), (sign * 0.1185, 0, 0.036), 0.001)
     return wall.mapped(
         lambda v: v - np.stack([0 * v[:, 0], 0 * v[:, 0], (v[:, 2] > 0.04) * 0.03 * np.clip(-v[:, 1] / 0.165, 0, 1)], 1)
     )

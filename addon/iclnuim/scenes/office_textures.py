@@ -59,7 +59,7 @@ def worn_paint(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     shape = (size, size)
     scratch = smoothstep(2.6, 3.2, cloud(rng, shape, 0.7, 20, 300, (1.0, 14.0)))
     chip = smoothstep(3.1, 3.4, cloud(rng, shape, 0.9, 30, 260))
-    value = 1 + 0.022 * cloud(rng, shape, 1.5, 1, 40) + 0.012 * cloud(rng, shape, 0.3, 50) + 0.10 * scratch - 0.4 * chip
+    value = 1 + 0.022 * cloud(rng, shape, 1.5, 1, 40) + 0.012 * cloud(rng, shape, 0.3, 50) + 0.10 * scratch - 0.2 * chip
     return to_bytes(np.array(tone) * value[..., None])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from .mesh import Mesh, facing, join
 from .office_measures import LUMINAIRES, PANEL, X0, X1, Y0, Y1, Z1
-from .shapes import bar, frame, lathe, rounded_box, steps, tube
+from .shapes import bar, frame, lathe, steps, tube
 from .solids import block, printed
 from .wallpieces import plane
 
@@ -43,12 +43,14 @@ def _rail(centre: tuple[float, float], size: tuple[float, float]) -> Mesh:
 
 
 def luminaire() -> Mesh:
-    """Two panels 0.5 x 0.5 m with louvers about (0, 0), flush with z = 0; slots 0 white metal, 1 light, 2 louver."""
+    """Two panels 0.5 x 0.5 m with louvers about (0, 0), flush with z = 0; slots 0 white metal, 1 light, 2 louver, 3 its blades across."""
     parts, deep = [], 0.045
     for x in (-PANEL / 2, PANEL / 2):
         w = PANEL - 2 * RIM
-        rim = frame(PANEL - 0.024, PANEL - 0.024, [(0, 0.0), (0, 0.0015), (RIM - 0.012, 0.0015), (RIM - 0.012, -deep)])
-        parts.append(rim.turned("x", 90).moved(x))
+        edge, lip = PANEL - 0.024, RIM - 0.012
+        parts.append(frame(edge, edge, [(0, 0.0), (0, 0.0015), (lip, 0.0015)]).turned("x", 90).moved(x))
+        inside = frame(edge, edge, [(lip, 0.0015), (lip, -deep)]).turned("x", 90).moved(x)
+        parts.append(inside.painted(2))  # glows like the blades: what light falls there comes from above
         parts.append(plane((x - w / 2, -w / 2, deep), (0, w, 0), (w, 0, 0), w).painted(1))
         for k in range(1, 5):
             at = -w / 2 + w * k / 5
@@ -56,7 +58,7 @@ def luminaire() -> Mesh:
         for k in range(1, 4):
             at = -w / 2 + w * k / 4
             parts += [
-                block((w / 5 - 0.006, 0.005, 0.026), (x - w / 2 + w * (i + 0.5) / 5, at, 0.0178), 0.001).painted(2)
+                block((w / 5 - 0.006, 0.005, 0.026), (x - w / 2 + w * (i + 0.5) / 5, at, 0.0178), 0.001).painted(3)
                 for i in range(5)
             ]
     return join(parts)
@@ -120,10 +122,10 @@ def notice_board(width: float, height: float) -> Mesh:
 
 
 def pull_handle(height: float) -> Mesh:
-    """A flat vertical pull on two feet, facing -y; slot 0 steel."""
+    """A round vertical pull on two feet, facing -y; slot 0 steel."""
     return join(
         [
-            rounded_box((0.032, 0.014, height), 0.006).moved(0, -0.022),
+            bar((0, -0.026, -height / 2), (0, -0.026, height / 2), 0.014, 16),
             *[block((0.016, 0.016, 0.016), (0, -0.0085, s * height * 0.38)) for s in (-1, 1)],
         ]
     )
