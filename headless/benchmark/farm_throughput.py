@@ -42,6 +42,11 @@ def splits(cores: list[int]) -> list[tuple[int, int]]:
     return list(dict.fromkeys(alone + whole))
 
 
+def fewest_frames() -> int:
+    """That every worker of every split gets chunks of two frames: only then some are seen while all are at work."""
+    return 16 * len(own_cores())
+
+
 def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
     """`frames` of the job, spread over its trajectory, into a folder that is removed. The light map must be in the cache."""
     cores = own_cores()

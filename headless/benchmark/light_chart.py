@@ -11,13 +11,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..plots import COLOURS
-from .light_race import Result
+from .light_race import REFERENCE_SAMPLES, Result
 
 _HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", "to the reference", "median error", "bias", "flicker")
 
 
-def figure(results: Sequence[Result]) -> Figure:
-    """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better)."""
+def figure(results: Sequence[Result], least_flicker: float) -> Figure:
+    """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better), beside that of the reference."""
     drawn = Figure(figsize=(12, 4.8), layout="constrained")
     FigureCanvasAgg(drawn)
     left, right = drawn.subplots(1, 2)
@@ -29,6 +29,10 @@ def figure(results: Sequence[Result]) -> Figure:
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
     right.set_yscale("log")
+    right.axhline(255 * least_flicker, color="black", linewidth=0.8, linestyle="--")
+    right.annotate(
+        "the reference's own", (0.99, 255 * least_flicker), xycoords=("axes fraction", "data"), ha="right", va="top"
+    )
     for axes in (left, right):
         axes.set_xscale("log")
         axes.set_xlabel("seconds a frame, 640 x 480 (numbers: samples a pixel)")
@@ -46,9 +50,10 @@ def _draw(axes: Axes, line: list[Result], values: list[float], style: dict) -> N
             )
 
 
-def table(results: Sequence[Result]) -> str:
-    """One row a way, in Markdown."""
-    return "\n".join([_line(_HEADER), _line(["---"] * len(_HEADER)), *map(row, results)])
+def table(results: Sequence[Result], least_flicker: float) -> str:
+    """One row a way, in Markdown, and the flicker that the reference itself shows."""
+    last = _line(["reference", f"{REFERENCE_SAMPLES // 2}", *[""] * (len(_HEADER) - 3), f"{255 * least_flicker:.2f}"])
+    return "\n".join([_line(_HEADER), _line(["---"] * len(_HEADER)), *map(row, results), last])
 
 
 def row(r: Result) -> str:

@@ -33,7 +33,7 @@ def _configure_farm(actions: argparse._SubParsersAction) -> None:
     farm = action(actions, "farm", help, "iclnuim bench farm kt2 --chart farm.png", _farm)
     farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     farm.add_argument("--light", choices=("baked", "path"), help="default: both")
-    farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 48 path-traced")
+    farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 64 path-traced")
     farm.add_argument("--samples", type=int, default=4, metavar="N", help="of path tracing; default: 4")
     farm.add_argument(
         "--repeat", type=int, default=1, metavar="N", help="rounds, of which the fastest counts; default: 1"
@@ -62,10 +62,12 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
     from .. import plots
     from ..benchmark import farm_chart, farm_model, farm_throughput
 
-    results, models = [], []
+    fewest, results, models = farm_throughput.fewest_frames(), [], []
+    if args.frames is not None and args.frames < fewest:
+        raise InputError(f"--frames from {fewest} up on this machine", found=args.frames)
     for light in [args.light] if args.light else ["baked", "path"]:
         job = _job(args, light)
-        frames = args.frames or (160 if light == "baked" else 48)
+        frames = args.frames or max(160 if light == "baked" else 64, fewest)
         measured = farm_throughput.race(job, frames, args.repeat, console.note)
         known = {"sequences": args.sequences, "frames_a_sequence": len(load_trajectory(job))}
         models.append(farm_model.of(farm_throughput.best(measured), **known))
@@ -79,8 +81,8 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
 
 
 def _job(args: argparse.Namespace, light: str) -> RenderJob:
-    if args.repeat < 1 or args.samples < 1 or (args.frames is not None and args.frames < 8):
-        raise InputError("--repeat and --samples from 1, --frames from 8 up")
+    if args.repeat < 1 or args.samples < 1:
+        raise InputError("--repeat and --samples from 1 up", found=min(args.repeat, args.samples))
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     job = jobs.shipped_job(args.sequence).changed(light=light, camera=camera)
     return job.changed(samples=args.samples, denoise=False) if light == "path" else job
