@@ -11,13 +11,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..plots import COLOURS
-from .light_race import REFERENCE_SAMPLES, Result
+from .light_race import Result
 
 _HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", "to the reference", "median error", "bias", "flicker")
 
 
-def figure(results: Sequence[Result], least_flicker: float) -> Figure:
-    """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better), beside that of the reference."""
+def figure(results: Sequence[Result]) -> Figure:
+    """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better)."""
     drawn = Figure(figsize=(12, 4.8), layout="constrained")
     FigureCanvasAgg(drawn)
     left, right = drawn.subplots(1, 2)
@@ -25,14 +25,10 @@ def figure(results: Sequence[Result], least_flicker: float) -> Figure:
         line = [r for r in results if r.way.family == family]
         style = {"color": COLOURS[k % len(COLOURS)], "label": family, "marker": "o" if len(line) > 1 else "D"}
         _draw(left, line, [r.error.mean_psnr_db for r in line], style)
-        _draw(right, line, [np.nan if r.flicker is None else 255 * r.flicker for r in line], style)
+        _draw(right, line, [255 * r.flicker for r in line], style)
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
     right.set_yscale("log")
-    right.axhline(255 * least_flicker, color="black", linewidth=0.8, linestyle="--")
-    right.annotate(
-        "the reference's own", (0.99, 255 * least_flicker), xycoords=("axes fraction", "data"), ha="right", va="top"
-    )
     for axes in (left, right):
         axes.set_xscale("log")
         axes.set_xlabel("seconds a frame, 640 x 480 (numbers: samples a pixel)")
@@ -44,24 +40,25 @@ def figure(results: Sequence[Result], least_flicker: float) -> Figure:
 def _draw(axes: Axes, line: list[Result], values: list[float], style: dict) -> None:
     axes.plot([r.seconds for r in line], values, **style)
     for result, value in zip(line, values, strict=True):
-        if not np.isnan(value):
-            axes.annotate(
-                result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8
-            )
+        axes.annotate(result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8)
 
 
-def table(results: Sequence[Result], least_flicker: float) -> str:
-    """One row a way, in Markdown, and the flicker that the reference itself shows."""
-    last = _line(["reference", f"{REFERENCE_SAMPLES // 2}", *[""] * (len(_HEADER) - 3), f"{255 * least_flicker:.2f}"])
-    return "\n".join([_line(_HEADER), _line(["---"] * len(_HEADER)), *map(row, results), last])
+def table(results: Sequence[Result]) -> str:
+    """One row a way, in Markdown."""
+    return "\n".join([_line(_HEADER), _line(["---"] * len(_HEADER)), *map(row, results)])
 
 
 def row(r: Result) -> str:
     """A way's row of the table."""
-    flicker = "" if r.flicker is None else f"{255 * r.flicker:.2f}"
     error = r.error
     psnr = (error.mean_psnr_db, error.worst_psnr_db, float(np.mean(error.psnr_to_reference_db)))
-    figures = [f"{r.seconds:.3f}", *(f"{p:.1f}" for p in psnr), f"{error.median:.4f}", f"{error.bias:+.4f}", flicker]
+    figures = [
+        f"{r.seconds:.3f}",
+        *(f"{p:.1f}" for p in psnr),
+        f"{error.median:.4f}",
+        f"{error.bias:+.4f}",
+        f"{255 * r.flicker:.2f}",
+    ]
     return _line([r.way.family, r.way.label, *figures])
 
 

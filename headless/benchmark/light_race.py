@@ -26,7 +26,7 @@ REFERENCE_SAMPLES = 2048
 _REFERENCE_SEEDS = (11, 12)
 _PATH_SAMPLES = (1, 4, 16, 64, 256)
 _BAKED_SAMPLES = (1, 2, 4, 8)
-#: Path tracing with more samples than this is slow: one frame is timed, and flicker, long gone, not measured.
+#: Path tracing with more samples than this is slow: one frame is timed.
 _SLOW_SAMPLES = 16
 
 
@@ -46,7 +46,7 @@ class Result:
     way: Way
     seconds: float
     error: Error
-    flicker: float | None
+    flicker: float
 
 
 def machine() -> dict:
@@ -75,40 +75,35 @@ def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
 
 
 class Race:
-    """Measures ways on the `views` (frame numbers) of a sequence. `small` is the camera for errors and flicker, the job's
-    own for times. `flicker` is what the reference itself shows: texture and depth read between pixels, reflections.
-    """
+    """Measures ways on the `views` (frame numbers) of a sequence. `small` is the camera for errors, the job's own for times."""
 
     def __init__(self, job: RenderJob, views: Sequence[int], small: PinholeCamera, note: Callable[[str], None]) -> None:
         self.job, self.views, self.small, self.note = job, list(views), small, note
-        self.references, self.flicker = self._references()
+        self.references = self._references()
 
     def run(self, way: Way) -> Result:
         slow = way.job.light == "path" and way.job.samples > _SLOW_SAMPLES
-        firsts = [] if slow else self.views[::2]
+        firsts = self.views[::2]
         with tempfile.TemporaryDirectory() as folder:
             small = Path(folder) / "small"
             self._render(replace(way.job, camera=self.small), small, sorted({*self.views, *(n + 1 for n in firsts)}))
             found = error(_frames(small, self.views)[0], self.references)
-            flicker = self._flicker(small, firsts) if firsts else None
+            flicker = self._flicker(small, firsts)
             seconds = self._seconds(way.job, Path(folder) / "full", self.views[:1] if slow else self.views)
         return Result(way, seconds, found, flicker)
 
-    def _references(self) -> tuple[np.ndarray, float]:
-        """(2, n, h, w, 3), two independent halves, and the flicker of the first."""
-        firsts = self.views[::2]
-        one, other = (self._reference(seed, firsts[:k]) for seed, k in zip(_REFERENCE_SEEDS, (None, 0), strict=True))
-        return np.stack([_frames(folder, self.views)[0] for folder in (one, other)]), self._flicker(one, firsts)
+    def _references(self) -> np.ndarray:
+        """(2, n, h, w, 3), two independent halves. Rendered once, then kept in the cache; an interrupted render goes on."""
+        return np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
 
-    def _reference(self, seed: int, firsts: list[int]) -> Path:
-        """Folder of the views and of the frames after `firsts`. Rendered once, then kept; an interrupted render goes on."""
+    def _reference(self, seed: int) -> np.ndarray:
         samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
         job = replace(self.job.changed(light="path", samples=samples, denoise=False, seed=seed), camera=self.small)
         recipe = worker.recipe(job)
         key = json.dumps([recipe[k] for k in ("job", "scene_sha256", "trajectory_sha256", "blender")], sort_keys=True)
         folder = light_map.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
-        self._render(job, folder, sorted({*self.views, *(n + 1 for n in firsts)}))
-        return folder
+        self._render(job, folder, self.views)
+        return _frames(folder, self.views)[0]
 
     def _seconds(self, job: RenderJob, folder: Path, views: list[int]) -> float:
         """Of a frame. The first one, in which Cycles reads the scene, counts only where it is the only one."""

@@ -107,10 +107,10 @@ def _race(args: argparse.Namespace, console: Console) -> int:
         console.note(light_chart.row(results[-1]))
         progress.advance()
     if args.chart:
-        plots.save(light_chart.figure(results, race.flicker), args.chart)
+        plots.save(light_chart.figure(results), args.chart)
     console.result(
-        {"machine": light_race.machine(), "ways": [asdict(r) for r in results], "reference_flicker": race.flicker},
-        light_chart.table(results, race.flicker) + "\n" + light_chart.summary(results, job),
+        {"machine": light_race.machine(), "ways": [asdict(r) for r in results]},
+        light_chart.table(results) + "\n" + light_chart.summary(results, job),
     )
     return 0
 
