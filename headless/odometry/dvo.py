@@ -11,7 +11,7 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
 from .minimise import Descent, Limits, descend
-from .photometric import Light, PhotometricTerm, flat
+from .photometric import Light, flat, steps
 from .protocol import Frame, Result, failure
 from .pyramid import Level, pyramid
 
@@ -32,19 +32,23 @@ class DvoSettings:
     spread: float = 0.0
     #: failure test of dvo_slam: the share of pixels that keep a residual
     least_inliers: float = 0.3
+    tiles: bool = False
+    prior_m: float = 0.0
     reference: str = "frame"
 
 
 PRESETS = {
     "paper": DvoSettings(),
     "best": DvoSettings(
-        iterations=6,
+        iterations=4,
         least_decrease=1e-3,
         smallest_step=2e-5,
         depth="mean",
-        least_gradient=3.0,
+        least_gradient=2.0,
         both=True,
-        spread=150.0,
+        spread=75.0,
+        tiles=True,
+        prior_m=0.03,
         least_inliers=0.01,
         reference="kept",
     ),
@@ -65,9 +69,9 @@ class Dvo:
             return failure("image: no contrast")
         s, levels = self.settings, []
         chosen = [n for n in s.levels if n < len(reference)] or [len(reference) - 1]
-        for level in chosen:
-            light = Light(s.least_gradient, s.most_dz_m, nu=s.nu, both=s.both, spread=s.spread)
-            term = PhotometricTerm(reference[level], current[level], light, each_time=level == chosen[0])
-            descent = Descent(s.iterations, s.least_decrease, s.smallest_step, undo=True)
-            levels.append((term, descent, reference[level].grey.size))
-        return descend(levels, guess, Limits(least_inliers=s.least_inliers))
+        light = Light(s.least_gradient, s.most_dz_m, nu=s.nu, both=s.both, spread=s.spread, tiles=s.tiles)
+        descent = Descent(s.iterations, s.least_decrease, s.smallest_step, undo=True)
+        for n in chosen:
+            each_time = s.tiles or n == chosen[0]
+            levels += steps(reference[n], current[n], light, descent, n == chosen[-1], each_time)
+        return descend(levels, guess, Limits(least_inliers=s.least_inliers, prior_m=s.prior_m))

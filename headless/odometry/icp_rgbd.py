@@ -9,7 +9,7 @@ import numpy as np
 from .geometric import Planes, PlaneTerm
 from .icp import Icp, IcpSettings
 from .minimise import Descent, Limits, Linearise, descend
-from .photometric import Light, PhotometricTerm, flat
+from .photometric import Light, flat, steps
 from .protocol import Result
 from .pyramid import Level
 from .system import System
@@ -22,7 +22,9 @@ class IcpRgbdSettings(IcpSettings):
     """
 
     spread_rgbd: float = 0.0
+    nu_rgbd: float = 0.0
     esm: bool = False
+    tiles: bool = False
     weight_rgbd: float = 0.1
     weights: str = "consistent"
     least_gradients: tuple[float, ...] = (12, 5, 3)
@@ -33,7 +35,7 @@ PRESETS = {
     "paper": IcpRgbdSettings(),
     "kintinuous2013": IcpRgbdSettings(weights="kintinuous2013"),
     "best": IcpRgbdSettings(
-        iterations=(0, 4, 3, 3),
+        iterations=(0, 2, 2, 2),
         strides=(1, 2, 1, 1),
         filter=False,
         most_angle_deg=12.0,
@@ -44,8 +46,11 @@ PRESETS = {
         nu=10.0,
         weights="information",
         spread_rgbd=75.0,
+        nu_rgbd=5.0,
         esm=True,
-        least_gradients=(12, 3, 3, 3),
+        tiles=True,
+        least_gradients=(12, 2, 3, 3),
+        rough_step=3,
         reference="kept",
     ),
 }
@@ -59,18 +64,18 @@ class IcpRgbd(Icp):
         if flat(reference, current):
             return super().align(reference, current, guess)
         s, levels = self.settings, []
-        for n in (n for n in reversed(range(len(reference))) if s.iterations[n]):
+        chosen = [n for n in reversed(range(len(reference))) if s.iterations[n]]
+        for n in chosen:
             planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, s.spread)
             plane = PlaneTerm(reference[n], current[n], planes)
-            light = PhotometricTerm(
-                reference[n], current[n], Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu, s.esm, s.spread_rgbd)
-            )
+            light = Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu_rgbd, s.esm, s.spread_rgbd, s.tiles)
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
-            levels.append((_joint(plane, light, s), descent, plane.pixels))
+            for term, _, _ in steps(reference[n], current[n], light, descent, n == chosen[-1]):
+                levels.append((_joint(plane, term, s), descent, plane.pixels))
         return descend(levels, guess, Limits(s.largest_step_m, prior_m=s.prior_m))
 
 
-def _joint(plane: PlaneTerm, light: PhotometricTerm, settings: IcpRgbdSettings) -> Linearise:
+def _joint(plane: PlaneTerm, light: Linearise, settings: IcpRgbdSettings) -> Linearise:
     def linearise(T: np.ndarray, iteration: int) -> System:
         w = settings.weight_rgbd
         geometry, colour = plane(T, iteration), light(T, iteration)

@@ -73,9 +73,9 @@ def normals(z, k, s, out):
 
 
 @njit(cache=True)
-def bright_points(k, grey, z, least_gradient, most_depth, points, greys, J):
+def bright_points(k, grey, z, least_gradient, most_depth, across, down, sparse, points, greys, J, tiles):
     """Lists of the pixels with slope (central differences) and depth: point (n, 3), grey level, J (n, 6) of the inverse
-    compositional residual. Returns n.
+    compositional residual, and which of across x down tiles, row by row. Returns n.
 
     Edges at jumps of depth are kept: without them a plain room leaves too little (ATE 2 to 15 times as large).
     """
@@ -83,7 +83,7 @@ def bright_points(k, grey, z, least_gradient, most_depth, points, greys, J):
     fx, fy, cx, cy = k
     n, least = 0, least_gradient * least_gradient
     for v in range(1, h - 1):
-        for u in range(1, w - 1):
+        for u in range(1 + (v & 1) * sparse, w - 1, 1 + sparse):
             a, b = (grey[v, u + 1] - grey[v, u - 1]) / 2, (grey[v + 1, u] - grey[v - 1, u]) / 2
             d = z[v, u]
             if a * a + b * b < least or not d > 0 or d > most_depth:
@@ -92,6 +92,7 @@ def bright_points(k, grey, z, least_gradient, most_depth, points, greys, J):
             p, q = a * fx / d, b * fy / d
             o = -(p * x + q * y) / d
             points[n, 0], points[n, 1], points[n, 2], greys[n] = x, y, d, grey[v, u]
+            tiles[n] = (v * down // h) * across + u * across // w
             J[n, 0], J[n, 1], J[n, 2] = p, q, o
             J[n, 3], J[n, 4], J[n, 5] = y * o - d * q, d * p - x * o, x * q - y * p
             n += 1
@@ -99,41 +100,52 @@ def bright_points(k, grey, z, least_gradient, most_depth, points, greys, J):
 
 
 @njit(cache=True)
-def grey_residuals(T, k, points, greys, grey, z, most_dz, residual, J, mean):
+def grey_residuals(T, k, points, greys, grey, z, most_dz, residual, J, mean, tiles, factor, parallax):
     """residual = grey(warped) - greys, bilinear; NaN outside, without depth, or behind another surface.
 
-    T (4, 4) is T_current_reference; grey and z are the current image's.
+    T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, a tile's inverse depth is that
+    many times what depth says, and parallax (n,) the residual's slope by it; with `mean`, J there is of both images.
     """
     h, w = grey.shape
     fx, fy, cx, cy = k
+    ox, oy, oz = -T[0, 3], -T[1, 3], -T[2, 3]
     for n in range(len(points)):
         x, y, d = points[n, 0], points[n, 1], points[n, 2]
         residual[n] = np.nan
-        qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
+        f = factor[tiles[n]] if len(factor) else 1.0
+        found_z = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
+        qz = found_z + (f - 1.0) * T[2, 3]
         if qz < 0.05:
             continue
-        a = fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + T[0, 3]) / qz + cx
-        b = fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + T[1, 3]) / qz + cy
+        a = fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + f * T[0, 3]) / qz + cx
+        b = fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + f * T[1, 3]) / qz + cy
         if not (a >= 1 and b >= 1 and a < w - 2 and b < h - 2):
             continue
         row, column = int(b + 0.5), int(a + 0.5)
         found = z[row, column]
-        if not found > 0 or abs(found - qz) > most_dz:
+        if not found > 0 or abs(found - found_z) > most_dz:
             continue
         i, j = int(b), int(a)
         s, t = a - j, b - i
         top = grey[i, j] + s * (grey[i, j + 1] - grey[i, j])
         bottom = grey[i + 1, j] + s * (grey[i + 1, j + 1] - grey[i + 1, j])
         residual[n] = top + t * (bottom - top) - greys[n]
+        mx, my, mz = J[n, 0], J[n, 1], J[n, 2]
         if len(mean):
             p = fx / qz * (grey[row, column + 1] - grey[row, column - 1]) / 2
             q = fy / qz * (grey[row + 1, column] - grey[row - 1, column]) / 2
             o = -(p * (a - cx) / fx + q * (b - cy) / fy)
-            mx = (T[0, 0] * p + T[1, 0] * q + T[2, 0] * o + J[n, 0]) / 2
-            my = (T[0, 1] * p + T[1, 1] * q + T[2, 1] * o + J[n, 1]) / 2
-            mz = (T[0, 2] * p + T[1, 2] * q + T[2, 2] * o + J[n, 2]) / 2
+            mx = (T[0, 0] * p + T[1, 0] * q + T[2, 0] * o + mx) / 2
+            my = (T[0, 1] * p + T[1, 1] * q + T[2, 1] * o + my) / 2
+            mz = (T[0, 2] * p + T[1, 2] * q + T[2, 2] * o + mz) / 2
             mean[n, 0], mean[n, 1], mean[n, 2] = mx, my, mz
             mean[n, 3], mean[n, 4], mean[n, 5] = y * mz - d * my, d * mx - x * mz, x * my - y * mx
+        if len(factor):
+            # towards the current camera's centre
+            gx = T[0, 0] * ox + T[1, 0] * oy + T[2, 0] * oz
+            gy = T[0, 1] * ox + T[1, 1] * oy + T[2, 1] * oz
+            gz = T[0, 2] * ox + T[1, 2] * oy + T[2, 2] * oz
+            parallax[n] = mx * gx + my * gy + mz * gz
 
 
 @njit(cache=True)
@@ -223,6 +235,36 @@ def sums(points, J, residual, J1, residual1, sigma, nu):
         out[32] += weight * z
         out[33] += weight * (x * x + y * y + z * z)
     return out
+
+
+@njit(cache=True)
+def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
+    """out (tiles, 42): each tile's sums() of squares, then J^T w g (6), g^T w g and g^T w r of its parallax g."""
+    out[:] = 0
+    for i in range(len(residual)):
+        r = residual[i]
+        if not math.isfinite(r):
+            continue
+        weight = 1.0 if nu <= 0 else (nu + 1) / (nu + (r / sigma) ** 2)
+        o, g = out[tiles[i]], parallax[i]
+        n = 0
+        for a in range(6):
+            slope = weight * J[i, a]
+            for b in range(a, 6):
+                o[n] += slope * J[i, b]
+                n += 1
+            o[21 + a] += slope * r
+            o[34 + a] += slope * g
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        o[27] += weight * r * r
+        o[28] += weight
+        o[29] += 1
+        o[30] += weight * x
+        o[31] += weight * y
+        o[32] += weight * z
+        o[33] += weight * (x * x + y * y + z * z)
+        o[40] += weight * g * g
+        o[41] += weight * g * r
 
 
 @njit(cache=True)

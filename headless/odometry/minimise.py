@@ -14,12 +14,15 @@ from .system import System, moved
 
 @dataclass(frozen=True)
 class Descent:
-    """How far to go on a level. undo: take back a step that raised the error (Kerl 2013), and stop there."""
+    """How far to go on a level. undo: take back a step that raised the error (Kerl 2013), and stop there; turning:
+    rotate only.
+    """
 
     iterations: int
     least_decrease: float = 0.0
     smallest_step: float = 1e-7
     undo: bool = False
+    turning: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ def descend(levels: list[tuple[Linearise, Descent, int]], guess: np.ndarray, lim
                 T, settled = before, True
                 break
             decrease, best, before = best - system.error, system.error, T
-            twist, held = system.step(gone, limits.prior_m)
+            twist, held = (system.turn(), held) if descent.turning else system.step(gone, limits.prior_m)
             used += 1
             T, gone = moved(T, twist), gone + twist
             settled = bool(np.abs(twist).max() < max(descent.smallest_step, 1e-4))

@@ -34,24 +34,36 @@ class PreviousFrame:
 
 
 class KeptFrame:
-    """A frame is kept as long as the camera stays near it: errors add up once a kept frame, not once a frame."""
+    """A frame is kept as long as the camera stays near it: errors add up once a kept frame, not once a frame.
 
-    def __init__(self, most_m: float = 0.1, most_deg: float = 5.0) -> None:
-        self.most_m, self.least_cosine, self.kept = most_m, math.cos(math.radians(most_deg)), None
+    The next one is a frame from half-way there, not the last: a parallax too small to tell a glass from what is seen
+    through it never decides.
+    """
+
+    def __init__(self, most_m: float = 0.2, most_deg: float = 10.0) -> None:
+        self.most_m, self.most_deg, self.kept, self.next = most_m, most_deg, None, None
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
-        if self.kept is None or not self._near(self.kept[1], T_world_camera):
-            self.kept = prepared, T_world_camera
+        current = prepared, T_world_camera
+        if self.kept is None:
+            self.kept = current
+        if not self._near(self.kept, T_world_camera, 1.0):
+            near = self.next is not None and self._near(self.next, T_world_camera, 1.0)
+            self.kept, self.next = self.next if near else current, None
+        if self.next is None and not self._near(self.kept, T_world_camera, 0.5):
+            self.next = current
         return self.kept
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
-        self.kept = prepared, T_world_camera
+        self.kept, self.next = (prepared, T_world_camera), None
         return self.kept
 
-    def _near(self, T_world_kept: np.ndarray, T_world_camera: np.ndarray) -> bool:
-        R_kept_camera = T_world_kept[:3, :3].T @ T_world_camera[:3, :3]
-        moved_m = np.linalg.norm(T_world_camera[:3, 3] - T_world_kept[:3, 3])
-        return bool(moved_m < self.most_m and (np.trace(R_kept_camera) - 1) / 2 > self.least_cosine)
+    def _near(self, view: tuple[Any, np.ndarray], T_world_camera: np.ndarray, share: float) -> bool:
+        T_world_view = view[1]
+        R_view_camera = T_world_view[:3, :3].T @ T_world_camera[:3, :3]
+        moved_m = np.linalg.norm(T_world_camera[:3, 3] - T_world_view[:3, 3])
+        least_cosine = math.cos(math.radians(share * self.most_deg))
+        return bool(moved_m < share * self.most_m and (np.trace(R_view_camera) - 1) / 2 > least_cosine)
 
 
 #: What an odometer may ask for by its `reference`.

@@ -11,7 +11,7 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 
 from .minimise import Descent, Limits, descend
-from .photometric import Light, PhotometricTerm, flat
+from .photometric import Light, flat, steps
 from .protocol import Frame, Result, failure
 from .pyramid import Level, pyramid
 
@@ -30,18 +30,22 @@ class RgbdSettings:
     spread: float = 0.0
     smallest_step: float = 0.0
     least_inliers: float = 0.001
+    tiles: bool = False
+    prior_m: float = 0.0
     reference: str = "frame"
 
 
 PRESETS = {
     "paper": RgbdSettings(),
     "best": RgbdSettings(
-        iterations=(0, 4, 5, 5),
-        least_gradients=(12, 3, 3, 2),
+        iterations=(0, 4, 2, 2),
+        least_gradients=(12, 2, 3, 2),
         most_depth_m=13.0,
         nu=5.0,
         both=True,
-        spread=150.0,
+        spread=75.0,
+        tiles=True,
+        prior_m=0.03,
         smallest_step=2e-5,
         reference="kept",
     ),
@@ -61,9 +65,9 @@ class Rgbd:
         if flat(reference, current):
             return failure("image: no contrast")
         s, levels = self.settings, []
-        for n in reversed(range(len(reference))):
-            if s.iterations[n]:
-                light = Light(s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu, s.both, s.spread)
-                term = PhotometricTerm(reference[n], current[n], light)
-                levels.append((term, Descent(s.iterations[n], -np.inf, s.smallest_step), reference[n].grey.size))
-        return descend(levels, guess, Limits(s.largest_step_m, s.least_inliers))
+        chosen = [n for n in reversed(range(len(reference))) if s.iterations[n]]
+        for n in chosen:
+            light = Light(s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu, s.both, s.spread, s.tiles)
+            descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
+            levels += steps(reference[n], current[n], light, descent, n == chosen[-1])
+        return descend(levels, guess, Limits(s.largest_step_m, s.least_inliers, prior_m=s.prior_m))

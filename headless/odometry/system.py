@@ -96,6 +96,13 @@ class System:
         x = (part - prior * back) / np.where(values > floor, values + prior, max(prior, 1.0))
         return G.T @ (vectors @ x), int((values < prior).sum())
 
+    def turn(self) -> np.ndarray:
+        """The twist (6,) of a rotation alone, about the reference camera; not in directions without information."""
+        values, vectors = np.linalg.eigh(self.A[3:, 3:])
+        floor = max(values[-1] * 1e-9, 1e-30)
+        part = np.where(values > floor, vectors.T @ self.b[3:], 0.0)
+        return np.r_[np.zeros(3), vectors @ (part / np.maximum(values, floor))]
+
     def weakest_sigma_m(self) -> float:
         """Standard deviation in the direction known least; rotations count by the points' length. NaN: not known."""
         if not self.informed:
