@@ -22,6 +22,7 @@ class IcpRgbdSettings(IcpSettings):
     """
 
     spread_rgbd: float = 0.0
+    rough_spread: float = 0.0
     nu_rgbd: float = 0.0
     esm: bool = False
     tiles: bool = False
@@ -51,6 +52,7 @@ PRESETS = {
         tiles=True,
         least_gradients=(12, 2, 3, 3),
         rough_step=3,
+        rough_spread=2000.0,
         reference="kept",
     ),
 }
@@ -64,9 +66,11 @@ class IcpRgbd(Icp):
         if flat(reference, current):
             return super().align(reference, current, guess)
         s, levels = self.settings, []
+        rough = s.rough_step and current[0].normal_step == s.rough_step
+        spread = s.rough_spread if rough else s.spread
         chosen = [n for n in reversed(range(len(reference))) if s.iterations[n]]
         for n in chosen:
-            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, s.spread)
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, spread)
             plane = PlaneTerm(reference[n], current[n], planes)
             light = Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu_rgbd, s.esm, s.spread_rgbd, s.tiles)
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
