@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ..plots import COLOURS
 from .light_race import Result
 
-_HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", "to the reference", "median error", "bias", "flicker")
+_HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", "to the reference", "median error", "to the reference", "bias", "flicker")
 
 
 def figure(results: Sequence[Result]) -> Figure:
@@ -56,6 +56,7 @@ def row(r: Result) -> str:
         f"{r.seconds:.3f}",
         *(f"{p:.1f}" for p in psnr),
         f"{error.median:.4f}",
+        f"{error.median_to_reference:.4f}",
         f"{error.bias:+.4f}",
         f"{255 * r.flicker:.2f}",
     ]

@@ -18,12 +18,13 @@ _SAME_SURFACE = 0.01
 class Error:
     """psnr_db of each view against the picture that path tracing converges to; median and mean difference of a colour value.
 
-    psnr_to_reference_db: the same against the reference as it is, whose own noise counts as error too.
+    psnr_to_reference_db and median_to_reference: the same against the reference as it is, whose own noise counts as error.
     """
 
     psnr_db: tuple[float, ...]
     psnr_to_reference_db: tuple[float, ...]
     median: float
+    median_to_reference: float
     bias: float
 
     @property
@@ -38,15 +39,18 @@ class Error:
 def error(frames: np.ndarray, halves: np.ndarray) -> Error:
     """Of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.
 
-    The mean of the product of both differences is free of the references' noise: the halves' noise is independent.
+    The mean of the product of both differences is free of the references' noise: the halves' noise is independent. From
+    the median that noise, half the halves' difference, is taken in quadrature.
     """
     a, b = (srgb_from_light(frames) - srgb_from_light(half) for half in halves)
     whole = srgb_from_light(frames) - srgb_from_light(halves.mean(0))
+    median, noise = float(np.median(np.abs(whole))), float(np.median(np.abs(a - b))) / 2
     return Error(
-        tuple(_decibels(np.mean(x * y)) for x, y in zip(a, b, strict=True)),
-        tuple(_decibels(np.mean(x**2)) for x in whole),
-        float(np.median(np.abs(whole))),
-        float(whole.mean()),
+        psnr_db=tuple(_decibels(np.mean(x * y)) for x, y in zip(a, b, strict=True)),
+        psnr_to_reference_db=tuple(_decibels(np.mean(x**2)) for x in whole),
+        median=float(np.sqrt(max(median**2 - noise**2, 0))),
+        median_to_reference=median,
+        bias=float(whole.mean()),
     )
 
 
