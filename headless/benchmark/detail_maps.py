@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iclnuim.blender import light_map, worker
+from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
@@ -36,7 +37,9 @@ def race(
     note: Callable[[str], None],
     on_step: Callable[[], object],
 ) -> list[MapSize]:
-    """All sizes, smallest first; light that is in the cache is not baked again."""
+    """All sizes, smallest first; light that is in the cache is not baked again, and a size that the room's charts do not fit is
+    left out with a word.
+    """
     found: list[MapSize] = []
     largest = None
     with tempfile.TemporaryDirectory() as folder:
@@ -44,7 +47,12 @@ def race(
         write_trajectory(path, views_of(room, views), "tum")
         for size in sorted(sizes, reverse=True):
             job = RenderJob(room, room, str(path), camera, map_size=size, map_samples=map_samples)
-            light = worker.bake_light(job, lambda event: None)
+            try:
+                light = worker.bake_light(job, lambda event: None)
+            except InputError as refusal:
+                note(f"{room}, {size} texels: left out: {refusal}")
+                on_step()
+                continue
             rgb, frame_s = frames_of(job, Path(folder) / str(size))
             errors = (None, None) if largest is None else difference(rgb, largest)
             largest = rgb if largest is None else largest

@@ -29,10 +29,10 @@ def configure(actions: argparse._SubParsersAction) -> None:
         help="levels that are lit too, for the bake's time; default: 0.25,0.5,1,2; `none`: no light at all",
     )  # fmt: skip
     detail.add_argument(
-        "--maps", type=_numbers, default=(256, 512, 1024, 2048), metavar="N,N",
-        help="sides of light maps; default: 256,512,1024,2048; `none`: leave them out",
+        "--maps", type=_numbers, default=(512, 1024, 1536, 2048), metavar="N,N",
+        help="sides of light maps; default: 512,1024,1536,2048; `none`: leave them out",
     )  # fmt: skip
-    detail.add_argument("--map-size", type=int, default=512, metavar="N", help="of the lit levels; default: 512")
+    detail.add_argument("--map-size", type=int, default=1024, metavar="N", help="of the lit levels; default: 1024")
     detail.add_argument("--map-samples", type=int, default=2, metavar="N", help="of the lit levels; default: 2")
     detail.add_argument("--views", type=int, default=12, metavar="N", help="spread over all paths; default: 12")
     detail.add_argument("--every", type=int, default=30, metavar="N", help="of the poses that may see; default: 30")
@@ -75,7 +75,7 @@ def _measure(rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, 
         )  # fmt: skip
         sizes = [int(n) for n in args.maps]
         maps[room] = detail_maps.race(room, sizes, args.views, camera, 32, console.note, progress.advance)
-        light = maps[room][-1].folder if sizes else None
+        light = maps[room][-1].folder if maps[room] else None
         unseen.append(detail_unseen.measure(room, args.every, camera, light, lambda: None))
         progress.advance()
     if args.chart:
