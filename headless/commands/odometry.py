@@ -16,7 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("folder", type=Path, metavar="DIR", help="a sequence in TUM form, or in the original's")
     add("-o", "--out", type=Path, metavar="EST", help="write the path as a TUM trajectory")
     add("--preset", default="best", help="best (default) or paper")
-    help = "what a frame is aligned against: own (default: as the preset says), frame, kept or model"
+    help = "what a frame is aligned against: own (default: as the preset says), frame, kept, entropy or model"
     add("--reference", default="own", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
     add("--first", type=int, metavar="N", help="only the first N frames")

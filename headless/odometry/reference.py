@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .protocol import Frame
+from .protocol import Frame, Result
 
 
 class Reference(Protocol):
@@ -15,8 +15,10 @@ class Reference(Protocol):
     from: `T_world_camera`, or an earlier one where a view is kept.
     """
 
-    def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
-        """After a frame that was tracked; prepared is what prepare() made of it."""
+    def renew(
+        self, frame: Frame, prepared: Any, T_world_camera: np.ndarray, result: Result | None = None
+    ) -> tuple[Any, np.ndarray]:
+        """After a frame that was tracked; prepared is what prepare() made of it, result what align() said of it."""
         ...
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
@@ -27,10 +29,13 @@ class Reference(Protocol):
 class PreviousFrame:
     """Frame to frame."""
 
-    def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+    def renew(
+        self, frame: Frame, prepared: Any, T_world_camera: np.ndarray, result: Result | None = None
+    ) -> tuple[Any, np.ndarray]:
         return prepared, T_world_camera
 
-    restart = renew
+    def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+        return prepared, T_world_camera
 
 
 class KeptFrame:
@@ -43,7 +48,9 @@ class KeptFrame:
     def __init__(self, most_m: float = 0.2, most_deg: float = 10.0) -> None:
         self.most_m, self.most_deg, self.kept, self.next = most_m, most_deg, None, None
 
-    def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+    def renew(
+        self, frame: Frame, prepared: Any, T_world_camera: np.ndarray, result: Result | None = None
+    ) -> tuple[Any, np.ndarray]:
         current = prepared, T_world_camera
         if self.kept is None:
             self.kept = current
@@ -66,5 +73,41 @@ class KeptFrame:
         return bool(moved_m < share * self.most_m and (np.trace(R_view_camera) - 1) / 2 > least_cosine)
 
 
+class EntropyFrame:
+    """A frame is kept while it fixes the motion as it did at first: C. Kerl, J. Sturm, D. Cremers, "Dense visual SLAM
+    for RGB-D cameras", IROS 2013, section IV-B. The next one is the last frame that still was sure.
+    """
+
+    def __init__(self, least_ratio: float = 0.91) -> None:
+        self.least_ratio, self.kept, self.last, self.first = least_ratio, None, None, math.nan
+
+    def renew(
+        self, frame: Frame, prepared: Any, T_world_camera: np.ndarray, result: Result | None = None
+    ) -> tuple[Any, np.ndarray]:
+        current, entropy = (prepared, T_world_camera), _entropy(result)
+        if self.kept is None or not math.isfinite(entropy):
+            return self.restart(frame, prepared, T_world_camera)
+        if math.isnan(self.first):
+            self.first = entropy
+        elif entropy / self.first < self.least_ratio:  # both are negative, of motions known to millimetres
+            self.kept, self.first = self.last, math.nan
+        self.last = current
+        return self.kept
+
+    def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+        self.kept = self.last = prepared, T_world_camera
+        self.first = math.nan
+        return self.kept
+
+
+def _entropy(result: Result | None) -> float:
+    """ln of the covariance's determinant; NaN where there is no information. Without the constants of a normal distribution."""
+    if result is None or not result.residual > 0:
+        return math.nan
+    informed = math.isfinite(result.weakest_sigma_m)
+    values = np.linalg.eigvalsh(result.information if informed else result.information / result.residual**2)
+    return -float(np.log(values).sum()) if values[0] > 0 else math.nan
+
+
 #: What an odometer may ask for by its `reference`.
-OWN = {"frame": PreviousFrame, "kept": KeptFrame}
+OWN = {"frame": PreviousFrame, "kept": KeptFrame, "entropy": EntropyFrame}

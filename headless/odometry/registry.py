@@ -30,11 +30,11 @@ def odometer(name: str, preset: str = "best") -> Odometer:
 
 
 def reference(name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> Reference:
-    """What to align against: `own` (what the odometer asks for), `frame`, `kept`, `model`; else an InputError."""
+    """What to align against: `own` (what the odometer asks for), `frame`, `kept`, `entropy`, `model`; else an InputError."""
     if name in ("own", *OWN):
         return OWN[odometer.reference if name == "own" else name]()
     if name != "model":
-        raise InputError("a reference (own, frame, kept, model)", found=name)
+        raise InputError("a reference (own, frame, kept, entropy, model)", found=name)
     from ..reconstruction.reference import ModelReference
 
     return ModelReference(odometer, camera, preset)

@@ -73,7 +73,7 @@ class Tracker:
         if result.held:
             self.motion = SE3.exp(FADING * SE3.from_matrix(self.motion).log()).matrix
         pose = self.T_world_view @ result.T_reference_camera
-        self.view, self.T_world_view = self.reference.renew(frame, current, pose)
+        self.view, self.T_world_view = self.reference.renew(frame, current, pose, result)
         self.T_view_camera = inverted(self.T_world_view) @ pose
         return pose
 

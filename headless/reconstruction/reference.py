@@ -10,7 +10,7 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 
-from ..odometry.protocol import Frame, Odometer
+from ..odometry.protocol import Frame, Odometer, Result
 from ..odometry.pyramid import Level, pyramid
 from .volume import PRESETS as VOLUMES
 from .volume import View, Volume, VolumeSettings
@@ -44,7 +44,9 @@ class ModelReference:
         self.volume = Volume(replace(self.settings.volume, channels=grey), leaving)
         self._view, self._T_world_view, self._age = None, np.eye(4), 0
 
-    def renew(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
+    def renew(
+        self, frame: Frame, prepared: Any, T_world_camera: np.ndarray, result: Result | None = None
+    ) -> tuple[Any, np.ndarray]:
         """Fuse the frame and look from its pose; or keep the view. Returns the view and its T_world_camera."""
         self._age += 1
         if self._view is None or self._age >= self.settings.every:

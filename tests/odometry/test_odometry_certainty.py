@@ -10,8 +10,8 @@ from iclnuim.geometry.se3 import SE3
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim_bench.odometry import dvo  # noqa: E402
 from iclnuim_bench.odometry.icp import PRESETS, Icp  # noqa: E402
-from iclnuim_bench.odometry.protocol import Frame  # noqa: E402
-from iclnuim_bench.odometry.reference import KeptFrame, PreviousFrame  # noqa: E402
+from iclnuim_bench.odometry.protocol import Frame, Result  # noqa: E402
+from iclnuim_bench.odometry.reference import EntropyFrame, KeptFrame, PreviousFrame  # noqa: E402
 from iclnuim_bench.odometry.registry import odometer  # noqa: E402
 from iclnuim_bench.odometry.system import inverted  # noqa: E402
 from iclnuim_bench.odometry.track import Tracker, track  # noqa: E402
@@ -136,6 +136,23 @@ def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():
         T[0, 3] = x
         view, _ = reference.renew(None, i, T)
     assert view == 2
+
+
+def test_a_frame_is_kept_while_its_entropy_is_near_the_first_and_left_for_the_last_sure_one():
+    reference, kept = EntropyFrame(least_ratio=0.9), []
+    for i, sigma in enumerate((1.0, 1e-3, 1.1e-3, 1.5e-3, 2.2e-3, 1e-3, 1.1e-3)):
+        said = Result(np.eye(4), True, residual=1.0, information=np.eye(6) / sigma**2, weakest_sigma_m=sigma)
+        kept.append(reference.renew(None, i, np.eye(4), said)[0])
+    # ln(2.2e-3) / ln(1e-3) is 0.886
+    assert kept == [0, 0, 0, 0, 3, 3, 3]
+
+
+def test_dvo_with_frames_kept_by_entropy_errs_less_than_from_frame_to_frame():
+    frames, found = [view(i, ROOM, 0.002) for i in range(25)], []
+    for reference in (PreviousFrame(), EntropyFrame()):
+        tracker = Tracker(odometer("dvo", "paper"), CAMERA, reference=reference)
+        found.append(error_m([tracker.add(f.stamp_s, f) for f in frames]))
+    assert found[1] < found[0]
 
 
 def test_errors_add_up_once_a_kept_frame():
