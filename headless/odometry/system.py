@@ -59,6 +59,16 @@ class System:
         b = self.b * (factor if factor_b is None else factor_b)
         return replace(self, A=self.A * factor, b=b, error=self.error * factor)
 
+    def without_scale(self, t_m: np.ndarray, doubt: float) -> System:
+        """Where all that these equations (information) say of a translation t_m (3,) may be off by one factor.
+
+        The factor, of standard deviation `doubt` about 1, is a further unknown, eliminated by its Schur complement.
+        """
+        along = np.r_[t_m, np.zeros(3)]
+        slopes = self.A @ along
+        stiff = along @ slopes + doubt**-2
+        return replace(self, A=self.A - np.outer(slopes, slopes) / stiff, b=self.b - slopes * (along @ self.b) / stiff)
+
     def plus(self, other: System) -> System:
         """Joint equations; all else stays the first one's."""
         return replace(self, A=self.A + other.A, b=self.b + other.b)

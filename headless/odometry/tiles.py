@@ -47,7 +47,7 @@ class Tiles:
         system = System.of_sums(sums[:, :34].sum(axis=0))
         slopes, own, right = sums[:, 34:40], sums[:, 40], sums[:, 41]
         off, unit = self.factor - 1.0, SPREAD * max(system.error, LEAST_ERROR)
-        believed = self._believed(own > unit * LOOSE**-2) if firm else np.ones(len(off))
+        believed = self._believed(unit / np.maximum(own, 1e-12)) if firm else np.ones(len(off))
         prior = believed * (unit * (FIRM if firm else LOOSE) ** -2)
         stiff, rest = own + prior + 1e-12, right - prior * off
         self._open = slopes, stiff, rest
@@ -55,10 +55,11 @@ class Tiles:
         count = float(believed @ sums[:, 29])
         return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ rest, count=count)
 
-    def _believed(self, informed: np.ndarray) -> np.ndarray:
-        """(tiles,) 0..1: where the factor is that of most tiles. While loose, all can be off by one factor, as one eye
-        knows no scale; motion and factors then find back together.
+    def _believed(self, variance: np.ndarray) -> np.ndarray:
+        """(tiles,) 0..1: where the factor, known to `variance`, is that of most tiles. While loose, all can be off by one
+        factor, as one eye knows no scale; motion and factors then find back together.
         """
+        informed = variance < LOOSE**2
         common = float(np.median(self.factor[informed])) if informed.any() else 1.0
         off = self.factor / max(common, FIRM) - 1.0
-        return 1.0 / (1.0 + (off / FIRM) ** 2) ** 2
+        return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2

@@ -128,6 +128,27 @@ def test_the_step_solves_the_equations_as_numpy_does():
     np.testing.assert_allclose(moved(np.eye(4), np.zeros(6)), np.eye(4), atol=1e-15)
 
 
+def test_equations_without_scale_say_nothing_of_a_longer_motion_and_all_of_the_rest():
+    rng = np.random.default_rng(4)
+    J, r, t = rng.normal(size=(50, 6)), rng.normal(size=50), np.array([0.3, -0.1, 0.2])
+    along = np.r_[t, 0, 0, 0]
+    free = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).without_scale(t, 1e6)
+    assert abs(along @ free.A @ along) < 1e-6 and abs(along @ free.b) < 1e-6
+    # the joint problem, the factor solved for as well
+    joint = np.linalg.lstsq(np.c_[J, J @ along], r, rcond=None)[0]
+    np.testing.assert_allclose(free.A @ joint[:6], free.b, atol=1e-6)
+    believed = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).without_scale(t, 1e-9)
+    np.testing.assert_allclose(believed.A, J.T @ J, atol=1e-9)
+
+
+def test_a_turn_is_the_rotation_that_least_squares_finds():
+    rng = np.random.default_rng(5)
+    J, r = rng.normal(size=(50, 6)), rng.normal(size=50)
+    twist = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).turn()
+    np.testing.assert_allclose(twist[3:], np.linalg.lstsq(J[:, 3:], r, rcond=None)[0], rtol=1e-8)
+    assert not twist[:3].any()
+
+
 def test_an_unknown_odometer_names_the_known_ones():
     with pytest.raises(InputError, match="icp_rgbd"):
         odometer("orb")
