@@ -76,7 +76,7 @@ def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     leads = (
         (-2.13, -1.745, 0.0042, "black", 0.62, 0.04),
         (-2.25, -1.77, 0.0050, "white plastic", 0.40, 0.13),
-        (-1.98, -1.76, 0.0026, "white plastic", 0.46, -0.05),
+        (-1.98, -1.76, 0.0040, "white plastic", 0.46, -0.05),
     )
     for k, (x, y, radius, colour, fall, drift) in enumerate(leads, 1):
         low = TOP - fall

@@ -96,7 +96,7 @@ def _plain() -> dict[str, bpy.types.Material]:
     return {
         "mat": glossy("mat", (0.66, 0.66, 0.64), SHARP),
         "black": glossy("black", (0.022, 0.022, 0.024), SHARP),
-        "slot": matte("slot", (0.34, 0.32, 0.265)),
+        "slot": matte("slot", (0.44, 0.42, 0.335)),
         "dark": matte("dark", (0.035, 0.033, 0.030)),
         "screen": glossy("screen", (0.008, 0.009, 0.010), SHARP, 1.5),
         "steel paint": glossy("steel paint", (0.19, 0.194, 0.19), SHARP),
