@@ -19,11 +19,13 @@ from .system import System
 class IcpRgbdSettings(IcpSettings):
     """weights: "consistent"; "kintinuous2013" repeats a slip (matrix weighted by w^2, right-hand side by w);
     "information" takes each term by its own variance (spread, spread_rgbd), which makes it independent of units.
-    rough_scale: what planes of a sensor's frames say of the motion's length may be off by such a share, for their depth
-    is biased: `released` noise has 0.16 % a metre, and so 0.6 % of a motion seen from 2 m.
+    rough_spread: spread of planes of a sensor's frames, whose errors reach farther; rough_scale: what they say
+    of the motion's length may be off by such a share, for their depth is biased: `released` noise has 0.16 % a metre,
+    and so 0.6 % of a motion seen from 2 m.
     """
 
     spread_rgbd: float = 0.0
+    rough_spread: float = 0.0
     rough_scale: float = 0.0
     nu_rgbd: float = 0.0
     esm: bool = False
@@ -45,7 +47,7 @@ PRESETS = {
         smallest_step=5e-6,
         both=True,
         spread=30.0,
-        prior_m=0.003,
+        prior_m=0.03,
         nu=10.0,
         weights="information",
         spread_rgbd=75.0,
@@ -54,6 +56,7 @@ PRESETS = {
         tiles=True,
         least_gradients=(12, 2, 3, 3),
         rough_step=3,
+        rough_spread=300.0,
         rough_scale=0.1,
         reference="kept",
     ),
@@ -71,7 +74,8 @@ class IcpRgbd(Icp):
         rough = s.rough_step and current[0].normal_step == s.rough_step
         chosen = [n for n in reversed(range(len(reference))) if s.iterations[n]]
         for n in chosen:
-            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, s.spread)
+            spread = s.rough_spread if rough else s.spread
+            planes = Planes(s.most_distance_m, s.most_angle_deg, s.strides[n], s.nu, s.both, spread)
             plane = PlaneTerm(reference[n], current[n], planes)
             light = Light(s.least_gradients[n], s.most_dz_m, 13.0, s.nu_rgbd, s.esm, s.spread_rgbd, s.tiles)
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
