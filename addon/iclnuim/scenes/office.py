@@ -187,7 +187,7 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 def _floor_things(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("coat_stand", "stand", coat_stand(detail).moved(-2.29, 0.10, Z0), "chrome")
-    for k, (x, y) in enumerate(((-0.68, -2.50), (2.22, -0.55), (1.55, 2.42), (-2.28, 3.48)), 1):
+    for k, (x, y) in enumerate(((-2.24, -3.36), (2.22, -0.55), (1.55, 2.42), (-2.28, 3.48)), 1):
         stage.add(
             f"waste_basket_{k}",
             "basket",
