@@ -13,7 +13,18 @@ from matplotlib.figure import Figure
 from ..plots import COLOURS
 from .light_race import Result
 
-_HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", "to the reference", "median error", "to the reference", "bias", "flicker")
+_HEADER = (
+    "way",
+    "samples",
+    "s/frame",
+    "PSNR dB",
+    "worst view",
+    "to the reference",
+    "median error",
+    "to the reference",
+    "bias",
+    "flicker",
+)
 
 
 def figure(results: Sequence[Result]) -> Figure:
