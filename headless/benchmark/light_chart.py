@@ -40,6 +40,8 @@ def figure(results: Sequence[Result]) -> Figure:
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
     right.set_yscale("log")
+    right.yaxis.set_major_formatter("{x:g}")
+    right.yaxis.set_minor_formatter("{x:g}")
     for axes in (left, right):
         axes.set_xscale("log")
         axes.set_xlabel("seconds a frame, 640 x 480 (numbers: samples a pixel)")
