@@ -156,7 +156,7 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         )
     on = Z0 + 1.3207
     stage.add("trays_red", "tray", tray(2).turned("z", 90).moved(0.24, -3.47, on), "red plastic")
-    stage.add("papers_cabinet", "paper", paper_pile(rng, 4, 0.008, 14).turned("z", 80).moved(-0.22, -3.42, on), "pages")
+    stage.add("papers_cabinet", "paper", paper_pile(rng, 2, 0.006, 4).turned("z", 80).moved(-0.22, -3.42, on), "pages")
     stage.add("binders_cabinet", "books", binder_row(rng, 4).moved(0.68, 3.24, on), "spines", "paper")
     for k, x in enumerate((-1.475, -0.475), 1):
         case, levels = bookcase(0.94, 1.88, 5)

@@ -16,8 +16,8 @@ def desk(width: float, depth: float, side_boards: bool = True) -> Mesh:
     """
     x, y, leg, top = width / 2, depth / 2, 0.05, DESK_TOP
     parts = [block((width, depth, 0.022), (0, 0, top - 0.011), 0.003, 0.9)]
-    steel = [block((width - 0.004, 0.045, 0.018), (0, s * (y - 0.0235), top - 0.0315), 0.002) for s in (-1, 1)]
-    steel += [block((0.045, depth - 0.1, 0.018), (s * (x - 0.0235), 0, top - 0.0315), 0.002) for s in (-1, 1)]
+    steel = [block((width - 0.004, 0.045, 0.022), (0, s * (y - 0.0235), top - 0.0295), 0.002) for s in (-1, 1)]
+    steel += [block((0.045, depth - 0.1, 0.022), (s * (x - 0.0235), 0, top - 0.0295), 0.002) for s in (-1, 1)]
     for i in (-1, 1):
         for j in (-1, 1):
             steel.append(
