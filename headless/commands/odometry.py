@@ -19,6 +19,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "what a frame is aligned against: own (default: as the preset says), frame, kept, entropy or model"
     add("--reference", default="own", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
+    help = "what the sensor adds to inverse depth, 1/m, taken off again; default: 0"
+    add("--depth-offset", type=float, default=0.0, metavar="B", help=help)
     add("--first", type=int, metavar="N", help="only the first N frames")
     add("--all", action="store_true", help="run all of ours and print the table")
     add("--plot", type=Path, metavar="FILE", help="draw path, residual and certainty (.png, .pdf, .svg)")
@@ -39,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise InputError("--all without -o, --plot and --show", found="one of them")
     odometers = [odometer(name, args.preset) for name in (OURS if args.all else [args.method])]
     view = partial(reference, args.reference, preset=args.preset)
-    runs = report.run_together(odometers, args.folder, args.lost, console.progress, args.first, view)
+    runs = report.run_together(odometers, args.folder, args.lost, console.progress, args.first, view, args.depth_offset)
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from ..plots import COLOURS
 from .minimise import Limits
 from .report import Run
+from .system import DEGENERATE
 
 
 def figure(run: Run) -> Figure:
@@ -66,14 +67,20 @@ def _residual(axes: Axes, run: Run) -> None:
 
 
 def _certainty(axes: Axes, run: Run) -> None:
+    """In metres where the preset has a noise model, else as the share that smallest_eigenvalue is."""
     stamps_s = _stamps_s(run)
-    sigmas_mm = np.array([f.result.weakest_sigma_m for f in run.frames]) * 1e3
-    if np.isfinite(sigmas_mm).any():
-        axes.semilogy(stamps_s, sigmas_mm, color=COLOURS[2], linewidth=1)
-        axes.axhline(Limits().most_sigma_m * 1e3, color="grey", linestyle="--", linewidth=0.8)
+    values = 1e3 * np.array([f.result.weakest_sigma_m for f in run.frames])
+    limit, label = 1e3 * Limits().most_sigma_m, "standard deviation [mm]"
+    if np.isfinite(values).any():
+        axes.set_yscale("log")
+    else:
+        values = np.array([f.result.smallest_eigenvalue for f in run.frames])
+        limit, label = DEGENERATE, "eigenvalue, share of the trace"
+    axes.plot(stamps_s, values, color=COLOURS[2], linewidth=1)
+    axes.axhline(limit, color="grey", linestyle="--", linewidth=0.8)
     for stamp_s in stamps_s[[f.result.degenerate for f in run.frames]]:
         axes.axvline(stamp_s, color=COLOURS[3], linewidth=0.8, alpha=0.5)
-    axes.set(title="least known direction; flagged frames marked", xlabel="time [s]", ylabel="standard deviation [mm]")
+    axes.set(title="least known direction; flagged frames marked", xlabel="time [s]", ylabel=label)
 
 
 def _stamps_s(run: Run) -> np.ndarray:

@@ -12,11 +12,21 @@ from iclnuim.formats.png import read_depth16, read_rgb8
 
 from .protocol import Frame
 
+#: Per metre; with more, what is farthest in 16 bits of millimetres (65.5 m) would lie behind the camera.
+MOST_OFFSET = 0.015
+
 
 class Sequence:
-    """Image pairs of a folder and their camera; frames are read one at a time."""
+    """Image pairs of a folder and their camera; frames are read one at a time.
 
-    def __init__(self, folder: Path) -> None:
+    depth_offset (1/m): what the sensor adds to inverse depth, taken off again. Of a structured-light camera, which
+    measures disparity, it is a disparity that is off by a constant.
+    """
+
+    def __init__(self, folder: Path, depth_offset: float = 0.0) -> None:
+        if not abs(depth_offset) <= MOST_OFFSET:
+            raise InputError(f"a depth offset from {-MOST_OFFSET} to {MOST_OFFSET} per metre", found=depth_offset)
+        self.depth_offset = depth_offset
         self.pairs: list[ImagePair] = find_pairs(folder)
         present = next((p.rgb for p in self.pairs if p.rgb.is_file()), None)
         if present is None:
@@ -36,4 +46,6 @@ class Sequence:
 
     def load(self, pair: ImagePair) -> Frame:
         depth = read_depth16(pair.depth).astype(np.float32) / np.float32(self.camera.depth_units_per_metre)
+        if self.depth_offset:
+            depth /= 1 - self.depth_offset * depth
         return Frame.of(read_rgb8(pair.rgb), depth, pair.stamp_s)

@@ -21,12 +21,13 @@ class IcpRgbdSettings(IcpSettings):
     "information" takes each term by its own variance (spread, spread_rgbd), which makes it independent of units.
     rough_spread: spread of planes of a sensor's frames, whose errors reach farther; rough_scale: what they say
     of the motion's length may be off by such a share, for their depth is biased: `released` noise has 0.16 % a metre,
-    and so 0.6 % of a motion seen from 2 m.
+    and so 0.6 % of a motion seen from 2 m; rough_prior_m: prior_m of such frames, as where there is light alone.
     """
 
     spread_rgbd: float = 0.0
     rough_spread: float = 0.0
     rough_scale: float = 0.0
+    rough_prior_m: float = 0.0
     nu_rgbd: float = 0.0
     esm: bool = False
     tiles: bool = False
@@ -58,6 +59,7 @@ PRESETS = {
         rough_step=3,
         rough_spread=300.0,
         rough_scale=0.1,
+        rough_prior_m=0.03,
         reference="kept",
     ),
 }
@@ -81,7 +83,8 @@ class IcpRgbd(Icp):
             descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
             for term, _, _ in steps(reference[n], current[n], light, descent, n == chosen[-1]):
                 levels.append((_joint(plane, term, s, s.rough_scale if rough else 0.0), descent, plane.pixels))
-        return descend(levels, guess, Limits(s.largest_step_m, prior_m=s.prior_m))
+        prior_m = s.rough_prior_m if rough and s.rough_prior_m else s.prior_m
+        return descend(levels, guess, Limits(s.largest_step_m, prior_m=prior_m))
 
 
 def _joint(plane: PlaneTerm, light: Linearise, settings: IcpRgbdSettings, doubt: float) -> Linearise:

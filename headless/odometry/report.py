@@ -88,13 +88,14 @@ def run_together(
     progress: Callable | None = None,
     frames: int | None = None,
     reference: Referee | None = None,
+    depth_offset: float = 0.0,
 ) -> list[Run]:
     """Each frame of a folder, or of its first `frames`, is read once and given to one odometer after the other.
 
     So all see the machine at the same moments. `progress(total, label)` makes something with advance(). Without
-    `reference` each has what it asks for.
+    `reference` each has what it asks for. depth_offset: see Sequence.
     """
-    sequence, odometers = Sequence(Path(folder)), list(odometers)
+    sequence, odometers = Sequence(Path(folder), depth_offset), list(odometers)
     camera = sequence.camera.pinhole
     trackers = [Tracker(o, camera, policy, reference(o, camera) if reference else None) for o in odometers]
     total, tracked = min(len(sequence), frames or len(sequence)), [[] for _ in odometers]

@@ -102,7 +102,7 @@ class System:
         floor = max(values[-1] * 1e-9, 1e-30)
         part = np.where(values > floor, vectors.T @ (G @ self.b), 0.0)
         prior = prior_m**-2 if prior_m else 0.0
-        back = vectors.T @ np.r_[gone[:3] - np.cross(self.centre_m, gone[3:]), self.length_m * gone[3:]]
+        back = vectors.T @ np.r_[gone[:3] - _cross(self.centre_m, gone[3:]), self.length_m * gone[3:]]
         x = (part - prior * back) / np.where(values > floor, values + prior, max(prior, 1.0))
         return G.T @ (vectors @ x), int((values < prior).sum())
 
@@ -132,8 +132,14 @@ def inverted(T: np.ndarray) -> np.ndarray:
     Not np.linalg.inv: OpenBLAS wakes its threads even for this, which takes milliseconds on a busy machine.
     """
     a, b, c = T[0, :3], T[1, :3], T[2, :3]
-    bc = np.cross(b, c)
+    bc = _cross(b, c)
     result = np.eye(4)
-    result[:3, :3] = np.array([bc, np.cross(c, a), np.cross(a, b)]).T / (a @ bc)
+    result[:3, :3] = np.array([bc, _cross(c, a), _cross(a, b)]).T / (a @ bc)
     result[:3, 3] = -result[:3, :3] @ T[:3, 3]
     return result
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of (3,) and (3,). np.cross takes ten times as long, for it serves arrays of any shape."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

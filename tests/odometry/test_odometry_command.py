@@ -2,10 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
+from iclnuim.dataset.depth_units import depth16_from_metres
+from iclnuim.formats.png import write_png
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim_bench.cli import main  # noqa: E402
+from iclnuim_bench.odometry.frames import Sequence  # noqa: E402
 
 
 @pytest.fixture
@@ -29,6 +33,8 @@ def test_an_estimate_of_official_frames_is_evaluated_without_options(stretch, tm
     report = json.loads(capsys.readouterr().out)
     assert report["pairs"] == 8
     assert report["translation_error_m"]["rmse"] < 0.001
+    assert main(["evaluate", "rpe", str(stretch), str(estimate), "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["translation_error_m"]["rmse"] < 0.001
 
 
 def test_a_missing_image_is_named_and_left_out_of_the_path(stretch, tmp_path, capsys):
@@ -41,6 +47,26 @@ def test_a_missing_image_is_named_and_left_out_of_the_path(stretch, tmp_path, ca
     assert json.loads(out)["runs"][0]["lost"] == 1
     assert "20.1" in notes and "603.png" in notes
     assert len([line for line in estimate.read_text().splitlines() if not line.startswith("#")]) == 7
+
+
+def test_what_a_sensor_adds_to_inverse_depth_is_taken_off_again(tmp_path):
+    rng = np.random.default_rng(1)
+    z_m = rng.uniform(0.5, 8.0, (480, 640)).astype(np.float32)
+    z_m[:10] = 0
+    biased = np.where(z_m > 0, z_m / (1 + 0.0016 * z_m), 0)
+    for kind, image in (("rgb", np.zeros((480, 640, 3), np.uint8)), ("depth", depth16_from_metres(biased))):
+        (tmp_path / kind).mkdir()
+        write_png(tmp_path / kind / "0.png", image)
+    ((_, raw),) = Sequence(tmp_path).frames()
+    ((_, corrected),) = Sequence(tmp_path, 0.0016).frames()
+    assert np.abs(raw.depth_z_m - z_m).max() > 0.05
+    assert np.abs(corrected.depth_z_m - z_m).max() < 2e-4
+    assert (corrected.depth_z_m[:10] == 0).all()
+
+
+def test_a_depth_offset_beyond_sense_is_bad_input(stretch, capsys):
+    assert main(["odometry", "icp", str(stretch), "--depth-offset", "0.5"]) == 2
+    assert "0.015" in capsys.readouterr().err
 
 
 def test_an_unknown_method_is_bad_input(stretch, capsys):
