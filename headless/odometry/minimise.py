@@ -57,7 +57,7 @@ def descend(levels: list[tuple[Linearise, Descent, int]], guess: np.ndarray, lim
                 T, settled = before, True
                 break
             decrease, best, before = best - system.error, system.error, T
-            twist, held = (system.turn(), held) if descent.turning else system.step(gone, limits.prior_m)
+            twist, held = (system.turn(), held) if descent.turning else system.step(gone, limits.prior_m, T[:3, 3])
             used += 1
             T, gone = moved(T, twist), gone + twist
             settled = bool(np.abs(twist).max() < max(descent.smallest_step, 1e-4))

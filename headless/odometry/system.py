@@ -9,6 +9,7 @@ from iclnuim.geometry.se3 import SE3
 
 #: Below this share the geometry does not fix the motion (furnished rooms: about 0.12; a bare wall: 0).
 DEGENERATE = 0.05
+ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,21 +91,26 @@ class System:
         schur = A[:3, :3] - A[:3, 3:] @ np.linalg.pinv(A[3:, 3:], hermitian=True) @ A[3:, :3]
         return float(max(np.linalg.eigvalsh(schur)[0], 0) / trace)
 
-    def step(self, gone: np.ndarray, prior_m: float = 0.0) -> tuple[np.ndarray, int]:
+    def step(self, gone: np.ndarray, prior_m: float = 0.0, camera_m: np.ndarray = ORIGIN) -> tuple[np.ndarray, int]:
         """The twist (6,), and in how many directions the images say less than a prior of standard deviation `prior_m`.
 
         The prior (as in Kerl 2013) holds what is not fixed near the guess, from where the pose has `gone` (6,) so far;
-        without one such directions are not updated (solution remapping, Zhang, Kaess, Singh 2016). A direction of
-        negative information, which products of noise can have, counts as none.
+        without one such directions are not updated (solution remapping, Zhang, Kaess, Singh 2016). It is about the way
+        of the camera, which is at camera_m (3,): held about the points, a turn in front of a wall would become a
+        motion along it. A direction of negative information, which products of noise can have, counts as none.
         """
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
         floor = max(values[-1] * 1e-9, 1e-30)
-        part = np.where(values > floor, vectors.T @ (G @ self.b), 0.0)
-        prior = prior_m**-2 if prior_m else 0.0
-        back = vectors.T @ np.r_[gone[:3] - _cross(self.centre_m, gone[3:]), self.length_m * gone[3:]]
-        x = (part - prior * back) / np.where(values > floor, values + prior, max(prior, 1.0))
-        return G.T @ (vectors @ x), int((values < prior).sum())
+        known = values > floor
+        part = np.where(known, vectors.T @ (G @ self.b), 0.0)
+        if not prior_m:
+            return G.T @ (vectors @ (part / np.where(known, values, 1.0))), int((~known).sum())
+        way = _twist_at(camera_m, self.length_m)
+        there = way @ G.T @ vectors
+        stiffness, axes = np.linalg.eigh(np.diag(np.where(known, values, 0.0)) + there.T @ there / prior_m**2)
+        right = part - there.T @ (way @ gone) / prior_m**2
+        return G.T @ (vectors @ (axes @ ((axes.T @ right) / stiffness))), int((values < prior_m**-2).sum())
 
     def turn(self) -> np.ndarray:
         """The twist (6,) of a rotation alone, about the reference camera; not in directions without information."""
@@ -119,6 +125,15 @@ class System:
             return float("nan")
         smallest = np.linalg.eigvalsh(self.centred()[0])[0]
         return float(max(smallest, 1e-12) ** -0.5)
+
+
+def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
+    """(6, 6): a twist about the origin -> how the point moves, and the rotation times a length, all in metres."""
+    x, y, z = point_m
+    result = np.eye(6)
+    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    result[3:] *= length_m
+    return result
 
 
 def moved(T: np.ndarray, twist: np.ndarray) -> np.ndarray:

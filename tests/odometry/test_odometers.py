@@ -128,6 +128,21 @@ def test_the_step_solves_the_equations_as_numpy_does():
     np.testing.assert_allclose(moved(np.eye(4), np.zeros(6)), np.eye(4), atol=1e-15)
 
 
+def test_a_turn_in_front_of_a_bare_wall_is_not_held_as_a_motion_along_it():
+    rng = np.random.default_rng(6)
+    wall = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, 2.0)]
+    J = np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3  # known to a millimetre
+    turn = np.r_[0, 0, 0.01, 0.02, -0.03, 0]
+    for camera_m in (np.zeros(3), np.array([0.2, -0.1, 0.3])):
+        about = np.r_[np.cross(camera_m, turn[3:]), np.zeros(3)] + turn  # the camera itself moves along z only
+        system = System(J.T @ J, J.T @ (J @ about), 1.0, 200, wall.mean(axis=0), 0.8, informed=True)
+        twist, held = system.step(np.zeros(6), 0.03, camera_m)
+        assert held == 3
+        moved_m = twist[:3] + np.cross(twist[3:], camera_m)
+        np.testing.assert_allclose(moved_m[:2], 0, atol=1e-5)
+        np.testing.assert_allclose(twist[3:5], turn[3:5], atol=1e-5)
+
+
 def test_equations_without_scale_say_nothing_of_a_longer_motion_and_all_of_the_rest():
     rng = np.random.default_rng(4)
     J, r, t = rng.normal(size=(50, 6)), rng.normal(size=50), np.array([0.3, -0.1, 0.2])
