@@ -59,7 +59,7 @@ PRESETS = {
         rough_step=3,
         rough_spread=300.0,
         rough_scale=0.1,
-        rough_prior_m=0.03,
+        rough_prior_m=0.01,
         reference="kept",
     ),
 }
