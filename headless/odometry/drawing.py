@@ -14,14 +14,13 @@ from .minimise import Limits
 from .report import Run
 from .system import DEGENERATE
 
+SIZE_INCHES = 12, 6
+
 
 def figure(run: Run) -> Figure:
-    drawing = Figure(figsize=(12, 6), layout="constrained")
+    drawing = Figure(figsize=SIZE_INCHES, layout="constrained")
     FigureCanvasAgg(drawing)
-    grid = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2))
-    _path(drawing.add_subplot(grid[:, 0]), run)
-    _residual(drawing.add_subplot(grid[0, 1]), run)
-    _certainty(drawing.add_subplot(grid[1, 1]), run)
+    _fill(drawing, run)
     return drawing
 
 
@@ -30,14 +29,21 @@ def show(run: Run) -> None:
     from matplotlib import pyplot
 
     try:
-        manager = pyplot.get_current_fig_manager()
-        window = manager.canvas.figure if pyplot.get_backend().lower() != "agg" else None
+        drawing = pyplot.figure(figsize=SIZE_INCHES, layout="constrained")
+        display = pyplot.get_backend().lower() != "agg"
     except Exception as error:  # each toolkit has its own
         raise WorkError(f"no window can be opened ({error}); try: --plot FILE") from None
-    if window is None:
+    if not display:
         raise WorkError("no display for a window; try: --plot FILE")
-    manager.canvas.figure = figure(run)
+    _fill(drawing, run)
     pyplot.show()
+
+
+def _fill(drawing: Figure, run: Run) -> None:
+    grid = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2))
+    _path(drawing.add_subplot(grid[:, 0]), run)
+    _residual(drawing.add_subplot(grid[0, 1]), run)
+    _certainty(drawing.add_subplot(grid[1, 1]), run)
 
 
 def _path(axes: Axes, run: Run) -> None:
