@@ -16,6 +16,7 @@ from iclnuim import __version__
 from iclnuim.errors import IclnuimError
 
 from .console import Console
+from .options import check_pictures
 
 #: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
 COMMANDS = {
@@ -95,6 +96,7 @@ def _run(command: str, argv: list[str]) -> int:
     parser.set_defaults(run=getattr(module, "run", None))
     module.configure(parser)
     args = parser.parse_args(getattr(module, "spelled_out", list)(argv))
+    check_pictures(args)
     return args.run(args, Console(getattr(args, "quiet", False), getattr(args, "json", False))) or 0
 
 

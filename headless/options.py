@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
+
+from iclnuim.errors import InputError
+
+#: Endings, and so forms, of pictures that commands draw.
+PICTURES = (".png", ".pdf", ".svg")
 
 
 def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> argparse.ArgumentParser:
@@ -28,3 +34,32 @@ def action(
     parser = actions.add_parser(name, help=help, description=help)
     parser.set_defaults(run=run)
     return common(parser, example, json)
+
+
+def check_pictures(args: argparse.Namespace) -> None:
+    """Before work that may be long: InputError where its picture (plot, chart) could not be written after it."""
+    for name in ("plot", "chart"):
+        if getattr(args, name, None):
+            check_picture(getattr(args, name))
+
+
+def check_picture(path: str | os.PathLike[str]) -> None:
+    """InputError where the ending is none of PICTURES, or the folder is not there."""
+    ending = os.path.splitext(path)[1].lower()
+    if ending not in PICTURES:
+        raise InputError(f"a picture's name ending in {', '.join(PICTURES)}", path=path, found=ending or "no ending")
+    check_file(path)
+
+
+def check_file(path: str | os.PathLike[str]) -> None:
+    """InputError where a file to be written has no folder."""
+    folder = os.path.dirname(os.fspath(path))
+    if folder and not os.path.isdir(folder):
+        raise InputError("a folder to write into", path=folder, found="nothing of that name")
+
+
+def count(text: str) -> int:
+    """The type of an option that is a number from 1 up."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number from 1 up, found {text!r}")
+    return int(text)

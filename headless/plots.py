@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 
 import numpy as np
-from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write
 from iclnuim.formats.freiburg import ANCHORED_WORLD
 from iclnuim.formats.loaded import LoadedTrajectory
@@ -17,7 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-ENDINGS = (".png", ".pdf", ".svg")
+from .options import check_picture
+
 #: Told apart also without colour vision (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 
@@ -45,9 +45,7 @@ def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
     """Write a figure, whole or not at all; the name's ending is its format."""
-    ending = os.path.splitext(os.fspath(path))[1].lower()
-    if ending not in ENDINGS:
-        raise InputError(f"a picture's name ending in {', '.join(ENDINGS)}", path=path, found=ending or "no ending")
+    check_picture(path)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=dpi))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -47,14 +46,7 @@ def _association(args: argparse.Namespace) -> AssociationSettings:
 
 
 def _read(args: argparse.Namespace, console: Console) -> tuple[Source, Source]:
-    """Both files; how each was taken is said in a line. The name of a chart is checked here, before any work."""
-    if args.plot:
-        from .plots import ENDINGS
-
-        ending = os.path.splitext(args.plot)[1].lower()
-        if ending not in ENDINGS:
-            expected = f"a picture's name ending in {', '.join(ENDINGS)}"
-            raise InputError(expected, path=args.plot, found=ending or "no ending")
+    """Both files; how each was taken is said in a line."""
     sources = []
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
         loaded = read_trajectory(path, format, rate_hz=args.rate)

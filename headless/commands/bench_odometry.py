@@ -8,7 +8,7 @@ from pathlib import Path
 from iclnuim.errors import InputError
 
 from ..console import Console
-from ..options import action
+from ..options import action, count
 
 
 def configure(actions: argparse._SubParsersAction) -> None:
@@ -18,7 +18,7 @@ def configure(actions: argparse._SubParsersAction) -> None:
     what = "sequences with ground truth, or results of --json from before"
     race.add_argument("folders", type=Path, nargs="+", metavar="DIR", help=what)
     race.add_argument("--preset", default="best", help="of ours: best (default) or paper")
-    race.add_argument("--first", type=int, metavar="N", help="only the first N frames")
+    race.add_argument("--first", type=count, metavar="N", help="only the first N frames")
     race.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
     race.add_argument("--chart", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
 

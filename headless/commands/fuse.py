@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..console import Console
-from ..options import common
+from ..options import check_file, common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,8 +53,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     if args.out.suffix.lower() != ".ply":
         raise InputError("a mesh named *.ply", path=args.out)
-    if not args.out.parent.is_dir():
-        raise InputError("a folder to write into", path=args.out.parent, found="nothing of that name")
+    check_file(args.out)
     _needs_numba()
     settings = _settings(args)
     poses = args.poses or _truth(args.folder)

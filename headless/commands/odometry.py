@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from ..console import Console
-from ..options import common
+from ..options import check_file, common, count
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
     help = "what the sensor adds to inverse depth, 1/m, taken off again; default: 0"
     add("--depth-offset", type=float, default=0.0, metavar="B", help=help)
-    add("--first", type=int, metavar="N", help="only the first N frames")
+    add("--first", type=count, metavar="N", help="only the first N frames")
     add("--all", action="store_true", help="run all of ours and print the table")
     add("--plot", type=Path, metavar="FILE", help="draw path, residual and certainty (.png, .pdf, .svg)")
     add("--show", action="store_true", help="the same in a window")
@@ -39,6 +39,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     if args.all and (args.out or args.plot or args.show):
         raise InputError("--all without -o, --plot and --show", found="one of them")
+    if args.out:
+        check_file(args.out)
     odometers = [odometer(name, args.preset) for name in (OURS if args.all else [args.method])]
     view = partial(reference, args.reference, preset=args.preset)
     runs = report.run_together(odometers, args.folder, args.lost, console.progress, args.first, view, args.depth_offset)

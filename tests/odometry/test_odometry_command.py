@@ -69,6 +69,27 @@ def test_a_depth_offset_beyond_sense_is_bad_input(stretch, capsys):
     assert "0.015" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--plot", "path.bmp"), "path.bmp: expected a picture's name"),
+        (("--plot", "nowhere/path.png"), "nowhere: expected a folder"),
+        (("-o", "nowhere/est.txt"), "nowhere: expected a folder"),
+    ],
+)
+def test_what_cannot_be_written_is_said_before_the_work(stretch, options, said, capsys):
+    assert main(["odometry", "icp", str(stretch), *options]) == 2
+    out, err = capsys.readouterr()
+    assert said in err and "frames/s" not in err and not out
+
+
+@pytest.mark.parametrize("number", ["0", "-3", "x"])
+def test_a_number_of_frames_below_one_is_bad_input(stretch, number, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["odometry", "icp", str(stretch), "--first", number])
+    assert "from 1 up" in capsys.readouterr().err
+
+
 def test_an_unknown_method_is_bad_input(stretch, capsys):
     assert main(["odometry", "orb", str(stretch)]) == 2
     assert "icp_rgbd" in capsys.readouterr().err
