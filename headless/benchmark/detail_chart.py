@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from ..plots import COLOURS
 from .detail import Level, knee
@@ -38,7 +39,7 @@ def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Fig
     panels = drawn.subplots(*((2, 2) if with_maps else (1, 3))).ravel()
     for k, (room, levels) in enumerate(rooms.items()):
         style = {"color": COLOURS[k], "label": room.replace("_", " ")}
-        _depth(panels[0], levels, style)
+        _depth(panels[0], levels, style, label_at=((5, 4), (-8, -13))[k % 2])
         told = [level for level in levels if level.psnr_db is not None]
         panels[1].plot(_x(told), [level.psnr_db for level in told], marker="o", **style)
         _times(panels[2], levels, style)
@@ -58,26 +59,28 @@ def _times(axes: Axes, levels: Sequence[Level], style: dict) -> None:
 
 def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
     told = [m for m in row if m.psnr_db is not None]
-    axes.plot([m.size for m in told], [m.psnr_db for m in told], marker="o", **style)
+    largest = "".join(f", {m.size}: {m.bake_s:.0f} s" for m in row if m.psnr_db is None)
+    axes.plot([m.size for m in told], [m.psnr_db for m in told], "o-", color=style["color"], label=style["label"] + largest)
     for m in told:
-        axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(5, -10), textcoords="offset points", fontsize=8)
+        axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(8, -4), textcoords="offset points", fontsize=8)
 
 
 def _x(levels: Sequence[Level]) -> list[float]:
     return [level.triangles / 1000 for level in levels]
 
 
-def _depth(axes: Axes, levels: Sequence[Level], style: dict) -> None:
+def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int, int]) -> None:
     told = [level for level in levels if level.mean_m > 0]
     axes.plot(_x(told), [1e3 * level.mean_m for level in told], marker="o", markerfacecolor="white", **style)
     for level in told:
         axes.annotate(
             f"{level.detail:g}",
             (level.triangles / 1000, 1e3 * level.mean_m),
-            xytext=(5, 4),
+            xytext=label_at,
             textcoords="offset points",
             fontsize=8,
         )
+    axes.margins(y=0.1)
     default = [level for level in told if level.detail == 1.0]
     axes.plot(_x(default), [1e3 * level.mean_m for level in default], "o", color=style["color"])
     at = levels[knee_of(levels)]
@@ -99,6 +102,15 @@ def _label(panels: Sequence[Axes]) -> None:
         axes.set(xlabel="side of the light map (texels)" if "xscale" in words else "thousand triangles", **words)
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)
+    if len(panels) == len(titles):
+        _name_sizes(panels[-1])
+
+
+def _name_sizes(axes: Axes) -> None:
+    sizes = sorted({int(x) for line in axes.lines for x in line.get_xdata()})
+    axes.margins(x=0.25)
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xticks(sizes, labels=map(str, sizes))
 
 
 def knee_of(levels: Sequence[Level]) -> int:
