@@ -60,7 +60,9 @@ def _times(axes: Axes, levels: Sequence[Level], style: dict) -> None:
 def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
     told = [m for m in row if m.psnr_db is not None]
     largest = "".join(f", {m.size}: {m.bake_s:.0f} s" for m in row if m.psnr_db is None)
-    axes.plot([m.size for m in told], [m.psnr_db for m in told], "o-", color=style["color"], label=style["label"] + largest)
+    axes.plot(
+        [m.size for m in told], [m.psnr_db for m in told], "o-", color=style["color"], label=style["label"] + largest
+    )
     for m in told:
         axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(8, -4), textcoords="offset points", fontsize=8)
 

@@ -78,7 +78,7 @@ def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
         axes.plot(limit, model.seconds(limit) / 3600, "o", color=colour)
     axes.axvline(nodes, color="grey", linestyle=":", linewidth=1)
     axes.set(xscale="log", yscale="log", ylabel=f"hours for {model.sequences} sequences, by model")
-    axes.set_xlabel(f"machines like this one (dotted: {nodes}; dot: more change nothing)")
+    axes.set_xlabel(f"machines (dotted: {nodes}; dot: more change nothing)")
 
 
 def table(results: Sequence[Throughput]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json
 
+from ..odometry.frames import Sequence
 from ..odometry.peers import NAMES
 from ..odometry.registry import OURS, odometer
 from ..odometry.report import run_together, table
@@ -21,7 +22,7 @@ def names() -> list[str]:
 
 
 def race(
-    folder: Path,
+    sequence: Sequence,
     which: Iterable[str],
     preset: str = "best",
     frames: int | None = None,
@@ -29,11 +30,11 @@ def race(
 ) -> dict:
     """`sequence`, `preset`, and `runs` (Run.to_dict()). Raises InputError without ground truth."""
     which = list(which)
-    run_together([odometer(name, preset) for name in which], folder, frames=WARM_UP)
-    runs = run_together([odometer(name, preset) for name in which], folder, progress=progress, frames=frames)
+    run_together([odometer(name, preset) for name in which], sequence, frames=WARM_UP)
+    runs = run_together([odometer(name, preset) for name in which], sequence, progress=progress, frames=frames)
     if runs[0].truth is None:
-        raise InputError("a ground truth in the folder", path=folder)
-    name = "/".join(Path(folder).resolve().parts[-2:])
+        raise InputError("a ground truth in the folder", path=sequence.folder)
+    name = "/".join(sequence.folder.resolve().parts[-2:])
     return {"sequence": name, "preset": preset, "runs": [run.to_dict() for run in runs]}
 
 

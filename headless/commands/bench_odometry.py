@@ -9,6 +9,7 @@ from iclnuim.errors import InputError
 
 from ..console import Console
 from ..options import action, count
+from ..sequence_camera import add_camera_options, camera_from
 
 
 def configure(actions: argparse._SubParsersAction) -> None:
@@ -17,6 +18,7 @@ def configure(actions: argparse._SubParsersAction) -> None:
     race = action(actions, "odometry", help, example, _run)
     what = "sequences with ground truth, or results of --json from before"
     race.add_argument("folders", type=Path, nargs="+", metavar="DIR", help=what)
+    add_camera_options(race)
     race.add_argument("--preset", default="best", help="of ours: best (default) or paper")
     race.add_argument("--first", type=count, metavar="N", help="only the first N frames")
     race.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
@@ -26,6 +28,7 @@ def configure(actions: argparse._SubParsersAction) -> None:
 def _run(args: argparse.Namespace, console: Console) -> int:
     from .. import plots
     from ..benchmark import odometry_chart, odometry_race
+    from ..odometry.frames import Sequence
 
     which = [name for name in odometry_race.names() if (args.only or "") in name]
     if not which:
@@ -35,7 +38,8 @@ def _run(args: argparse.Namespace, console: Console) -> int:
         if folder.suffix == ".json":
             races += odometry_race.read(folder)
         else:
-            races.append(odometry_race.race(folder, which, args.preset, args.first, console.progress))
+            sequence = Sequence(folder, camera=camera_from(args))
+            races.append(odometry_race.race(sequence, which, args.preset, args.first, console.progress))
     if args.chart:
         plots.save(odometry_chart.figure(races), args.chart)
     console.result({"races": races}, "\n\n".join(odometry_race.text(race) for race in races))

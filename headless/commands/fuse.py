@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..console import Console
 from ..options import check_file, common
+from ..sequence_camera import add_camera_options, camera_from, words
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="memory: blocks of 8^3 voxels held at once; default: 120000 (0.9 GB)",
     )
     add("--plot", type=Path, metavar="PNG", help="a picture of the surface, from above and aside")
+    add_camera_options(parser)
     common(parser, "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png")
 
 
@@ -62,7 +64,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from ..reconstruction.from_sequence import fuse_sequence
     from ..reconstruction.ply import write_ply
 
-    surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress)
+    surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera_from(args))
+    if surface.camera.assumed:
+        console.note(words(surface.camera))
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")
     write_ply(args.out, surface.mesh)

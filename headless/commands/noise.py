@@ -8,13 +8,12 @@ from pathlib import Path
 
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.frames import image_frames
-from iclnuim.dataset.images import SequenceCamera
 from iclnuim.errors import InputError
-from iclnuim.geometry.camera import PinholeCamera
 
 from ..console import Console
 from ..options import common
 from ..sensor_options import add_sensor_options, sensor_from
+from ..sequence_camera import add_camera_options, camera_from
 from . import dataset
 
 _ABOUT = """
@@ -32,8 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", default="::", metavar="A:B:S", help="as a Python slice over the pairs; default: all"
     )
-    parser.add_argument("--camera", metavar="WxH,FX,FY,CX,CY", help="default: camera.json there, or the benchmark's")
-    parser.add_argument("--units", type=float, metavar="N", help="depth units a metre; default: camera.json's, or 5000")
+    add_camera_options(parser)
     add_sensor_options(parser, "none")
     dataset.add_form_options(parser)
     common(parser, "iclnuim noise traj3_frei_png noisy --depth-noise paper --rgb-noise paper --seed 1")
@@ -45,18 +43,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         return _calibrate(args, console)
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings == "{}":
         raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
-    source = image_frames(Path(args.source), args.frames, _camera(args))
+    source = image_frames(Path(args.source), args.frames, camera_from(args))
     dataset.write(source, sensor_from(args), args, console)
     return 0
-
-
-def _camera(args: argparse.Namespace) -> SequenceCamera | None:
-    """The camera of the options; None leaves it to the folder."""
-    if args.camera:
-        return SequenceCamera(PinholeCamera.parse(args.camera), check_units(args.units or UNITS_PER_METRE))
-    if args.units:
-        raise InputError("--camera with --units", found="--units alone")
-    return None
 
 
 def _calibrate(args: argparse.Namespace, console: Console) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..console import Console
 from ..options import check_file, common, count
+from ..sequence_camera import add_camera_options, camera_from, words
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--all", action="store_true", help="run all of ours and print the table")
     add("--plot", type=Path, metavar="FILE", help="draw path, residual and certainty (.png, .pdf, .svg)")
     add("--show", action="store_true", help="the same in a window")
+    add_camera_options(parser)
     common(parser, "iclnuim odometry dvo out/living_room/kt2/clean -o est.txt")
 
 
@@ -33,6 +35,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.errors import InputError
 
     from ..odometry import report
+    from ..odometry.frames import Sequence
     from ..odometry.registry import OURS, odometer, reference
 
     if bool(args.method) == args.all:
@@ -43,7 +46,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
         check_file(args.out)
     odometers = [odometer(name, args.preset) for name in (OURS if args.all else [args.method])]
     view = partial(reference, args.reference, preset=args.preset)
-    runs = report.run_together(odometers, args.folder, args.lost, console.progress, args.first, view, args.depth_offset)
+    sequence = Sequence(args.folder, args.depth_offset, camera_from(args))
+    if sequence.camera.assumed:
+        console.note(words(sequence.camera))
+    runs = report.run_together(odometers, sequence, args.lost, console.progress, args.first, view)
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")

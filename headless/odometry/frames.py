@@ -20,18 +20,18 @@ class Sequence:
     """Image pairs of a folder and their camera; frames are read one at a time.
 
     depth_offset (1/m): what the sensor adds to inverse depth, taken off again. Of a structured-light camera, which
-    measures disparity, it is a disparity that is off by a constant.
+    measures disparity, it is a disparity that is off by a constant. camera: default: what is found in the folder.
     """
 
-    def __init__(self, folder: Path, depth_offset: float = 0.0) -> None:
+    def __init__(self, folder: Path, depth_offset: float = 0.0, camera: SequenceCamera | None = None) -> None:
         if not abs(depth_offset) <= MOST_OFFSET:
             raise InputError(f"a depth offset from {-MOST_OFFSET} to {MOST_OFFSET} per metre", found=depth_offset)
-        self.depth_offset = depth_offset
+        self.folder, self.depth_offset = Path(folder), depth_offset
         self.pairs: list[ImagePair] = find_pairs(folder)
         present = next((p.rgb for p in self.pairs if p.rgb.is_file()), None)
         if present is None:
             raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
-        self.camera: SequenceCamera = read_camera(folder, present)
+        self.camera: SequenceCamera = camera or read_camera(folder, present)
 
     def __len__(self) -> int:
         return len(self.pairs)

@@ -83,19 +83,18 @@ class Run:
 
 def run_together(
     odometers: Iterable[Odometer],
-    folder: Path,
+    sequence: Sequence,
     policy: str = "hold",
     progress: Callable | None = None,
     frames: int | None = None,
     reference: Referee | None = None,
-    depth_offset: float = 0.0,
 ) -> list[Run]:
-    """Each frame of a folder, or of its first `frames`, is read once and given to one odometer after the other.
+    """Each frame of a sequence, or of its first `frames`, is read once and given to one odometer after the other.
 
     So all see the machine at the same moments. `progress(total, label)` makes something with advance(). Without
-    `reference` each has what it asks for. depth_offset: see Sequence.
+    `reference` each has what it asks for.
     """
-    sequence, odometers = Sequence(Path(folder), depth_offset), list(odometers)
+    odometers = list(odometers)
     camera = sequence.camera.pinhole
     trackers = [Tracker(o, camera, policy, reference(o, camera) if reference else None) for o in odometers]
     total, tracked = min(len(sequence), frames or len(sequence)), [[] for _ in odometers]
@@ -105,7 +104,7 @@ def run_together(
             results.append(tracker.add(stamp_s, frame))
         if bar:
             bar.advance()
-    truth = read_truth(folder)
+    truth = read_truth(sequence.folder)
     return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
 
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.images import ImagePair, find_pairs, read_camera
+from iclnuim.dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera
 from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.formats.png import read_depth16, read_rgb8
@@ -30,24 +30,29 @@ class FuseSettings:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The mesh, in the trajectory's world; what was left out and why; figures."""
+    """The mesh, in the trajectory's world; the camera taken; what was left out and why; figures."""
 
     mesh: Mesh
+    camera: SequenceCamera
     left_out: list[str]
     figures: dict
 
 
 def fuse_sequence(
-    folder: Path, trajectory: Trajectory, settings: FuseSettings, progress: Callable | None = None
+    folder: Path,
+    trajectory: Trajectory,
+    settings: FuseSettings,
+    progress: Callable | None = None,
+    camera: SequenceCamera | None = None,
 ) -> Surface:
-    """Fuse all images that have a pose. `progress(total, label)` makes something with advance().
+    """Fuse all images that have a pose. `progress(total, label)` makes something with advance(); camera: default: the folder's.
 
     Raises InputError where there is nothing to fuse, or more than the memory that was allowed holds.
     """
     pairs = find_pairs(folder)
     chosen = [pairs[i] for i in frame_slice(settings.frames, len(pairs))]
     posed, poses = _posed(chosen, trajectory, settings.max_difference_s)
-    camera = read_camera(folder, next((p.rgb for p in posed if p.rgb.is_file()), posed[0].rgb))
+    camera = camera or read_camera(folder, next((p.rgb for p in posed if p.rgb.is_file()), posed[0].rgb))
     parts: list[Mesh] = []
     volume = Volume(
         settings.volume, lambda volume, leaves: parts.append(extract(volume, leaves, settings.least_weight))
@@ -85,9 +90,10 @@ def fuse_sequence(
         "parts_that_left": len(parts) - 1,
         "vertices": len(mesh.points),
         "triangles": len(mesh.triangles),
+        "camera": asdict(camera),
         "settings": asdict(settings),
     }
-    return Surface(mesh, left_out, figures)
+    return Surface(mesh, camera, left_out, figures)
 
 
 def _posed(

@@ -98,3 +98,13 @@ def test_an_unknown_method_is_bad_input(stretch, capsys):
 def test_evaluate_says_when_a_folder_has_no_ground_truth(tmp_path, capsys):
     assert main(["evaluate", str(tmp_path), "est.txt"]) == 2
     assert "ground truth" in capsys.readouterr().err
+
+
+def test_a_camera_that_nothing_tells_is_named_and_one_may_be_given(stretch, tmp_path, capsys):
+    assert main(["odometry", "icp", str(stretch)]) == 0
+    assert "the benchmark's camera is taken" in capsys.readouterr().err
+    estimate = tmp_path / "est.txt"
+    assert main(["odometry", "icp", str(stretch), "--camera", "640x480,600,600,320,240", "-o", str(estimate)]) == 0
+    assert "camera is taken" not in capsys.readouterr().err
+    assert main(["odometry", "icp", str(stretch), "--camera", "320x240"]) == 3
+    assert "size: 640x480 instead of 320x240" in capsys.readouterr().err

@@ -69,10 +69,11 @@ def read_truth(folder: Path) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class SequenceCamera:
-    """The pinhole camera, and how many units of the depth images make a metre."""
+    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where nothing told it."""
 
     pinhole: PinholeCamera
     depth_units_per_metre: float = UNITS_PER_METRE
+    assumed: bool = False
 
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
@@ -90,7 +91,7 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
     if (header.width, header.height) != (640, 480):
         found = f"images of {header.width} x {header.height} and no camera.json"
         raise InputError("a camera", path=folder, found=found, hint="--camera WIDTHxHEIGHT,FX,FY,CX,CY")
-    return SequenceCamera(PinholeCamera())
+    return SequenceCamera(PinholeCamera(), assumed=True)
 
 
 def _read_calibration(path: Path, width: int, height: int) -> PinholeCamera:

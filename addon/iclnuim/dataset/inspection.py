@@ -129,8 +129,7 @@ def _whole(path: Path) -> PngHeader | InputError:
 def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]) -> None:
     c = camera.pinhole
     result.figures["camera"] = c.to_dict()
-    known = ("camera.json", "calibration.txt", "mav0/depth0/sensor.yaml", "transforms.json")
-    if not any((result.folder / name).is_file() for name in known):
+    if camera.assumed:
         result.odd.append("no camera.json: the benchmark's own camera is taken")
     others = {(h.width, h.height) for h in headers} - {(c.width, c.height)}
     if others:
