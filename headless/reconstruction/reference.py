@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,15 +19,20 @@ from .volume import View, Volume, VolumeSettings
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """every: frames from one fusion and raycast to the next; in between the view is kept, as is its pose."""
+    """every: frames from one fusion and raycast to the next; in between the view is kept, as is its pose. It is kept
+    up to `longest` frames while it tells the motion to most_sigma_m, and the camera turned by less than most_deg since.
+    """
 
     volume: VolumeSettings
     every: int = 1
+    longest: int = 1
+    most_sigma_m: float = 0.0002
+    most_deg: float = 8.0
 
 
 PRESETS = {
     "paper": ModelSettings(VOLUMES["paper"]),
-    "best": ModelSettings(VOLUMES["best"], every=3),
+    "best": ModelSettings(VOLUMES["best"], every=3, longest=6),
 }
 
 
@@ -49,11 +55,19 @@ class ModelReference:
     ) -> tuple[Any, np.ndarray]:
         """Fuse the frame and look from its pose; or keep the view. Returns the view and its T_world_camera."""
         self._age += 1
-        if self._view is None or self._age >= self.settings.every:
+        if self._view is None or self._outdated(T_world_camera, result):
             self.volume.integrate(frame.depth_z_m, self.camera, T_world_camera, frame.grey)
             self._view, self._T_world_view = self._seen(frame, prepared, T_world_camera), T_world_camera
             self._age = 0
         return self._view, self._T_world_view
+
+    def _outdated(self, T_world_camera: np.ndarray, result: Result | None) -> bool:
+        s = self.settings
+        if not s.every <= self._age < s.longest:
+            return self._age >= s.every
+        cosine = (np.trace(self._T_world_view[:3, :3].T @ T_world_camera[:3, :3]) - 1) / 2
+        sure = result is not None and result.weakest_sigma_m <= s.most_sigma_m
+        return not sure or cosine <= math.cos(math.radians(s.most_deg))
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
         """The frame alone, unfused: at a pose that nobody measured it would spoil the model."""

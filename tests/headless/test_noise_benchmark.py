@@ -59,6 +59,7 @@ def test_the_command_reports_every_pair_and_model_and_draws(raw, tmp_path, capsy
 
 @pytest.mark.slow
 def test_noise_costs_little_more_than_its_files_and_keeps_up_with_the_sensor(tmp_path):
+    """On a machine with nothing else at work: where others take the caches, noise loses more than files do."""
     raw = _run(tmp_path / "raw", "640x480", 48)
     for pair in race(raw, "::", rounds=3, workers=4):
         # processor time: the clock depends on what else the machine does

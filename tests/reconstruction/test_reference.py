@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
+from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba")
 pytest.importorskip("cv2")
 from dataclasses import replace  # noqa: E402
 
-from iclnuim_bench.odometry.protocol import Frame  # noqa: E402
+from iclnuim_bench.odometry.protocol import Frame, Result  # noqa: E402
 from iclnuim_bench.odometry.registry import odometer, reference  # noqa: E402
 from iclnuim_bench.odometry.track import Tracker  # noqa: E402
 from iclnuim_bench.reconstruction import reference as module  # noqa: E402
@@ -56,6 +57,22 @@ def tracked(name, kind, camera, frames, preset="best"):
 def error_m(estimate, poses):
     truth = np.linalg.inv(poses[0]) @ np.array(poses)
     return np.sqrt(((estimate[:, :3, 3] - truth[:, :3, 3]) ** 2).sum(axis=1).mean())
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "turn_deg", "renewed"),
+    [(1e-4, 0.1, [0, 6]), (1e-4, 3.0, [0, 3, 6]), (1e-3, 0.1, [0, 3, 6]), (float("nan"), 0.1, [0, 3, 6])],
+)
+def test_a_view_is_kept_while_it_tells_the_motion_and_shows_the_same(small, camera, room, sigma_m, turn_deg, renewed):
+    _, frames = room
+    one = odometer("icp")
+    model, prepared = ModelReference(one, camera), one.prepare(frames[0], camera)
+    result, views = Result(np.eye(4), True, weakest_sigma_m=sigma_m), []
+    for i in range(8):
+        T = SE3.exp([0, 0, 0, 0, np.radians(i * turn_deg), 0]).matrix
+        view, _ = model.renew(frames[0], prepared, T, result)
+        views.append(view)
+    assert [i for i in range(8) if i == 0 or views[i] is not views[i - 1]] == renewed
 
 
 def test_icp_drifts_less_against_the_model(small, camera, room):
