@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from iclnuim import postprocess
+from iclnuim.dataset.frames import image_frames
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
@@ -38,6 +39,20 @@ def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, 
     assert main(["dataset", str(tmp_path / "nowhere"), str(tmp_path / "x")]) == 2
     assert main([*command[:2], str(tmp_path / "y"), "--depth-noise", "paper", "--depth-settings", '{"a": 1}']) == 2
     assert "settings of the noise model 'paper'" in capsys.readouterr().err
+
+
+def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(raw, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["dataset", str(raw), str(out), "--depth-units", "1000", "--quiet"]) == 0
+    millimetres = read_depth16(out / "depth/000001.png")
+    v, u = np.mgrid[0:48, 0:64]
+    assert np.abs(millimetres - 1000 * (1.0 + v / 30 + u / 100)).max() <= 0.5
+    assert json.loads((out / "camera.json").read_text())["depth_units_per_metre"] == 1000
+    _, depth_z_m = image_frames(out).load(1)
+    np.testing.assert_allclose(depth_z_m, millimetres / 1000, rtol=1e-6)
+    assert main(["dataset", str(raw), str(tmp_path / "x"), "--depth-units", "1000", "--dialect", "icl-nuim"]) == 2
+    assert "5000 depth units a metre" in capsys.readouterr().err
+    assert main(["dataset", str(raw), str(tmp_path / "y"), "--depth-units", "nan"]) == 2
 
 
 def test_bags_and_logs_come_with_it(raw, tmp_path, capsys):

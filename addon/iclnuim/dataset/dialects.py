@@ -79,6 +79,9 @@ def _write_icl_nuim(folder: Path, contents: Contents, form: Dialect) -> None:
 
 
 def _check_icl_nuim(contents: Contents) -> None:
+    if contents.depth_units_per_metre != UNITS_PER_METRE:  # no file of this form could say so
+        found = f"{contents.depth_units_per_metre:g}"
+        raise InputError(f"{UNITS_PER_METRE:g} depth units a metre for the dialect icl-nuim", found=found)
     frames = np.array(contents.stamps_s) * FRAME_RATE_HZ
     if np.abs(frames - np.array(contents.numbers)).max() > 0.01:
         expected = f"stamps at frame numbers / {FRAME_RATE_HZ:g} s for the dialect icl-nuim"
