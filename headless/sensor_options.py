@@ -13,7 +13,7 @@ from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_mod
 
 
 def add_sensor_options(parser: argparse.ArgumentParser, default: str, seed: bool = True) -> None:
-    """--depth-noise, --rgb-noise, their settings; --seed and --depth-units unless the command takes its seed elsewhere."""
+    """--depth-noise, --rgb-noise, their settings; --seed and --depth-units but for `make` and its tasks."""
     for kind, models, example in (
         ("depth", DEPTH_MODELS, '{"sigma_d": 0.1}'),
         ("rgb", RGB_MODELS, '{"exposure": 0.5}'),

@@ -27,20 +27,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def spelled_out(argv: list[str]) -> list[str]:
     """`DIR EST` -> `ate GROUNDTRUTH EST`, the ground truth being the one in the folder; `ate` and `rpe` take one too."""
     named = argv[:1] if argv[:1] in (["ate"], ["rpe"]) else []
-    argv = argv[len(named) :]
-    if not argv or not os.path.isdir(argv[0]):
-        return [*named, *argv]
+    files = argv[len(named) :]
+    if not files or not os.path.isdir(files[0]):
+        return argv
     from pathlib import Path
 
     from iclnuim.dataset.images import find_truth
     from iclnuim.errors import InputError
 
-    truth = find_truth(Path(argv[0]))
+    truth = find_truth(Path(files[0]))
     if truth is None and named:
-        return [*named, *argv]  # camera files of POV-Ray are a folder, and a trajectory
+        return argv  # camera files of POV-Ray are a folder, and a trajectory
     if truth is None:
-        raise InputError("a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)", path=argv[0], found="none")
-    return [*(named or ["ate"]), str(truth), *argv[1:]]
+        raise InputError("a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)", path=files[0], found="none")
+    return [*(named or ["ate"]), str(truth), *files[1:]]
 
 
 def _configure_ate(actions: argparse._SubParsersAction) -> None:

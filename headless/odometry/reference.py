@@ -26,6 +26,12 @@ class Reference(Protocol):
         ...
 
 
+def turned(T_world_one: np.ndarray, T_world_other: np.ndarray, deg: float) -> bool:
+    """Whether the rotations of two poses (4, 4) lie `deg` degrees or more apart."""
+    cosine = (np.trace(T_world_one[:3, :3].T @ T_world_other[:3, :3]) - 1) / 2
+    return bool(cosine <= math.cos(math.radians(deg)))
+
+
 class PreviousFrame:
     """Frame to frame."""
 
@@ -67,10 +73,8 @@ class KeptFrame:
 
     def _near(self, view: tuple[Any, np.ndarray], T_world_camera: np.ndarray, share: float) -> bool:
         T_world_view = view[1]
-        R_view_camera = T_world_view[:3, :3].T @ T_world_camera[:3, :3]
         moved_m = np.linalg.norm(T_world_camera[:3, 3] - T_world_view[:3, 3])
-        least_cosine = math.cos(math.radians(share * self.most_deg))
-        return bool(moved_m < share * self.most_m and (np.trace(R_view_camera) - 1) / 2 > least_cosine)
+        return bool(moved_m < share * self.most_m) and not turned(T_world_view, T_world_camera, share * self.most_deg)
 
 
 class EntropyFrame:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 
 #: Below this share the geometry does not fix the motion (furnished rooms: about 0.12; a bare wall: 0).
@@ -42,9 +43,7 @@ class System:
         values, vectors = np.linalg.eigh(A)
         left = np.maximum(values - doubt, 0.0)
         share = left / np.where(left > 0, values, 1.0)
-        back = np.eye(6)  # G^-1
-        back[3:, :3] = -self.length_m * G[3:, :3]
-        back[3:, 3:] *= self.length_m
+        back = _twist_at(self.centre_m, self.length_m).T  # G^-1
         b = back @ (vectors @ (share * (vectors.T @ (G @ self.b))))
         return replace(self, A=back @ (vectors * left) @ vectors.T @ back.T, b=b)
 
@@ -76,9 +75,8 @@ class System:
 
     def centred(self) -> tuple[np.ndarray, np.ndarray]:
         """(A, G): A about the points' centre with rotations in lengths, and G with x = G^T x_centred."""
-        x, y, z = self.centre_m
         G = np.eye(6)
-        G[3:, :3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        G[3:, :3] = -so3.hat(self.centre_m)
         G[3:] /= self.length_m
         return G @ self.A @ G.T, G
 
@@ -129,9 +127,8 @@ class System:
 
 def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
     """(6, 6): a twist about the origin -> how the point moves, and the rotation times a length, all in metres."""
-    x, y, z = point_m
     result = np.eye(6)
-    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    result[:3, 3:] = -so3.hat(point_m)
     result[3:] *= length_m
     return result
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +12,7 @@ from iclnuim.geometry.camera import PinholeCamera
 
 from ..odometry.protocol import Frame, Odometer, Result
 from ..odometry.pyramid import Level, pyramid
+from ..odometry.reference import turned
 from .volume import PRESETS as VOLUMES
 from .volume import View, Volume, VolumeSettings
 
@@ -65,9 +65,8 @@ class ModelReference:
         s = self.settings
         if not s.every <= self._age < s.longest:
             return self._age >= s.every
-        cosine = (np.trace(self._T_world_view[:3, :3].T @ T_world_camera[:3, :3]) - 1) / 2
         sure = result is not None and result.weakest_sigma_m <= s.most_sigma_m
-        return not sure or cosine <= math.cos(math.radians(s.most_deg))
+        return not sure or turned(self._T_world_view, T_world_camera, s.most_deg)
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: np.ndarray) -> tuple[Any, np.ndarray]:
         """The frame alone, unfused: at a pose that nobody measured it would spoil the model."""
