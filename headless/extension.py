@@ -13,6 +13,8 @@ from iclnuim.errors import WorkError
 from iclnuim.formats.files import atomic_write
 
 _DATE = (2020, 1, 1, 0, 0, 0)
+#: What the panel has no use for: it needs packages that Blender does not carry.
+_LEFT_OUT = {"odometry", "fusion", "raycast", "report", "checkout.py", "__main__.py"}
 
 
 def build(out: Path) -> Path:
@@ -31,8 +33,9 @@ def build(out: Path) -> Path:
 def contents(package: Path) -> Iterator[tuple[str, Path]]:
     """Name in the zip and file of all that is shipped."""
     for path in sorted(package.rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts and path.suffix in (".py", ".toml"):
-            yield str(path.relative_to(package)), path
+        name = path.relative_to(package)
+        if path.is_file() and path.suffix in (".py", ".toml") and not {"__pycache__", *_LEFT_OUT} & set(name.parts):
+            yield str(name), path
     for path in sorted(shipped.folder("blend").glob("*.blend")):
         yield f"blend/{path.name}", path
     trajectories = shipped.folder("trajectories")

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 
-from iclnuim.errors import InputError
-
-#: Endings, and so forms, of pictures that commands draw.
-PICTURES = (".png", ".pdf", ".svg")
+from iclnuim.formats.files import check_picture
 
 
 def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> argparse.ArgumentParser:
@@ -41,21 +37,6 @@ def check_pictures(args: argparse.Namespace) -> None:
     for name in ("plot", "chart"):
         if getattr(args, name, None):
             check_picture(getattr(args, name))
-
-
-def check_picture(path: str | os.PathLike[str]) -> None:
-    """InputError where the ending is none of PICTURES, or the folder is not there."""
-    ending = os.path.splitext(path)[1].lower()
-    if ending not in PICTURES:
-        raise InputError(f"a picture's name ending in {', '.join(PICTURES)}", path=path, found=ending or "no ending")
-    check_file(path)
-
-
-def check_file(path: str | os.PathLike[str]) -> None:
-    """InputError where a file to be written has no folder."""
-    folder = os.path.dirname(os.fspath(path))
-    if folder and not os.path.isdir(folder):
-        raise InputError("a folder to write into", path=folder, found="nothing of that name")
 
 
 def count(text: str) -> int:

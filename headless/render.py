@@ -4,7 +4,6 @@ It runs the command `iclnuim render` from this checkout, and ends the process wi
 end with 0 whatever happened.
 """
 
-import importlib.util
 import os
 import sys
 import traceback
@@ -18,14 +17,9 @@ def main() -> int:
     if sys.path and Path(sys.path[0] or ".").resolve() == HEADLESS:
         del sys.path[0]  # the modules beside this script are a package, not top-level names
     sys.path.insert(0, str(HEADLESS.parent / "addon"))
-    spec = importlib.util.spec_from_file_location(
-        "iclnuim_bench", HEADLESS / "__init__.py", submodule_search_locations=[str(HEADLESS)]
-    )
-    sys.modules["iclnuim_bench"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(sys.modules["iclnuim_bench"])
-    from iclnuim_bench import cli
+    from iclnuim import __main__ as entry
 
-    return cli.main(["render", *arguments])
+    return entry.load_command_line().main(["render", *arguments])
 
 
 if __name__ == "__main__":

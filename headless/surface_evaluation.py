@@ -44,9 +44,8 @@ def configure(actions: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.errors import InputError
-
-    from .reconstruction.models import read_mesh, read_model
-    from .reconstruction.surface_error import Judge
+    from iclnuim.fusion.models import read_mesh, read_model
+    from iclnuim.fusion.surface_error import Judge
 
     if args.align not in ("none", "icp"):
         raise InputError("an alignment of none or icp", found=args.align)
@@ -57,8 +56,8 @@ def run(args: argparse.Namespace, console: Console) -> None:
         T_model_mesh = judge.refined(points, T_model_mesh)
     error = judge.error(points, T_model_mesh)
     if args.plot:
-        from . import plots
-        from .reconstruction.error_picture import figure
+        from iclnuim.fusion.error_picture import figure
+        from iclnuim.report import charts as plots
 
         plots.save(
             figure(points @ T_model_mesh[:3, :3].T + T_model_mesh[:3, 3], triangles, error, args.most), args.plot, 100

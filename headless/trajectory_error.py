@@ -14,10 +14,10 @@ from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_er
 from iclnuim.evaluation.stretches import StretchSettings
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source
+from iclnuim.report.trajectory_text import error_text
 
 from .console import Console
-from .error_report import AbsoluteReport, RelativeReport, Report, Source
-from .error_text import error_text
 
 
 def evaluate_ate(args: argparse.Namespace, console: Console) -> None:
@@ -59,8 +59,8 @@ def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None
     if args.csv:
         atomic_write_text(args.csv, report.csv())
     if args.plot:
-        from .error_plots import error_figure
-        from .plots import save
+        from iclnuim.report.charts import save
+        from iclnuim.report.trajectory_plots import error_figure
 
         save(error_figure(report), args.plot)
     values = report.to_dict()

@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from iclnuim import checkout
+
+for package in ("iclnuim.tools", "iclnuim.blend.builder"):  # what only a checkout has
+    checkout.load(package, "testing")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -7,9 +7,10 @@ import subprocess
 from pathlib import Path
 
 from .errors import InputError
+from .scenes import SCENES
 
 _PACKAGE = Path(__file__).resolve().parent
-SCENE_NAMES = ("living_room", "office")
+SCENE_NAMES = tuple(SCENES)
 TRAJECTORY_NAMES = ("kt0", "kt1", "kt2", "kt3")
 
 

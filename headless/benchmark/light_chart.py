@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from iclnuim.job import RenderJob
+from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..plots import COLOURS
 from .light_race import Result
 
 _HEADER = (

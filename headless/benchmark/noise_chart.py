@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..plots import COLOURS
 from .noise_race import PairTime
 
 Figures = Mapping[str, Mapping[str, float]]

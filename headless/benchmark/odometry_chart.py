@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from ..plots import COLOURS
 from .odometry_race import front
 
 

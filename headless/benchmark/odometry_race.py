@@ -7,11 +7,10 @@ from pathlib import Path
 
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json
-
-from ..odometry.frames import Sequence
-from ..odometry.peers import NAMES
-from ..odometry.registry import OURS, odometer
-from ..odometry.report import run_together, table
+from iclnuim.odometry.frames import Sequence
+from iclnuim.odometry.peers import NAMES
+from iclnuim.odometry.registry import OURS, odometer
+from iclnuim.odometry.report import run_together, table
 
 #: Frames through each odometer beforehand, so that compiling and loading are not timed.
 WARM_UP = 3

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import importlib
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+from iclnuim import checkout
 from iclnuim import job as jobs
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
@@ -13,7 +16,7 @@ from iclnuim.geometry.trajectory import frame_slice
 
 from ..console import Console
 from ..options import action, subcommands
-from . import bench_detail, bench_farm, bench_odometry
+from . import bench_odometry
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,8 +24,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_render(actions)
     bench_odometry.configure(actions)
     _configure_noise(actions)
-    bench_farm.configure(actions)
-    bench_detail.configure(actions)
+    _configure_own(actions)
+
+
+def _configure_own(actions: argparse._SubParsersAction) -> None:
+    """Measurements of the project itself, which need a checkout."""
+    try:
+        checkout.load("iclnuim.tools", "this benchmark")
+        checkout.load("iclnuim.blend.builder", "this benchmark")
+    except WorkError as error:
+        for name in ("farm", "chaos", "detail"):
+            actions.add_parser(name, help="needs a checkout of the repository").set_defaults(run=_refuse(error))
+        return
+    for name in ("bench_farm", "bench_detail"):
+        importlib.import_module(f"iclnuim.tools.{name}").configure(actions)
+
+
+def _refuse(error: WorkError) -> Callable:
+    def run(args: argparse.Namespace, console: Console) -> int:
+        raise error
+
+    return run
 
 
 def _configure_render(actions: argparse._SubParsersAction) -> None:
@@ -89,8 +111,8 @@ def _breakdown(args: argparse.Namespace, console: Console) -> int:
 
 def _race(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.blender import worker
+    from iclnuim.report import charts as plots
 
-    from .. import plots
     from ..benchmark import light_chart, light_race
 
     job = jobs.shipped_job(args.sequence)
@@ -116,7 +138,8 @@ def _race(args: argparse.Namespace, console: Console) -> int:
 
 
 def _noise(args: argparse.Namespace, console: Console) -> int:
-    from .. import plots
+    from iclnuim.report import charts as plots
+
     from ..benchmark import noise_chart, noise_fidelity, noise_race
 
     if args.rounds < 1 or args.workers < 1:

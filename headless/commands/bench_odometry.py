@@ -26,9 +26,10 @@ def configure(actions: argparse._SubParsersAction) -> None:
 
 
 def _run(args: argparse.Namespace, console: Console) -> int:
-    from .. import plots
+    from iclnuim.odometry.frames import Sequence
+    from iclnuim.report import charts as plots
+
     from ..benchmark import odometry_chart, odometry_race
-    from ..odometry.frames import Sequence
 
     which = [name for name in odometry_race.names() if (args.only or "") in name]
     if not which:

@@ -14,8 +14,8 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
+from iclnuim.raycast import depth_check, truth_check
 
-from ..benchmark import depth_check, truth_check
 from ..console import Console
 from ..isolation import survived
 from ..options import common

@@ -10,9 +10,10 @@ from __future__ import annotations
 import argparse
 import os
 
+from iclnuim.report.trajectory_text import error_text
+
 from .. import surface_evaluation
 from ..console import Console
-from ..error_text import error_text
 from ..options import action, subcommands
 from ..quick_ate import quick_ate
 

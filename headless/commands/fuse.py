@@ -6,8 +6,10 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from iclnuim.formats.files import check_file
+
 from ..console import Console
-from ..options import check_file, common
+from ..options import common
 from ..sequence_camera import add_camera_options, camera_from, words
 
 
@@ -61,8 +63,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     poses = args.poses or _truth(args.folder)
     loaded = read_trajectory(poses)
     console.note(f"{poses}: {loaded.taken.sentence}")
-    from ..reconstruction.from_sequence import fuse_sequence
-    from ..reconstruction.ply import write_ply
+    from iclnuim.fusion.from_sequence import fuse_sequence
+    from iclnuim.fusion.ply import write_ply
 
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera_from(args))
     if surface.camera.assumed:
@@ -89,9 +91,8 @@ def _needs_numba() -> None:
 
 def _settings(args: argparse.Namespace):
     from iclnuim.errors import InputError
-
-    from ..reconstruction.from_sequence import FuseSettings
-    from ..reconstruction.volume import PRESETS
+    from iclnuim.fusion.from_sequence import FuseSettings
+    from iclnuim.fusion.volume import PRESETS
 
     if args.preset not in PRESETS:
         raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
@@ -127,9 +128,8 @@ def _draw(mesh, loaded, path: Path) -> None:
     import numpy as np
     from iclnuim.formats.freiburg import ANCHORED_WORLD
     from iclnuim.formats.png import write_png
+    from iclnuim.fusion.shading import picture
     from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN
-
-    from ..reconstruction.shading import picture
 
     first = loaded.trajectory.T_world_camera[0].matrix
     y_down = loaded.taken.frame == ANCHORED_WORLD or np.allclose(first, np.eye(4), atol=1e-3)

@@ -24,9 +24,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
     console.result(values, _text(found))
     if args.preview is not None:
-        from ..preview import draw_preview
+        from iclnuim.report.preview import draw_preview
 
-        for path in draw_preview(args.folder, args.preview, console):
+        for path in draw_preview(args.folder, args.preview, console.progress):
             console.note(f"{path} written")
     return 2 if found.wrong else 0
 

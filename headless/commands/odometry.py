@@ -6,8 +6,10 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from iclnuim.formats.files import check_file
+
 from ..console import Console
-from ..options import check_file, common, count
+from ..options import common, count
 from ..sequence_camera import add_camera_options, camera_from, words
 
 
@@ -33,10 +35,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Exit code 0 also where frames were lost: they are named, and left out of the trajectory."""
     from iclnuim.errors import InputError
-
-    from ..odometry import report
-    from ..odometry.frames import Sequence
-    from ..odometry.registry import OURS, odometer, reference
+    from iclnuim.odometry import report
+    from iclnuim.odometry.frames import Sequence
+    from iclnuim.odometry.registry import OURS, odometer, reference
 
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
@@ -64,8 +65,8 @@ def _keep(done, args: argparse.Namespace, console: Console) -> None:
         done.write(args.out)
         console.note(f"{args.out} written")
     if args.plot or args.show:
-        from .. import plots
-        from ..odometry import drawing
+        from iclnuim.odometry import drawing
+        from iclnuim.report import charts as plots
 
         if args.plot:
             plots.save(drawing.figure(done), args.plot)

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _preview(folder: Path, console: Console) -> dict[str, bytes]:
-    from ..preview import draw_preview
+    from iclnuim.report.preview import draw_preview
 
     with tempfile.TemporaryDirectory() as scratch:
-        return {path.name: read_bytes(path) for path in draw_preview(folder, Path(scratch), console)}
+        return {path.name: read_bytes(path) for path in draw_preview(folder, Path(scratch), console.progress)}

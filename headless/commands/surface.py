@@ -110,7 +110,7 @@ def _model(args: argparse.Namespace) -> SceneModel:
 
 def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
     try:
-        from ..benchmark.seen import Onlooker
+        from iclnuim.raycast.seen import Onlooker
 
         pieces, _ = model.cut(cell_m)
         onlooker = Onlooker(pieces)

@@ -112,7 +112,7 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
     loaded = [(file, _loaded(args, file)) for file in args.files]
     for file, one in loaded:
         console.note(f"{file}: {one.taken.sentence}")
-    from .. import plots  # Matplotlib takes half a second to import
+    from iclnuim.report import charts as plots  # Matplotlib takes half a second to import
 
     plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
     console.note(f"{args.out}: {len(loaded)} drawn; gt.freiburg and gt.sim turned z up")

@@ -18,12 +18,12 @@ from iclnuim.geometry import trajectory
 from iclnuim.geometry.free_space import FreeSpace
 from iclnuim.geometry.handheld_recipe import Pace
 from iclnuim.geometry.walk import Stop, Walk, plan
+from iclnuim.raycast.surface_distance import SurfaceDistance
+from iclnuim.raycast.viewpoints import chosen
 
-from ..clearance import SurfaceDistance
 from ..console import Console
 from ..isolation import survived
 from ..scene_options import add_scene_options, reading_from
-from ..viewpoints import chosen
 
 #: A way round an obstacle is looked for this far beyond the viewpoints.
 _DETOUR_M = 2.0

@@ -158,7 +158,7 @@ def test_bake_prints_its_figures_and_nothing_else(room, tmp_path):
     import subprocess
     import sys
 
-    command = [sys.executable, "-m", "iclnuim_bench", "bake", str(room), *SMALL, "--json"]
+    command = [sys.executable, "-m", "iclnuim", "bake", str(room), *SMALL, "--json"]
     done = subprocess.run(
         command, capture_output=True, text=True, env={**os.environ, "ICLNUIM_CACHE": str(tmp_path)}, timeout=300
     )

@@ -254,7 +254,7 @@ def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_o
 
     from iclnuim.formats.exr import write_exr
 
-    run = [sys.executable, "-m", "iclnuim_bench", "check-depth", "--json"]
+    run = [sys.executable, "-m", "iclnuim", "check-depth", "--json"]
     good = subprocess.run([*run, str(whole_run)], capture_output=True, text=True)
     assert good.returncode == 0, good.stderr
     figures = json.loads(good.stdout)

@@ -8,12 +8,12 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from iclnuim import scene_classes as classes
 from iclnuim.dataset.ground_truth import normal16, normal_from16
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
 from iclnuim.formats.trajectories import read_trajectory
-from iclnuim.scenes import classes
 
 o3d = pytest.importorskip("open3d")
 
@@ -78,7 +78,7 @@ def awkward_scene(tmp_path_factory):
 def judge_of_open_scene():
     """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in the camera's frame."""
     from iclnuim.blender import model
-    from iclnuim_bench.benchmark.truth_check import TruthJudge
+    from iclnuim.raycast.truth_check import TruthJudge
 
     return TruthJudge(model.scene_model())
 
@@ -138,7 +138,7 @@ def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, 
 
     from iclnuim.formats.exr import read_attributes, write_exr
 
-    command = [sys.executable, "-m", "iclnuim_bench", "check-depth", "--json", "--quiet"]
+    command = [sys.executable, "-m", "iclnuim", "check-depth", "--json", "--quiet"]
     done = subprocess.run([*command, str(truth_run)], capture_output=True, text=True, timeout=120)
     figures = json.loads(done.stdout)
     assert figures["equal_instance_share"] > 0.999 and figures["normal_within_share"] > 0.999
@@ -183,7 +183,7 @@ def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_trut
 
 
 def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_dialect(truth_run, tmp_path):
-    command = [sys.executable, "-m", "iclnuim_bench", "dataset", str(truth_run), str(tmp_path / "out"), "--quiet"]
+    command = [sys.executable, "-m", "iclnuim", "dataset", str(truth_run), str(tmp_path / "out"), "--quiet"]
     for form in ("tum", "euroc"):
         command += ["--dialect", form]
     subprocess.run(command, check=True, timeout=120)

@@ -19,7 +19,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 def iclnuim(*arguments, cache=None, timeout=300):
     env = {**os.environ, **({"ICLNUIM_CACHE": str(cache)} if cache else {})}
     return subprocess.run(
-        [sys.executable, "-m", "iclnuim_bench", *map(str, arguments)],
+        [sys.executable, "-m", "iclnuim", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=timeout,
@@ -203,7 +203,7 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path):
 def test_a_crash_of_blender_becomes_words():
     program = (
         "import os, signal, sys\n"
-        "from iclnuim_bench.isolation import survived\n"
+        "from iclnuim.headless.isolation import survived\n"
         "from iclnuim.errors import InputError, WorkError\n"
         "def crash(): os.kill(os.getpid(), signal.SIGSEGV)\n"
         "def refuse(): raise InputError('a scene', path='b.obj')\n"

@@ -13,8 +13,8 @@ import pytest
 pytest.importorskip("bpy", reason="needs the bpy package")
 pytest.importorskip("psutil", reason="finds the workers to kill")
 
-from iclnuim_bench.benchmark.farm_chaos import Chaos, Damage, children, finished, kinds, still_there
-from iclnuim_bench.benchmark.plain_blender import PlainBlender
+from iclnuim.tools.farm_chaos import Chaos, Damage, children, finished, kinds, still_there
+from iclnuim.tools.plain_blender import PlainBlender
 
 SMALL = ("--light", "path", "--samples", "1", "--no-denoise", "--camera", "80x60")
 
@@ -110,7 +110,7 @@ def test_what_a_command_killed_while_writing_has_left_is_gone_after_the_next(tmp
 
 def test_plain_blenders_placeholders_and_halves_are_counted(tmp_path):
     plain = PlainBlender(tmp_path / "no.blend", tmp_path, 0, 3, np.random.default_rng(0))
-    command = [sys.executable, "-m", "iclnuim_bench", "render", "kt2", *SMALL, "--frames", "0:1", "--out"]
+    command = [sys.executable, "-m", "iclnuim", "render", "kt2", *SMALL, "--frames", "0:1", "--out"]
     subprocess.run([*command, str(tmp_path / "run")], check=True, capture_output=True)
     whole = (tmp_path / "run/exr/000000.exr").read_bytes()
     (tmp_path / "000000.exr").write_bytes(whole)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import shipped_job
-from iclnuim_bench.benchmark.farm_model import Model, figures, summary
+from iclnuim.tools.farm_model import Model, figures, summary
 
 models = st.builds(
     Model,
@@ -54,8 +54,8 @@ def test_a_store_that_is_full_ends_the_scaling():
 
 def test_a_measured_split_makes_sense_and_is_drawn(tmp_path):
     pytest.importorskip("bpy", reason="needs the bpy package")
-    from iclnuim_bench import plots
-    from iclnuim_bench.benchmark import farm_chart, farm_model, farm_throughput
+    from iclnuim.report import charts as plots
+    from iclnuim.tools import farm_chart, farm_model, farm_throughput
 
     job = shipped_job("kt2").changed(light="path", samples=1, denoise=False, camera=PinholeCamera.parse("80x60"))
     r = farm_throughput.measure(job, 1, 2, 24)

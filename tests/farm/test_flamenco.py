@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 import pytest
-from iclnuim_bench.commands import task
+from iclnuim.headless.commands import task
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="no node on the PATH (Debian: nodejs)")
 
@@ -114,6 +114,6 @@ def test_the_tasks_run_one_after_another_make_the_bytes_of_a_local_run(compiled,
 
 
 def run(words):
-    done = subprocess.run([sys.executable, "-m", "iclnuim_bench", *words], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout

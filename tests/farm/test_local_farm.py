@@ -9,9 +9,9 @@ import time
 
 import pytest
 from iclnuim.errors import IclnuimError, WorkError
-from iclnuim_bench.farm.local import Care, LocalFarm
-from iclnuim_bench.farm.plan import chunks_of
-from iclnuim_bench.farm.worker_process import WorkerProcess
+from iclnuim.headless.farm.local import Care, LocalFarm
+from iclnuim.headless.farm.plan import chunks_of
+from iclnuim.headless.farm.worker_process import WorkerProcess
 
 #: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows OUT/orders.json, frame -> what goes wrong how often.
 PRETENDER = textwrap.dedent("""

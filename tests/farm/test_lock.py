@@ -8,7 +8,7 @@ import sys
 
 import pytest
 from iclnuim.errors import WorkError
-from iclnuim_bench.farm.lock import STALE_S, OutputLock
+from iclnuim.headless.farm.lock import STALE_S, OutputLock
 
 
 def test_a_second_one_is_told_who_works_there(tmp_path):
@@ -21,7 +21,7 @@ def test_a_second_one_is_told_who_works_there(tmp_path):
 
 def test_the_lock_of_a_killed_process_is_taken_over_at_once(tmp_path):
     program = (
-        "import os, sys; from pathlib import Path; from iclnuim_bench.farm.lock import OutputLock;"
+        "import os, sys; from pathlib import Path; from iclnuim.headless.farm.lock import OutputLock;"
         "OutputLock(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), 9)"
     )
     subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False)

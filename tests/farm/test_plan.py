@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from iclnuim.errors import InputError
-from iclnuim_bench.farm.cores import split
-from iclnuim_bench.farm.plan import chunks_of, local_size, size_for_seconds
+from iclnuim.headless.farm.cores import split
+from iclnuim.headless.farm.plan import chunks_of, local_size, size_for_seconds
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True, max_size=300), st.integers(1, 400))

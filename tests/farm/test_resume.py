@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from iclnuim_bench.cli import main
+from iclnuim.headless.cli import main
 
 pytest.importorskip("bpy", reason="needs the bpy package")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.cli import main
 from iclnuim.job import shipped_job
-from iclnuim_bench.cli import main
 
 RNG = np.random.default_rng(5)
 RGB, Z_M = RNG.uniform(0, 1, (30, 40, 3)), RNG.uniform(1, 4, (30, 40))

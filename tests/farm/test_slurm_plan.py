@@ -12,12 +12,12 @@ from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.cli import main
+from iclnuim.headless.commands import make, render
+from iclnuim.headless.farm import figures, record, slurm, slurm_queue, tasks
+from iclnuim.headless.farm.slurm_settings import SlurmSettings, minutes, read_settings
+from iclnuim.headless.farm.tasks import RunPlan
 from iclnuim.job import shipped_job
-from iclnuim_bench.cli import main
-from iclnuim_bench.commands import make, render
-from iclnuim_bench.farm import figures, record, slurm, slurm_queue, tasks
-from iclnuim_bench.farm.slurm_settings import SlurmSettings, minutes, read_settings
-from iclnuim_bench.farm.tasks import RunPlan
 
 TINY = ("--camera", "16x12", "--frames", "0:10")
 

@@ -23,7 +23,7 @@ class Cluster:
         self.slurm, self.environment = slurm, {**slurm.environment, "ICLNUIM_CACHE": str(folder / "cache")}
 
     def run(self, *command: str) -> subprocess.CompletedProcess:
-        words = [sys.executable, "-m", "iclnuim_bench", *map(str, command)]
+        words = [sys.executable, "-m", "iclnuim", *map(str, command)]
         done = subprocess.run(words, env=self.environment, capture_output=True, text=True, timeout=500)
         assert done.returncode == 0, done.stderr
         return done

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.cli import main
 from iclnuim.job import shipped_job
-from iclnuim_bench.cli import main
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ pytest.importorskip("open3d")
 
 
 def test_the_knee_of_a_bent_line_is_where_it_bends_in_whatever_units():
-    from iclnuim_bench.benchmark.detail import knee
+    from iclnuim.tools.detail import knee
 
     cost, error = np.array([1, 2, 3, 6, 9]), np.array([10, 5, 1, 0.5, 0])
     assert knee(cost, error) == 2
@@ -24,7 +24,7 @@ def test_the_knee_of_a_bent_line_is_where_it_bends_in_whatever_units():
 
 
 def test_depth_errors_leave_out_the_sky_and_the_painted_surroundings():
-    from iclnuim_bench.benchmark.detail import depth_error, difference
+    from iclnuim.tools.detail import depth_error, difference
 
     finest = np.array([[[1.0, 2.0, 40.0, 0.0]]])
     assert depth_error(finest + [0.001, 0.009, 5, 1], finest)[0] == pytest.approx(0.005)
@@ -34,7 +34,7 @@ def test_depth_errors_leave_out_the_sky_and_the_painted_surroundings():
 
 
 def test_the_command_measures_draws_and_names_the_knee(tmp_path):
-    command = [sys.executable, "-m", "iclnuim_bench", "bench", "detail", "office", "--quiet", "--json"]
+    command = [sys.executable, "-m", "iclnuim", "bench", "detail", "office", "--quiet", "--json"]
     small = ["--levels", "0.15,0.2,0.3", "--lit", "none", "--maps", "none", "--views", "3", "--camera", "64x48"]
     chart = ["--every", "3000", "--chart", str(tmp_path / "c.png")]
     done = subprocess.run([*command, *small, *chart], capture_output=True, text=True, timeout=300)
@@ -50,6 +50,6 @@ def test_the_command_measures_draws_and_names_the_knee(tmp_path):
 
 @pytest.mark.parametrize("options, words", [(["cellar"], "living_room, office"), (["--levels", "1,2"], "three levels")])
 def test_unknown_rooms_and_too_few_levels_are_refused_in_a_line(options, words):
-    command = [sys.executable, "-m", "iclnuim_bench", "bench", "detail", *options]
+    command = [sys.executable, "-m", "iclnuim", "bench", "detail", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1

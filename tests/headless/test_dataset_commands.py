@@ -10,7 +10,7 @@ from iclnuim.dataset.run_folder import open_run
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim_bench.cli import main
+from iclnuim.headless.cli import main
 
 
 @pytest.fixture

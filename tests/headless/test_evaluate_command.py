@@ -14,12 +14,12 @@ from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry import axes
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim_bench import cli, quick_ate
-from iclnuim_bench.commands import evaluate
+from iclnuim.headless import cli, quick_ate
+from iclnuim.headless.commands import evaluate
 
 
 def run(*arguments):
-    command = [sys.executable, "-m", "iclnuim_bench", "evaluate", *map(str, arguments)]
+    command = [sys.executable, "-m", "iclnuim", "evaluate", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
 
@@ -161,7 +161,7 @@ def test_what_the_quick_way_answers_of_damaged_files_is_what_the_library_answers
 
 def test_the_usual_question_imports_neither_numpy_nor_more(files):
     program = (
-        "import sys; from iclnuim_bench.cli import main; "
+        "import sys; from iclnuim.headless.cli import main; "
         f"main(['evaluate', 'ate', {str(files / 'truth.txt')!r}, {str(files / 'estimate.txt')!r}, '--quiet']); "
         "sys.exit(any(m in sys.modules for m in ('numpy', 'scipy', 'matplotlib', 'bpy')))"
     )
@@ -170,7 +170,7 @@ def test_the_usual_question_imports_neither_numpy_nor_more(files):
 
 def test_no_other_question_imports_scipy_or_matplotlib(files):
     program = (
-        "import sys; from iclnuim_bench.cli import main; "
+        "import sys; from iclnuim.headless.cli import main; "
         f"main(['evaluate', 'rpe', {str(files / 'truth.txt')!r}, {str(files / 'estimate.txt')!r}, '--quiet']); "
         "sys.exit(any(m in sys.modules for m in ('scipy', 'matplotlib', 'bpy')))"
     )
@@ -184,7 +184,7 @@ def test_from_start_to_exit_it_takes_under_half_a_second_and_a_fifth_of_evo_ape(
     write_pair(tmp_path, 1, n=1510)
     names = [str(tmp_path / "truth.txt"), str(tmp_path / "estimate.txt")]
     commands = {
-        "ours": [sys.executable, "-m", "iclnuim_bench", "evaluate", "ate", *names],
+        "ours": [sys.executable, "-m", "iclnuim", "evaluate", "ate", *names],
         "evo": [str(evo_ape), "tum", *names, "--align", "--t_max_diff", "0.02"],
     }
     seconds = {name: [] for name in commands}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
+from iclnuim.headless.benchmark.light_error import carried_difference, error
 from iclnuim.sensor.transfer import light_from_srgb
-from iclnuim_bench.benchmark.light_error import carried_difference, error
 
 CAMERA = PinholeCamera.parse("160x120")
 

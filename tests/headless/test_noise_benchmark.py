@@ -9,10 +9,10 @@ from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.headless.benchmark.noise_fidelity import overlaps
+from iclnuim.headless.benchmark.noise_race import race
+from iclnuim.headless.cli import main
 from iclnuim.sensor.models import depth_model, rgb_model
-from iclnuim_bench.benchmark.noise_fidelity import overlaps
-from iclnuim_bench.benchmark.noise_race import race
-from iclnuim_bench.cli import main
 
 
 def _run(folder, size, count):

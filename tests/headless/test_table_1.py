@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from iclnuim_bench import cli
-from iclnuim_bench.benchmark import table_1
+from iclnuim.headless import cli
+from iclnuim.headless.benchmark import table_1
 
 
 def test_frames_and_lengths_are_the_papers_and_so_are_speeds_over_its_durations():

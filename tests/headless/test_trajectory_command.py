@@ -10,7 +10,7 @@ import pytest
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, adopt, resample
-from iclnuim_bench.cli import main
+from iclnuim.headless.cli import main
 
 WALK = Trajectory.at_rate(SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(61, 6)) * 0.01, axis=0)))
 
@@ -190,7 +190,7 @@ def test_a_plot_is_a_picture(run, walk, tmp_path, ending):
 
 
 def test_the_top_view_is_x_and_y_with_z_up(tmp_path):
-    from iclnuim_bench.plots import positions_z_up_m, trajectories_figure
+    from iclnuim.report.charts import positions_z_up_m, trajectories_figure
 
     # an anchored file whose camera moves right, then up, then forward
     (tmp_path / "a.gt.freiburg").write_text(
@@ -255,7 +255,7 @@ def test_options_that_cannot_be_get_one_line(run, walk, tmp_path):
 
 def test_a_full_disk_is_exit_code_three_and_leaves_nothing(walk, tmp_path):
     program = (
-        "import resource, signal, sys; from iclnuim_bench.cli import main;"
+        "import resource, signal, sys; from iclnuim.headless.cli import main;"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500)); sys.exit(main(sys.argv[1:]))"
     )
@@ -273,7 +273,7 @@ def environment() -> dict[str, str]:
 @pytest.mark.parametrize("arguments", [["info", "{}"], ["convert", "{}", "{}.csv"], ["resample", "{}", "--rate", "60"]])
 def test_commands_start_without_heavy_packages(walk, arguments):
     program = (
-        "import sys; from iclnuim_bench.cli import main; main(sys.argv[1:]);"
+        "import sys; from iclnuim.headless.cli import main; main(sys.argv[1:]);"
         "heavy = ('scipy', 'matplotlib', 'bpy', 'cv2', 'OpenEXR', 'open3d');"
         "print('heavy:', *[name for name in heavy if name in sys.modules], file=sys.stderr)"
     )

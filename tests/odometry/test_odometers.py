@@ -7,10 +7,10 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 numba = pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim_bench.odometry.protocol import Frame  # noqa: E402
-from iclnuim_bench.odometry.registry import OURS, odometer  # noqa: E402
-from iclnuim_bench.odometry.system import System, moved  # noqa: E402
-from iclnuim_bench.odometry.track import track  # noqa: E402
+from iclnuim.odometry.protocol import Frame  # noqa: E402
+from iclnuim.odometry.registry import OURS, odometer  # noqa: E402
+from iclnuim.odometry.system import System, moved  # noqa: E402
+from iclnuim.odometry.track import track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
 CORNER = np.array([[0.8, 0.0, 0.6], [-0.8, 0.0, 0.6], [0.0, 0.8, 0.6]])

@@ -8,13 +8,13 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim_bench.odometry import dvo  # noqa: E402
-from iclnuim_bench.odometry.icp import PRESETS, Icp  # noqa: E402
-from iclnuim_bench.odometry.protocol import Frame, Result  # noqa: E402
-from iclnuim_bench.odometry.reference import EntropyFrame, KeptFrame, PreviousFrame  # noqa: E402
-from iclnuim_bench.odometry.registry import odometer  # noqa: E402
-from iclnuim_bench.odometry.system import inverted  # noqa: E402
-from iclnuim_bench.odometry.track import Tracker, track  # noqa: E402
+from iclnuim.odometry import dvo  # noqa: E402
+from iclnuim.odometry.icp import PRESETS, Icp  # noqa: E402
+from iclnuim.odometry.protocol import Frame, Result  # noqa: E402
+from iclnuim.odometry.reference import EntropyFrame, KeptFrame, PreviousFrame  # noqa: E402
+from iclnuim.odometry.registry import odometer  # noqa: E402
+from iclnuim.odometry.system import inverted  # noqa: E402
+from iclnuim.odometry.track import Tracker, track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
 BIG = PinholeCamera.parse("320x240")

@@ -8,8 +8,8 @@ from iclnuim.dataset.depth_units import depth16_from_metres
 from iclnuim.formats.png import write_png
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim_bench.cli import main  # noqa: E402
-from iclnuim_bench.odometry.frames import Sequence  # noqa: E402
+from iclnuim.headless.cli import main  # noqa: E402
+from iclnuim.odometry.frames import Sequence  # noqa: E402
 
 
 @pytest.fixture

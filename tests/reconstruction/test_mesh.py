@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("numba")
-from iclnuim_bench.reconstruction import cube_cases  # noqa: E402
-from iclnuim_bench.reconstruction.mesh import Mesh, extract  # noqa: E402
-from iclnuim_bench.reconstruction.ply import write_ply  # noqa: E402
-from iclnuim_bench.reconstruction.volume import Volume, VolumeSettings  # noqa: E402
+from iclnuim.fusion import cube_cases  # noqa: E402
+from iclnuim.fusion.mesh import Mesh, extract  # noqa: E402
+from iclnuim.fusion.ply import write_ply  # noqa: E402
+from iclnuim.fusion.volume import Volume, VolumeSettings  # noqa: E402
 
 SETTINGS = VolumeSettings(voxel_m=0.02, truncation_m=0.08, behind_m=0.08, window_blocks=16, most_blocks=4096)
 

@@ -9,11 +9,11 @@ pytest.importorskip("numba")
 pytest.importorskip("cv2")
 from dataclasses import replace  # noqa: E402
 
-from iclnuim_bench.odometry.protocol import Frame, Result  # noqa: E402
-from iclnuim_bench.odometry.registry import odometer, reference  # noqa: E402
-from iclnuim_bench.odometry.track import Tracker  # noqa: E402
-from iclnuim_bench.reconstruction import reference as module  # noqa: E402
-from iclnuim_bench.reconstruction.reference import PRESETS, ModelReference  # noqa: E402
+from iclnuim.fusion import reference as module  # noqa: E402
+from iclnuim.fusion.reference import PRESETS, ModelReference  # noqa: E402
+from iclnuim.odometry.protocol import Frame, Result  # noqa: E402
+from iclnuim.odometry.registry import odometer, reference  # noqa: E402
+from iclnuim.odometry.track import Tracker  # noqa: E402
 
 #: A corner of a room, three planes (normal, point) and a ball.
 PLANES = (((0, 0, 1), (0, 0, -0.8)), ((-1, 0, 0), (1.6, 0, 0)), ((0, 1, 0), (0, -1.4, 0)))

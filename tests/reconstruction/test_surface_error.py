@@ -14,11 +14,11 @@ from iclnuim.geometry.trajectory import Trajectory
 pytest.importorskip("numba")
 pytest.importorskip("open3d")
 from iclnuim.errors import InputError  # noqa: E402
-from iclnuim_bench.reconstruction.mesh import Mesh  # noqa: E402
-from iclnuim_bench.reconstruction.models import read_mesh  # noqa: E402
-from iclnuim_bench.reconstruction.ply import write_ply  # noqa: E402
-from iclnuim_bench.reconstruction.shading import picture  # noqa: E402
-from iclnuim_bench.reconstruction.surface_error import Judge  # noqa: E402
+from iclnuim.fusion.mesh import Mesh  # noqa: E402
+from iclnuim.fusion.models import read_mesh  # noqa: E402
+from iclnuim.fusion.ply import write_ply  # noqa: E402
+from iclnuim.fusion.shading import picture  # noqa: E402
+from iclnuim.fusion.surface_error import Judge  # noqa: E402
 
 #: A box, 2 x 2 x 1 m, seen from inside.
 BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], float)
@@ -122,7 +122,7 @@ def sequence(tmp_path, camera, looking_at):
 
 
 def icl(*args, cwd):
-    command = [sys.executable, "-m", "iclnuim_bench", *map(str, args)]
+    command = [sys.executable, "-m", "iclnuim", *map(str, args)]
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
 
 

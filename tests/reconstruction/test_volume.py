@@ -7,7 +7,7 @@ from iclnuim.errors import InputError
 pytest.importorskip("numba")
 from dataclasses import replace  # noqa: E402
 
-from iclnuim_bench.reconstruction.volume import PRESETS, Volume, VolumeSettings  # noqa: E402
+from iclnuim.fusion.volume import PRESETS, Volume, VolumeSettings  # noqa: E402
 
 SMALL = {name: replace(preset, most_blocks=20_000) for name, preset in PRESETS.items()}
 VOXEL_M = SMALL["best"].voxel_m

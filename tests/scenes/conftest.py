@@ -22,8 +22,8 @@ class Room:
 
 def captured(seconds: float) -> Room:
     import bpy
+    from iclnuim.blend.builder import stage
     from iclnuim.blender import surface
-    from iclnuim.scenes import stage
 
     objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
     return Room(objects, surface.triangles(), stage.geometry_hash(), stage.triangle_count(), seconds)
@@ -37,7 +37,7 @@ def blender():
 @pytest.fixture(scope="session")
 def build(blender):
     """`build(seed, detail)` empties the session and builds the living room into it."""
-    from iclnuim.scenes import build_scene
+    from iclnuim.blend.builder import build_scene
 
     def run(seed: int = 0, detail: float = 1.0) -> Room:
         blender.ops.wm.read_factory_settings(use_empty=True)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from iclnuim.blend.builder.coarsening import coarser, feature_m
+from iclnuim.blend.builder.mesh import face_normals, join
+from iclnuim.blend.builder.shapes import lathe, sheet, tube
+from iclnuim.blend.builder.solids import block
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.scenes.coarsening import coarser, feature_m
-from iclnuim.scenes.mesh import face_normals, join
-from iclnuim.scenes.shapes import lathe, sheet, tube
-from iclnuim.scenes.solids import block
 
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
@@ -46,10 +46,10 @@ def test_nothing_goes_at_full_detail_and_more_and_more_below():
 
 @pytest.mark.parametrize("room, views", [("living_room", 3), ("office", 3)])
 def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, views, repository):
+    from iclnuim.blend.builder import build_scene
     from iclnuim.blender import surface
     from iclnuim.formats.trajectories import read_trajectory
-    from iclnuim.scenes import build_scene
-    from iclnuim_bench.benchmark.depth_check import RayCaster
+    from iclnuim.raycast.depth_check import RayCaster
 
     camera = PinholeCamera.parse("160x120")
     poses = read_trajectory(repository / f"trajectories/{room}/kt2.txt").trajectory.T_world_camera

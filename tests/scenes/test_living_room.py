@@ -5,9 +5,10 @@ import re
 import cv2
 import numpy as np
 import pytest
+from iclnuim.blend.builder import build_scene
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.scenes import SCENES, build_scene
+from iclnuim.scenes import SCENES
 
 OFFICIAL = {"kt0": (0, 1, 50), "kt2": range(180, 190, 3)}
 SINGLE_SHEETS = {
@@ -208,7 +209,7 @@ def test_our_picture_feeds_an_odometer_as_the_official_one_does(samples, blender
     command = [
         sys.executable,
         "-m",
-        "iclnuim_bench",
+        "iclnuim",
         "scene",
         "compare",
         "--samples-dir",

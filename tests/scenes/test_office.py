@@ -17,7 +17,7 @@ cv2 = pytest.importorskip("cv2")
 o3d = pytest.importorskip("open3d")
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim_bench.benchmark.official_views import OFFICE  # noqa: E402
+from iclnuim.tools.official_views import OFFICE  # noqa: E402
 
 LISTED = {
     "wall", "floor", "ceiling", "lamp", "vent", "desk", "cabinet", "monitor", "keyboard", "mouse", "computer", "cable", "phone",
@@ -48,8 +48,8 @@ class Office:
 
 
 def captured(seconds):
+    from iclnuim.blend.builder import stage
     from iclnuim.blender import surface
-    from iclnuim.scenes import stage
 
     objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
     found = surface.triangles()
@@ -216,7 +216,7 @@ def test_the_page_of_facts_lists_everything_in_the_office(office, repository):
 
 @pytest.mark.slow
 def test_our_office_feeds_an_odometer_as_the_official_one_does(samples, tmp_path):
-    command = [sys.executable, "-m", "iclnuim_bench", "scene", "compare", "office", "--samples-dir", str(samples)]
+    command = [sys.executable, "-m", "iclnuim", "scene", "compare", "office", "--samples-dir", str(samples)]
     done = subprocess.run(
         [*command, "--out", str(tmp_path), "--quiet", "--json"], capture_output=True, text=True, check=True
     )

@@ -8,7 +8,7 @@ import pytest
 
 
 def scene(*arguments):
-    command = [sys.executable, "-m", "iclnuim_bench", "scene", *map(str, arguments)]
+    command = [sys.executable, "-m", "iclnuim", "scene", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 

@@ -4,11 +4,11 @@ their points.
 
 import numpy as np
 import pytest
-from iclnuim.scenes.hard import chair
-from iclnuim.scenes.mesh import face_normals, grid, join
-from iclnuim.scenes.shapes import bar, lathe, rounded_box, sheet, smooth_profile, tube
-from iclnuim.scenes.soft import pillow
-from iclnuim.scenes.tableware import fruit, plate, vase
+from iclnuim.blend.builder.hard import chair
+from iclnuim.blend.builder.mesh import face_normals, grid, join
+from iclnuim.blend.builder.shapes import bar, lathe, rounded_box, sheet, smooth_profile, tube
+from iclnuim.blend.builder.soft import pillow
+from iclnuim.blend.builder.tableware import fruit, plate, vase
 
 RING = [(np.cos(t), np.sin(t), 0.1 * t) for t in np.linspace(0, 4, 30)]
 

@@ -14,7 +14,7 @@ o3d = pytest.importorskip("open3d")
 
 
 def surface(*arguments):
-    command = [sys.executable, "-m", "iclnuim_bench", "surface", *map(str, arguments), "--json", "--quiet"]
+    command = [sys.executable, "-m", "iclnuim", "surface", *map(str, arguments), "--json", "--quiet"]
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 

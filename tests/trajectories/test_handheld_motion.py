@@ -8,7 +8,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry import handheld
 from iclnuim.geometry.handheld_motion import band_noise, eased_progress, natural_spline
 from iclnuim.geometry.handheld_recipe import Recipe
-from iclnuim_bench import cli
+from iclnuim.headless import cli
 from scipy.interpolate import CubicSpline
 
 

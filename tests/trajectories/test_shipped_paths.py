@@ -7,7 +7,7 @@ from iclnuim.geometry import handheld
 from iclnuim.geometry.handheld_recipe import Recipe
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, statistics
-from iclnuim_bench.commands.trajectory_make import tum_text
+from iclnuim.headless.commands.trajectory_make import tum_text
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 

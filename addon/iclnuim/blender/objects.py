@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .. import scene_classes as classes
 from ..geometry.boxes import upright_box
-from ..scenes import classes
 from . import light_surfaces
 
 SCHEMA_VERSION = 1

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import bpy
 
-from .. import scenes, shipped
+from .. import shipped
 from ..errors import InputError
 from ..geometry.scene_axes import SceneReading
+from ..scenes import SCENES
 from . import import_files, own_scene, scene_paths, session
 
 
@@ -17,13 +18,13 @@ def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
     """Reset the session and open `name`; returns notes worth telling. Raises InputError for what cannot be opened."""
     session.reset()
     if is_shipped(name):
-        _open_shipped(name)
+        bpy.ops.wm.open_mainfile(filepath=str(_shipped_file(name)), load_ui=False, use_scripts=False)
         return []
     return own_scene.open_file(_checked_file(name), reading or SceneReading())
 
 
 def is_shipped(name: str) -> bool:
-    return name in scenes.SCENES
+    return name in SCENES
 
 
 def scene_sha256(name: str) -> str:
@@ -33,11 +34,7 @@ def scene_sha256(name: str) -> str:
     """
     if not is_shipped(name):
         return scene_paths.sha256(_checked_file(name))
-    path = _shipped_file(name)
-    if path is not None:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    sources = sorted(Path(scenes.__file__).parent.glob("*.py"))
-    return hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()
+    return hashlib.sha256(_shipped_file(name).read_bytes()).hexdigest()
 
 
 def _checked_file(name: str) -> Path:
@@ -46,21 +43,12 @@ def _checked_file(name: str) -> Path:
     except InputError as error:
         if error.path is not None:
             raise
-        raise InputError(f"a scene: {', '.join(scenes.SCENES)} or {error.expected[2:]}", found=name) from None
+        raise InputError(f"a scene: {', '.join(SCENES)} or {error.expected[2:]}", found=name) from None
 
 
-def _shipped_file(name: str) -> Path | None:
-    """The built .blend of a shipped scene, or None where it is not there or newer than this Blender."""
-    try:
-        path = shipped.folder("blend") / f"{name}.blend"
-    except InputError:
-        return None
-    return path if path.is_file() else None
-
-
-def _open_shipped(name: str) -> None:
-    path = _shipped_file(name)
-    if path is None:
-        scenes.build_scene(name)
-    else:
-        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+def _shipped_file(name: str) -> Path:
+    """The built .blend of a shipped scene. Raises InputError where it is not there."""
+    path = shipped.folder("blend") / f"{name}.blend"
+    if not path.is_file():
+        raise InputError("the shipped scene", path=path, found="no such file", hint="installing iclnuim again")
+    return path

@@ -110,3 +110,22 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
 def sha256(data: bytes) -> str:
     """Hex digest."""
     return hashlib.sha256(data).hexdigest()
+
+
+#: Endings of pictures that can be drawn.
+PICTURES = (".png", ".pdf", ".svg")
+
+
+def check_picture(path: str | os.PathLike[str]) -> None:
+    """InputError where the ending is none of PICTURES, or the folder is not there."""
+    ending = os.path.splitext(path)[1].lower()
+    if ending not in PICTURES:
+        raise InputError(f"a picture's name ending in {', '.join(PICTURES)}", path=path, found=ending or "no ending")
+    check_file(path)
+
+
+def check_file(path: str | os.PathLike[str]) -> None:
+    """InputError where a file to be written has no folder."""
+    folder = os.path.dirname(os.fspath(path))
+    if folder and not os.path.isdir(folder):
+        raise InputError("a folder to write into", path=folder, found="nothing of that name")

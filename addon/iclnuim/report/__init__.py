@@ -1,0 +1,1 @@
+"""Reports, charts and previews: results as dictionaries, tables, CSV and pictures."""

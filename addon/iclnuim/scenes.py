@@ -1,0 +1,23 @@
+"""The built-in scenes: the one list that command line, panel and farm read. The code that builds them lies in blend/builder/ of the repository."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and `description` are for people."""
+
+    name: str
+    title: str
+    description: str
+
+
+SCENES: dict[str, SceneEntry] = {
+    entry.name: entry
+    for entry in (
+        SceneEntry("living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
+        SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
+    )
+}

@@ -1,0 +1,148 @@
+"""`iclnuim bench farm` and `iclnuim bench chaos`: how fast the farm is, and what it takes without a scratch."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from iclnuim import job as jobs
+from iclnuim.dataset.run_folder import load_trajectory
+from iclnuim.errors import InputError, WorkError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.console import Console
+from iclnuim.headless.options import action
+from iclnuim.job import RenderJob
+
+
+def configure(actions: argparse._SubParsersAction) -> None:
+    _configure_farm(actions)
+    _configure_chaos(actions)
+
+
+def _configure_farm(actions: argparse._SubParsersAction) -> None:
+    help = "frames an hour against workers and threads, time lost to start-up, and a model of many machines"
+    farm = action(actions, "farm", help, "iclnuim bench farm kt2 --chart farm.png", _farm)
+    farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
+    farm.add_argument("--light", choices=("baked", "path"), help="default: both")
+    farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 64 path-traced")
+    farm.add_argument("--samples", type=int, default=4, metavar="N", help="of path tracing; default: 4")
+    farm.add_argument(
+        "--repeat", type=int, default=1, metavar="N", help="rounds, of which the fastest counts; default: 1"
+    )
+    farm.add_argument("--camera", metavar="WxH", help="default: 640x480")
+    farm.add_argument("--nodes", type=int, default=1000, metavar="N", help="machines of the model; default: 1000")
+    farm.add_argument("--sequences", type=int, default=10_000, metavar="N", help="of the model; default: 10000")
+    farm.add_argument("--chart", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+
+
+def _configure_chaos(actions: argparse._SubParsersAction) -> None:
+    help = "make killed, stopped and left without space again and again, and plain Blender under the same kills"
+    chaos = action(actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --chart chaos.png", _chaos)
+    chaos.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
+    chaos.add_argument("--kills", type=int, default=30, metavar="N", help="default: 30")
+    chaos.add_argument("--camera", default="640x480", metavar="WxH", help="default: 640x480")
+    chaos.add_argument("--seed", type=int, default=0, metavar="N", help="of the moments and the victims; default: 0")
+    chaos.add_argument("--undisturbed", type=Path, metavar="DIR", help="of `make`, same settings; default: made here")
+    where = "keeps what was made; default: a temporary folder"
+    chaos.add_argument("--work", type=Path, metavar="DIR", help=where)
+    chaos.add_argument("--no-plain", action="store_true", help="leave plain Blender out")
+    chaos.add_argument("--chart", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+
+
+def _farm(args: argparse.Namespace, console: Console) -> int:
+    from iclnuim.report import charts as plots
+
+    from . import farm_chart, farm_model, farm_throughput
+
+    fewest, results, models = farm_throughput.fewest_frames(), [], []
+    if args.frames is not None and args.frames < fewest:
+        raise InputError(f"--frames from {fewest} up on this machine", found=args.frames)
+    for light in [args.light] if args.light else ["baked", "path"]:
+        job = _job(args, light)
+        frames = args.frames or max(160 if light == "baked" else 64, fewest)
+        measured = farm_throughput.race(job, frames, args.repeat, console.note)
+        known = {"sequences": args.sequences, "frames_a_sequence": len(load_trajectory(job))}
+        models.append(farm_model.of(farm_throughput.best(measured), **known))
+        results += measured
+    if args.chart:
+        plots.save(farm_chart.figure(results, models, args.nodes), args.chart)
+    values = {"splits": list(map(asdict, results)), "models": [farm_model.figures(m, args.nodes) for m in models]}
+    words = [farm_chart.table(results), *(farm_model.summary(m, args.nodes) for m in models)]
+    console.result(values, "\n".join(words))
+    return 0
+
+
+def _job(args: argparse.Namespace, light: str) -> RenderJob:
+    if args.repeat < 1 or args.samples < 1:
+        raise InputError("--repeat and --samples from 1 up", found=min(args.repeat, args.samples))
+    camera = PinholeCamera.parse(args.camera) if args.camera else None
+    job = jobs.shipped_job(args.sequence).changed(light=light, camera=camera)
+    return job.changed(samples=args.samples, denoise=False) if light == "path" else job
+
+
+def _chaos(args: argparse.Namespace, console: Console) -> int:
+    try:
+        from . import farm_chaos, farm_chart
+    except ImportError:
+        raise WorkError("bench chaos needs psutil, to find the workers; try: pip install psutil") from None
+    from iclnuim.report import charts as plots
+
+    if args.kills < 1:
+        raise InputError("at least 1 kill", found=args.kills)
+    with _work_folder(args.work) as base:
+        rng = np.random.default_rng(args.seed)
+        chaos = farm_chaos.Chaos(args.sequence, ("--camera", args.camera), base / "disturbed", rng)
+        chaos.run(farm_chaos.kinds(args.kills), console.note)
+        ours = chaos.damage(args.undisturbed or _undisturbed(args, base, console))
+        damages = {"this farm": ours}
+        console.note(farm_chart.damage_table(damages))
+        if not args.no_plain:
+            damages["plain Blender"] = _plain(args, base, console)
+    if args.chart:
+        plots.save(farm_chart.damage_figure(damages), args.chart)
+    console.result({name: asdict(d) for name, d in damages.items()}, farm_chart.damage_table(damages))
+    return 0 if ours.none else 3
+
+
+@contextmanager
+def _work_folder(kept: Path | None) -> Iterator[Path]:
+    if kept is None:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder)
+        return
+    if kept.exists() and any(kept.iterdir()):
+        raise InputError("an empty folder", path=kept, hint="another --work")
+    kept.mkdir(parents=True, exist_ok=True)
+    yield kept
+
+
+def _undisturbed(args: argparse.Namespace, base: Path, console: Console) -> Path:
+    from .farm_chaos import Chaos
+
+    begun, rng = time.monotonic(), np.random.default_rng(0)
+    left_alone = Chaos(args.sequence, ("--camera", args.camera), base / "undisturbed", rng)
+    left_alone.complete()
+    console.note(f"undisturbed: {time.monotonic() - begun:.0f} s")
+    return left_alone.out
+
+
+def _plain(args: argparse.Namespace, base: Path, console: Console):
+    """The same prepared scene, camera keyed, by an animation render of Blender's own."""
+    from .plain_blender import PlainBlender
+
+    blend = base / "scene.blend"
+    command = [sys.executable, "-m", "iclnuim", "render", args.sequence, "--camera", args.camera]
+    command += ["--frames", "0:1", "--out", str(base / "one"), "--blend", str(blend)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise WorkError(f"no scene for plain Blender: {done.stderr.strip()[-300:]}")
+    last, rng = len(load_trajectory(jobs.shipped_job(args.sequence))) - 1, np.random.default_rng(args.seed)
+    return PlainBlender(blend, base / "plain", 0, last, rng).run(args.kills, console.note)

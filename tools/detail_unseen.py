@@ -1,0 +1,82 @@
+"""What of a room no shipped path sees: shares of its triangles, of its surface, and of the light map's texels."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+from iclnuim import shipped
+from iclnuim.blender import light_map, light_surfaces, model, output, scene
+from iclnuim.formats.scene_model import SceneModel
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.raycast.seen import Onlooker
+
+#: Pieces are seen or not as a whole: no edge longer than this.
+PIECE_M = 0.1
+#: What lies farther from the world's origin is the painted surroundings.
+_OUTSIDE_M = 8.0
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """poses: looked from. triangles, surface (by area, the painted surroundings left out), texels: shares, 0..1, that no pose sees.
+
+    texels is None where no light map is at hand.
+    """
+
+    room: str
+    poses: int
+    triangles: float
+    surface: float
+    texels: float | None
+
+
+def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on_pose: Callable[[], object]) -> Unseen:
+    """From every Nth pose of the room's four paths; `light`: the folder of its baked light. Triangles seen in part are seen."""
+    with output.blender_output_in(Path(os.devnull)):
+        scene.open_scene(room)
+        whole = model.scene_model()
+        uv, has = _map_uv(light) if light else (None, None)
+    pieces, origin = whole.cut(PIECE_M)
+    onlooker, poses = Onlooker(pieces), 0
+    for kt in shipped.TRAJECTORY_NAMES:
+        T = read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory.T_world_camera[::every]
+        onlooker.along(camera, T, on_pose)
+        poses += len(T.translation)
+    seen = onlooker.seen
+    triangles = np.zeros(len(whole), bool)
+    triangles[origin[seen.any(1)]] = True
+    area = np.where(np.abs(pieces.corners_m).max((1, 2)) < _OUTSIDE_M, pieces.area_m2(), 0.0)
+    texels = None if uv is None else _texels(whole, uv, has, seen)
+    return Unseen(room, poses, float(1 - triangles.mean()), float(area[~seen.any(1)].sum() / area.sum()), texels)
+
+
+def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(2, m, 3, 2) places in the light map of front and back, and (2, m) which sides have one; triangles as scene_model has them."""
+    layout = light_map.load_layout(folder)
+    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        parts = light_surfaces.parts(depsgraph)
+        try:
+            loops = light_surfaces.surfaces(parts).triangles
+            shown = np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.visible_camera) for p in parts])
+        finally:
+            for part in parts:
+                bpy.data.meshes.remove(part.mesh)
+    return layout.uv[:, loops[shown]], layout.has[:, loops[shown, 0]]
+
+
+def _texels(whole: SceneModel, uv: np.ndarray, has: np.ndarray, seen: np.ndarray) -> float:
+    """Share of the map's used area that is not seen, side by side. Pieces are cut as those of `seen` were, with the map's own places."""
+    total = unseen = 0.0
+    for side in (0, 1):
+        pieces, origin = replace(whole, uv=uv[side]).cut(PIECE_M)
+        a, b, c = np.moveaxis(pieces.uv, 1, 0)
+        area = np.abs(np.cross(b - a, c - a)) / 2 * has[side, origin]
+        total += float(area.sum())
+        unseen += float(area[~seen[:, side]].sum())
+    return unseen / total if total else 0.0

@@ -1,0 +1,186 @@
+"""Chaos: `make` killed, stopped and left without space again and again, the same command after each; then compared with an undisturbed run."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import psutil
+from iclnuim.dataset.run_folder import read_run
+from iclnuim.errors import WorkError
+
+#: Frames that must be finished anew before anything happens.
+FRAMES_BETWEEN = 3
+#: After this many seconds without a word a worker is replaced: shorter than a user's, for one is stopped on purpose.
+STUCK_AFTER_S = 10
+
+
+@dataclass(frozen=True)
+class Damage:
+    """After all that happened: frames asked for; pictures that are not whole or differ (broken) and that are absent or empty (lost).
+
+    `twice`: frames finished more than once; `outlived`: workers still there half a minute after their command was killed;
+    `names`: the files that are broken or lost.
+    """
+
+    frames: int
+    kills: int
+    broken: int
+    lost: int
+    twice: int = 0
+    outlived: int = 0
+    events: dict[str, int] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+
+    @property
+    def none(self) -> bool:
+        return not (self.broken or self.lost or self.twice or self.outlived)
+
+
+def kinds(kills: int) -> list[str]:
+    """What happens in turn: kills of a worker, the parent, both, and in between a full disk and a stopped worker."""
+    happens = [("worker", "parent", "both")[k % 3] for k in range(kills)]
+    happens.insert(len(happens) // 4, "full")
+    happens.insert(len(happens) // 2, "stop")
+    return happens
+
+
+class Chaos:
+    """`make SEQUENCE OPTIONS` into `out`, disturbed at moments that `rng` chooses. Raises WorkError where a promise is broken."""
+
+    def __init__(self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator) -> None:
+        self.out, self._rng = Path(out), rng
+        self._command = [sys.executable, "-m", "iclnuim", "make", sequence, *options]
+        self._command += ["--stuck-after", str(STUCK_AFTER_S), "--out", str(self.out)]
+        self._orphans: list[psutil.Process] = []
+        self.happened: Counter[str] = Counter()
+
+    def start(self, **options: object) -> subprocess.Popen:
+        """The command once more."""
+        return subprocess.Popen(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options)
+
+    def run(self, happens: list[str], note: Callable[[str], None]) -> None:
+        """Everything in `happens`, each in a start of its own; then the command to its end."""
+        for kind in happens:
+            self.disturb(kind)
+            self.happened[kind] += 1
+            note(f"{sum(self.happened.values())} of {len(happens)}: {kind}; {len(finished(self.out))} frames finished")
+        self.complete()
+
+    def complete(self) -> None:
+        """The command, left alone. Raises WorkError where it fails."""
+        parent = self.start()
+        words = parent.communicate()[1]
+        if parent.returncode:
+            raise WorkError(f"code {parent.returncode} of an undisturbed command: {words.strip()[-500:]}")
+
+    def disturb(self, kind: str) -> None:
+        """Start, and after three more frames, at a random moment, let it happen."""
+        if kind == "full":
+            return self._fill_the_disk()
+        parent = self.start()
+        self._wait_for_frames(parent)
+        time.sleep(self._rng.uniform(0, 0.3))
+        workers = children(parent)
+        victim = workers[int(self._rng.integers(len(workers)))] if workers else None
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if kind == "stop" and victim:
+                victim.send_signal(signal.SIGSTOP)
+            if kind in ("worker", "both") and victim:
+                victim.kill()
+        if kind in ("parent", "both"):
+            parent.kill()
+            self._orphans += workers
+        else:
+            self._recover(kind, parent, victim)
+        parent.wait(120)
+        parent.stderr.close()
+        return None
+
+    def _recover(self, kind: str, parent: subprocess.Popen, victim: psutil.Process | None) -> None:
+        """A command that lost a worker goes on without it; then Ctrl-C ends it cleanly."""
+        self._wait_for_frames(parent)
+        if kind == "stop" and victim and still_there([victim], STUCK_AFTER_S + 20):
+            raise WorkError("a stopped worker was not replaced")
+        parent.send_signal(signal.SIGINT)
+        words = parent.communicate(timeout=120)[1]
+        if parent.returncode not in (0, 130) or "Traceback" in words:
+            raise WorkError(f"code {parent.returncode} after Ctrl-C: {words.strip()[-500:]}")
+
+    def _fill_the_disk(self) -> None:
+        """No file of the command may grow beyond a fraction of a frame. It must say so in a line and with code 3."""
+        camera = read_run(self.out / "raw").camera
+        limit = (camera.width * camera.height * 2,) * 2
+        parent = self.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
+        words = parent.communicate(timeout=600)[1]
+        if parent.returncode != 3 or "cannot write" not in words or "Traceback" in words:
+            raise WorkError(f"code {parent.returncode} on a full disk: {words.strip()[-500:]}")
+
+    def _wait_for_frames(self, parent: subprocess.Popen, seconds: float = 600) -> None:
+        """Until three more are finished, not counting those of workers whose parent was killed."""
+        orphans = {process.pid for process in self._orphans}
+        before, until = len(finished(self.out)), time.monotonic() + seconds
+        while sum(pid not in orphans for _, pid in finished(self.out)[before:]) < FRAMES_BETWEEN:
+            if parent.poll() is not None:
+                words = parent.communicate()[1].strip()[-300:]
+                raise WorkError(f"the command ended (code {parent.returncode}) before it could be disturbed: {words}")
+            if time.monotonic() > until:
+                raise WorkError(f"no {FRAMES_BETWEEN} frames in {seconds:.0f} s")
+            time.sleep(0.02)
+
+    def damage(self, undisturbed: Path) -> Damage:
+        """What is left, against a folder of the same command that nothing happened to."""
+        ours, whole = contents(self.out), contents(undisturbed)
+        numbers = [n.split("/")[-1] for n in whole if n.startswith("clean/rgb/")]
+        names = sorted(n for n in ours.keys() | whole.keys() if ours.get(n) != whole.get(n))
+        lost = {n.split("/")[-1] for n in names if n not in ours}
+        broken = {n.split("/")[-1] for n in names if n in ours}
+        twice = sum(times > 1 for times in Counter(number for number, _ in finished(self.out)).values())
+        kills = sum(self.happened[kind] for kind in ("worker", "parent", "both"))
+        outlived = len(still_there(self._orphans, 30))
+        counts = kills, len(broken), len(lost), twice, outlived
+        return Damage(len(numbers), *counts, dict(self.happened), tuple(names))
+
+
+def finished(out: Path) -> list[tuple[int, int]]:
+    """Frames, and the process that finished each, in that order, as the workers' journal has it."""
+    journal, found = out / "raw/.farm/finished.jsonl", []
+    for line in journal.read_text("utf-8", "replace").split("\n")[:-1] if journal.exists() else []:
+        with contextlib.suppress(ValueError):
+            entry = json.loads(line)
+            found.append((entry["frame"], entry["pid"]))
+    return found
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    """Every file of both sequences. The commit of a checkout that others work in may change meanwhile; it decides no pixel."""
+    files = [p for name in ("clean", "noisy") for p in (out / name).rglob("*") if p.is_file()]
+    found = {str(p.relative_to(out)): p.read_bytes() for p in files}
+    for name in ("clean/recipe.json", "noisy/recipe.json"):
+        recipe = json.loads(found.get(name, b'{"source": {"run": {}}}'))
+        recipe.pop("source_commit", None)
+        recipe["source"]["run"].pop("source_commit", None)
+        found[name] = json.dumps(recipe).encode()
+    return found
+
+
+def children(parent: subprocess.Popen) -> list[psutil.Process]:
+    """The workers of a command; none where it is gone."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return psutil.Process(parent.pid).children()
+    return []
+
+
+def still_there(processes: list[psutil.Process], seconds: float) -> list[psutil.Process]:
+    """Those that have not ended by then."""
+    return psutil.wait_procs(processes, timeout=seconds)[1]

@@ -1,0 +1,122 @@
+"""The farm in pictures and tables: throughput by split, the model of many machines, and what kills left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from iclnuim.report.charts import COLOURS
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .farm_model import Model
+from .farm_throughput import Throughput
+
+if TYPE_CHECKING:
+    from .farm_chaos import Damage
+
+_SPLITS = (
+    "light",
+    "workers x threads",
+    "frames an hour",
+    "of the best",
+    "cores busy",
+    "start-up s",
+    "of a 5-minute chunk",
+)
+_DAMAGE = ("", "frames", "kills", "broken", "lost", "finished twice", "workers left over")
+
+
+def figure(results: Sequence[Throughput], models: Sequence[Model], nodes: int) -> Figure:
+    """Frames an hour by split; share of a chunk lost to start-up by its length; hours for many sequences by machines."""
+    drawn = Figure(figsize=(14, 4.4), layout="constrained")
+    FigureCanvasAgg(drawn)
+    rate, lost, scale = drawn.subplots(1, 3)
+    _draw_rates(rate, results)
+    for model, colour in zip(models, COLOURS, strict=False):
+        _draw_start(lost, model, colour)
+        _draw_scaling(scale, model, colour, nodes)
+    for axes in (lost, scale):
+        axes.legend(frameon=False, fontsize=8)
+        axes.grid(alpha=0.3)
+    return drawn
+
+
+def _draw_rates(axes: Axes, results: Sequence[Throughput]) -> None:
+    splits = list(dict.fromkeys((r.workers, r.threads) for r in results))
+    names = list(dict.fromkeys(r.name for r in results))
+    width = 0.8 / len(names)
+    for k, name in enumerate(names):
+        own = [r for r in results if r.name == name]
+        best = max(r.frames_an_hour for r in own)
+        places = [splits.index((r.workers, r.threads)) + (k - (len(names) - 1) / 2) * width for r in own]
+        label = f"{name}: 100 % = {best:.0f} an hour"
+        bars = axes.bar(places, [100 * r.frames_an_hour / best for r in own], width, color=COLOURS[k], label=label)
+        axes.bar_label(bars, [f"{100 * r.busy_share:.0f} %\nbusy" for r in own], fontsize=7)
+    axes.set_xticks(range(len(splits)), [f"{workers} x {threads}" for workers, threads in splits])
+    axes.set(xlabel="workers x threads", ylabel="frames an hour, % of the best split", ylim=(0, 140))
+    axes.legend(frameon=False, loc="upper left", fontsize=8)
+
+
+def _draw_start(axes: Axes, model: Model, colour: str) -> None:
+    seconds = np.geomspace(1, 3600, 100)
+    label = f"{model.name}: start-up {model.startup_s:.1f} s"
+    axes.plot(seconds, 100 * model.startup_s / (model.startup_s + seconds), color=colour, label=label)
+    axes.axvline(model.chunk_s, color="grey", linestyle=":", linewidth=1)
+    axes.set(xscale="log", ylim=(0, 100), ylabel="% of time lost to start-up")
+    axes.set_xlabel(f"seconds of frames in a chunk (dotted: {model.chunk_s:.0f}, as in the model)")
+
+
+def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
+    counts = np.unique(np.geomspace(1, 1e5, 80).astype(int))
+    hours = [model.seconds(int(n)) / 3600 for n in counts]
+    axes.plot(counts, hours, color=colour, label=f"{model.name}: {model.seconds(nodes) / 3600:.2g} h on {nodes}")
+    limit = model.stops_scaling()[0]
+    if limit <= counts[-1]:
+        axes.plot(limit, model.seconds(limit) / 3600, "o", color=colour)
+    axes.axvline(nodes, color="grey", linestyle=":", linewidth=1)
+    axes.set(xscale="log", yscale="log", ylabel=f"hours for {model.sequences} sequences, by model")
+    axes.set_xlabel(f"machines (dotted: {nodes}; dot: more change nothing)")
+
+
+def table(results: Sequence[Throughput]) -> str:
+    """One row a split, in Markdown."""
+    best = {r.name: max(o.frames_an_hour for o in results if o.name == r.name) for r in results}
+    return _table(_SPLITS, [_split_row(r, best[r.name]) for r in results])
+
+
+def _split_row(r: Throughput, best: float) -> Iterable[str]:
+    rate, share = f"{r.frames_an_hour:.0f}", f"{r.frames_an_hour / best:.2f}"
+    lost = f"{100 * r.startup_s / (r.startup_s + 300):.1f} %"
+    return r.name, f"{r.workers} x {r.threads}", rate, share, f"{100 * r.busy_share:.0f} %", f"{r.startup_s:.1f}", lost
+
+
+def damage_figure(damages: Mapping[str, Damage]) -> Figure:
+    """Broken and lost frames after the same number of kills."""
+    drawn = Figure(figsize=(6.5, 3.2), layout="constrained")
+    FigureCanvasAgg(drawn)
+    axes = drawn.subplots()
+    for k, kind in enumerate(("broken", "lost")):
+        values = [getattr(d, kind) for d in damages.values()]
+        bars = axes.barh(np.arange(len(damages)) + 0.38 * (k - 0.5), values, 0.36, color=COLOURS[k], label=kind)
+        axes.bar_label(bars, padding=3)
+    axes.set_yticks(range(len(damages)), damages)
+    axes.invert_yaxis()
+    first = next(iter(damages.values()))
+    axes.set(xlabel=f"frames of {first.frames} after {first.kills} kill -9, the same command again after each")
+    axes.margins(x=0.1)
+    axes.legend(frameon=False, loc="center right")
+    return drawn
+
+
+def damage_table(damages: Mapping[str, Damage]) -> str:
+    """In Markdown."""
+    rows = [(n, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived) for n, d in damages.items()]
+    return _table(_DAMAGE, rows)
+
+
+def _table(header: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(map(str, cells))} |" for cells in lines)

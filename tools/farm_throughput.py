@@ -1,0 +1,137 @@
+"""Frames an hour against workers and threads, share of time lost to start-up, and how busy the cores are: measured on this machine."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from iclnuim.errors import InputError
+from iclnuim.headless.console import Console
+from iclnuim.headless.farm.cores import own_cores
+from iclnuim.headless.farm.rendering import LocalRun, taken_up
+from iclnuim.job import RenderJob
+
+
+@dataclass(frozen=True)
+class Throughput:
+    """One split. Start-up: until every worker has its first frame; the rate and the busy share are of the time after that."""
+
+    name: str
+    light: str
+    workers: int
+    threads: int
+    frames: int
+    startup_s: float
+    wall_s: float
+    frames_an_hour: float
+    seconds_a_frame_a_worker: float
+    busy_share: float
+    startup_share: float
+
+
+def splits(cores: list[int]) -> list[tuple[int, int]]:
+    """(workers, threads) worth a look: one of two threads, then all the ways to use every core."""
+    count = len(cores)
+    alone = [(1, min(2, count))]
+    whole = [(count // threads, threads) for threads in (count, 2, 1) if count % threads == 0]
+    return list(dict.fromkeys(alone + whole))
+
+
+def fewest_frames() -> int:
+    """That every worker of every split gets chunks of two frames: only then some are seen while all are at work."""
+    return 16 * len(own_cores())
+
+
+def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
+    """`frames` of the job, spread over its trajectory, into a folder that is removed. The light map must be in the cache."""
+    cores = own_cores()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        taken_up(job, Path(folder) / "run", Console(quiet=True), lambda: False) as held,
+    ):
+        held.cores = [cores[k * threads : (k + 1) * threads] for k in range(workers)]
+        clock, count = _Clock(held, workers), len(held.trajectory)
+        held.render([k * count // frames for k in range(frames)], clock.frame)
+        return clock.result(job, workers, threads, frames)
+
+
+class _Clock:
+    """Hears of every frame; knows when all workers were at work, and what processor time they had by then and at the last frame."""
+
+    def __init__(self, held: LocalRun, workers: int) -> None:
+        self._held, self._workers, self._count = held, workers, 0
+        self._begun = time.perf_counter()
+        self._first: tuple[float, float, int] | None = None
+        self._last: tuple[float, float, int] | None = None
+
+    def frame(self, number: int) -> None:
+        self._count += 1
+        workers = self._held.farm.workers
+        now = time.perf_counter(), sum(_cpu_seconds(w.process.pid) for w in workers), self._count
+        if self._first is None and sum(w.rendered > 0 for w in workers) >= self._workers:
+            self._first = now
+        if self._first is not None and len(workers) == self._workers and all(w.left for w in workers):
+            self._last = now  # while all are at work: the tail is not the rate
+
+    def result(self, job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
+        wall_s = time.perf_counter() - self._begun
+        first, last = self._first, self._last
+        if first is None or last is None or last == first:
+            raise InputError(
+                f"frames enough for {workers} workers to be at work together",
+                found=frames,
+                hint=f"--frames {3 * frames}",
+            )
+        seconds, cpu_s, count = (b - a for a, b in zip(first, last, strict=True))
+        rate = count / seconds
+        return Throughput(
+            name="baked" if job.light == "baked" else f"path traced, {job.samples} samples",
+            light=job.light,
+            workers=workers,
+            threads=threads,
+            frames=frames,
+            startup_s=round(first[0] - self._begun, 3),
+            wall_s=round(wall_s, 3),
+            frames_an_hour=round(3600 * rate, 1),
+            seconds_a_frame_a_worker=round(workers / rate, 4),
+            busy_share=round(cpu_s / (seconds * workers * threads), 3),
+            startup_share=round((first[0] - self._begun) / wall_s, 3),
+        )
+
+
+def _cpu_seconds(pid: int) -> float:
+    """User and system time of a process so far; 0 where it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except OSError:
+        return 0.0
+
+
+def race(job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]) -> list[Throughput]:
+    """Every split of this machine's cores; of `repeat` rounds the fastest of each, for others may load the machine meanwhile."""
+    kept: dict[tuple[int, int], Throughput] = {}
+    for _ in range(repeat):
+        for split in splits(own_cores()):
+            result = measure(job, *split, frames)
+            note(row(result))
+            if split not in kept or result.frames_an_hour > kept[split].frames_an_hour:
+                kept[split] = result
+    return list(kept.values())
+
+
+def best(results: list[Throughput]) -> Throughput:
+    """The split with the most frames an hour."""
+    return max(results, key=lambda r: r.frames_an_hour)
+
+
+def row(r: Throughput) -> str:
+    """One line of words."""
+    return (
+        f"{r.name}: {r.workers} x {r.threads} threads: {r.frames_an_hour:8.0f} frames an hour, "
+        f"cores {100 * r.busy_share:.0f} % busy, start-up {r.startup_s:.1f} s ({100 * r.startup_share:.0f} % of {r.wall_s:.0f} s)"
+    )

@@ -1,0 +1,88 @@
+"""The same kills on plain Blender: an animation rendered with overwrite off and placeholders on, broken and lost frames counted.
+
+python -m iclnuim.benchmark.plain_blender SCENE.blend OUT FIRST LAST      what is killed: a user's plain Blender
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.exr import read_exr
+
+from .farm_chaos import FRAMES_BETWEEN, Damage
+
+
+def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
+    """`blender -b FILE -o OUT -s FIRST -e LAST -a` with overwrite off and placeholders on, by the bpy package."""
+    import bpy
+
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = first, last
+    render = scene.render
+    render.use_overwrite, render.use_placeholder, render.use_file_extension = False, True, True
+    render.filepath = str(out / "######")
+    bpy.ops.render.render(animation=True)
+
+
+class PlainBlender:
+    """Frames `first` to `last` of a .blend into `out`, killed at moments that `rng` chooses."""
+
+    def __init__(self, blend: Path, out: Path, first: int, last: int, rng: np.random.Generator) -> None:
+        self._arguments = [str(blend), str(out), str(first), str(last)]
+        self.out, self._files, self._rng = out, [out / f"{n:06}.exr" for n in range(first, last + 1)], rng
+
+    def run(self, kills: int, note: Callable[[str], None]) -> Damage:
+        """Kill -9 so many times, each after at least three more frames; the same command again; at last to its end."""
+        for k in range(kills):
+            self._kill_once()
+            note(f"plain Blender: kill {k + 1} of {kills}, {self._there()} frames")
+        self._start().wait()
+        return self.damage(kills)
+
+    def _start(self) -> subprocess.Popen:
+        command = [sys.executable, "-m", __name__, *self._arguments]
+        with open(self.out.with_suffix(".log"), "ab") as log:
+            return subprocess.Popen(command, stdout=log, stderr=log)
+
+    def _kill_once(self) -> None:
+        process, before = self._start(), self._there()
+        while self._there() < before + FRAMES_BETWEEN:
+            if process.poll() is not None:
+                raise WorkError(
+                    f"plain Blender ended before it could be killed; its log: {self.out.with_suffix('.log')}"
+                )
+            time.sleep(0.01)
+        time.sleep(self._rng.uniform(0, 0.3))
+        process.kill()
+        process.wait()
+
+    def damage(self, kills: int) -> Damage:
+        """What lies there: files that are no whole picture, and none, or an empty placeholder."""
+        filled = [file for file in self._files if _size(file)]
+        broken = sum(not _readable(file) for file in filled)
+        return Damage(len(self._files), kills, broken, len(self._files) - len(filled))
+
+    def _there(self) -> int:
+        return sum(_size(file) > 0 for file in self._files)
+
+
+def _size(file: Path) -> int:
+    return file.stat().st_size if file.exists() else 0
+
+
+def _readable(file: Path) -> bool:
+    try:
+        return all(np.isfinite(channel).all() for channel in read_exr(file).values())
+    except InputError:
+        return False
+
+
+if __name__ == "__main__":
+    render_animation(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
