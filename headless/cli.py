@@ -13,10 +13,10 @@ from contextlib import suppress
 from typing import NoReturn
 
 from iclnuim import __version__
-from iclnuim.errors import IclnuimError
+from iclnuim.errors import IclnuimError, InputError
 
 from .console import Console
-from .options import check_pictures
+from .options import check_pictures, option_name
 
 #: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
 COMMANDS = {
@@ -73,6 +73,9 @@ def command() -> NoReturn:
 def _guarded(command: str, argv: list[str]) -> int:
     try:
         return _run(command, argv)
+    except InputError as error:
+        print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
+        return error.exit_code
     except IclnuimError as error:
         print(f"iclnuim {command}: {error}", file=sys.stderr)
         return error.exit_code

@@ -3,9 +3,64 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from iclnuim.formats.files import check_picture
+from iclnuim.settings import Setting, Settings, declared
+
+S = TypeVar("S", bound=Settings)
+
+
+def add_settings(
+    parser: argparse.ArgumentParser, group: type[Settings], only: Iterable[str] | None = None, **defaults: object
+) -> None:
+    """An option for every declared setting of a group, or for those named in `only`; an option that is not given is None.
+
+    `defaults`: what the help calls the default where a command has another one than the declaration.
+    """
+    for name, declaration in declared(group).items():
+        if declaration.option and (only is None or name in only):
+            _add_setting(parser, declaration, defaults.get(name, declaration.default))
+
+
+def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: object) -> None:
+    unit = f" ({s.unit})" if s.unit else ""
+    shown = f"{default:g}" if isinstance(default, float) else str(default)
+    text = f"{s.help}{unit}".replace("%", "%%")
+    if s.kind is bool and s.default is False:
+        parser.add_argument(s.option, dest=s.name, action="store_true", default=None, help=text)
+        return
+    text += "" if default is None else f"; default: {shown}".replace("%", "%%")
+    if s.kind is bool:
+        parser.add_argument(s.option, dest=s.name, action=argparse.BooleanOptionalAction, default=None, help=text)
+        return
+    kind: Callable[[str], Any] = str if s.choices is not None else _reader(s)
+    meta: Any = None if s.choices is not None else ("N" if s.kind in (int, float) else s.name.upper())
+    choices = None if s.choices is None else tuple(s.choices)
+    more: dict[str, Any] = {} if s.length is None else {"nargs": s.length}
+    parser.add_argument(s.option, dest=s.name, type=kind, choices=choices, metavar=meta, help=text, **more)
+
+
+def _reader(s: Setting) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        return s.kind(text)
+
+    read.__name__ = {int: "whole number", float: "number"}.get(s.kind, "text")  # argparse: invalid NAME value
+    return read
+
+
+def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
+    """`base` with the settings that options name. Raises InputError for a value that does not fit."""
+    names = [n for n in declared(type(base)) if only is None or n in only]
+    given = {n: getattr(args, n) for n in names if getattr(args, n, None) is not None}
+    return replace(base, **given)
+
+
+def option_name(setting: str) -> str:
+    """What the command line calls a setting, for error messages."""
+    return "--" + setting.replace("_", "-")
 
 
 def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> argparse.ArgumentParser:

@@ -1,0 +1,211 @@
+"""Settings, each declared once: default, unit, range, choices, help and source.
+
+A group of settings is a frozen dataclass derived from `Settings` whose fields are made with `setting`. Its checks and its JSON are here;
+the command's options (headless/options.py), the panel's properties (ui/properties.py) and the tables in docs/settings.md are made from
+the same declarations.
+
+    @dataclass(frozen=True)
+    class LightSettings(Settings):
+        map_size: int = setting(2048, "side of the light map", unit="texels", low=16, high=16384)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, TypeVar
+
+from .errors import InputError
+
+S = TypeVar("S", bound="Settings")
+#: value -> what it means, for people
+Choices = Mapping[str, str]
+
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The declaration of one setting, as `declared` returns it.
+
+    kind: bool, int, float or str, of each element where `length` is the number of elements of a tuple. optional: None is allowed and
+    means what `help` says. option: the command's option, empty where it has none. label: the panel's.
+    """
+
+    name: str
+    kind: type
+    default: Any
+    help: str
+    unit: str
+    low: float
+    high: float
+    source: str
+    option: str
+    label: str
+    optional: bool
+    length: int | None
+    list_choices: Callable[[], Choices] | None
+
+    @property
+    def choices(self) -> Choices | None:
+        """The values that are allowed, where they are a list."""
+        return None if self.list_choices is None else self.list_choices()
+
+    @property
+    def range(self) -> str:
+        """`in 16..16384`, `of 0 or more`, or nothing."""
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            return f"in {self.low:g}..{self.high:g}"
+        if math.isfinite(self.low):
+            return f"of {self.low:g} or more"
+        return f"of at most {self.high:g}" if math.isfinite(self.high) else ""
+
+    def checked(self, value: Any) -> Any:
+        """The value as its own type. Raises InputError, with the setting's name, for one that does not fit."""
+        if value is None and self.optional:
+            return None
+        if self.length is not None:
+            if not isinstance(value, list | tuple) or len(value) != self.length:
+                raise InputError(f"{self.length} numbers", setting=self.name, found=value)
+            return tuple(self._one(v) for v in value)
+        return self._one(value)
+
+    def _one(self, value: Any) -> Any:
+        choices = self.choices
+        if choices is not None:
+            if value not in choices:
+                raise InputError(f"one of {', '.join(choices)}", setting=self.name, found=value)
+            return value
+        if not self._fits(value):
+            unit = f" ({self.unit})" if self.unit else ""
+            words = " ".join(filter(None, (_KINDS[self.kind], self.range)))
+            raise InputError(f"{words}{unit}", setting=self.name, found=value)
+        return self.kind(value)
+
+    def _fits(self, value: Any) -> bool:
+        if self.kind is bool or self.kind is str:
+            return isinstance(value, self.kind)
+        number = isinstance(value, int if self.kind is int else int | float) and not isinstance(value, bool)
+        return number and math.isfinite(value) and self.low <= value <= self.high
+
+
+def setting(
+    default: Any,
+    help: str,
+    *,
+    unit: str = "",
+    low: float = -math.inf,
+    high: float = math.inf,
+    choices: Callable[[], Choices] | Choices | None = None,
+    source: str = "",
+    option: str | None = None,
+    label: str = "",
+) -> Any:
+    """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` the paper and its section.
+
+    choices: value -> meaning, or a function that returns it (a registry). option: the command's option where it is not `--` and the
+    name with dashes; "" for none. label: the panel's, where it is not the name.
+    """
+    listed = choices if callable(choices) or choices is None else lambda: choices
+    about = {
+        "help": help,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "source": source,
+        "option": option,
+        "label": label,
+        "list_choices": listed,
+    }
+    return dataclasses.field(default=default, metadata={"setting": about})
+
+
+@cache
+def declared(group: type) -> dict[str, Setting]:
+    """Name -> declaration of all settings of a dataclass, in their order; fields that were not made with `setting` are left out."""
+    hints = typing.get_type_hints(group)
+    fields = [f for f in dataclasses.fields(group) if "setting" in f.metadata]
+    return {f.name: _declaration(f, hints[f.name]) for f in fields}
+
+
+def _declaration(field: Any, hint: Any) -> Setting:
+    about = dict(field.metadata["setting"])
+    parts = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    optional = type(None) in parts
+    kind = next(part for part in parts if part is not type(None))
+    length = None
+    if typing.get_origin(kind) is tuple:
+        elements = typing.get_args(kind)
+        kind, length = elements[0], len(elements)
+    option = about.pop("option")
+    dashed = "--" + field.name.replace("_", "-")
+    label = about.pop("label") or field.name.replace("_", " ").capitalize()
+    return Setting(
+        name=field.name,
+        kind=kind,
+        default=field.default,
+        option=dashed if option is None else option,
+        label=label,
+        optional=optional,
+        length=length,
+        **about,
+    )
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of all groups of settings: frozen, checked when made, to and from JSON. `group` is what errors call it."""
+
+    group: ClassVar[str] = "settings"
+
+    def __post_init__(self) -> None:
+        for name, declaration in declared(type(self)).items():
+            object.__setattr__(self, name, declaration.checked(getattr(self, name)))
+
+    @classmethod
+    def from_dict(cls: type[S], content: Mapping[str, Any]) -> S:
+        """Settings by name; those left out keep their default. Raises InputError for an unknown name or a value that does not fit."""
+        refuse_unknown(content, [f.name for f in dataclasses.fields(cls)], cls.group)
+        return cls(**content)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every setting, for JSON; from_dict takes it back."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    def changed(self: S, **settings: Any) -> S:
+        """The same with other values; None means unchanged."""
+        return dataclasses.replace(self, **{name: value for name, value in settings.items() if value is not None})
+
+
+def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:
+    """Raises InputError where `content` is no mapping, or has a key that is not known."""
+    known = list(known)
+    expected = f"{group}: {', '.join(known) or 'there are none'}"
+    if not isinstance(content, Mapping):
+        raise InputError(expected, found=content)
+    unknown = sorted(set(content) - set(known))
+    if unknown:
+        raise InputError(expected, found=", ".join(unknown))
+
+
+def table(group: type) -> str:
+    """The settings of a dataclass as a Markdown table, for docs/settings.md."""
+    rows = ["| setting | option | default | unit | range | what | source |", "|---|---|---|---|---|---|---|"]
+    for s in declared(group).values():
+        reach = (
+            ", ".join(f"`{choice}`" for choice in s.choices) if s.choices is not None else s.range.removeprefix("in ")
+        )
+        default = "" if s.default is None else f"`{_plain(s.default)}`"
+        option = f"`{s.option}`" if s.option else ""
+        rows.append(f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |")
+    return "\n".join(rows)
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

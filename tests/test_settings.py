@@ -1,0 +1,82 @@
+"""Settings are declared once: checks, JSON, options and the docs' table come from the declaration."""
+
+import argparse
+import pickle
+from dataclasses import dataclass
+
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.headless.options import add_settings, option_name, settings_from
+from iclnuim.settings import Settings, declared, setting, table
+
+
+@dataclass(frozen=True)
+class Example(Settings):
+    """One setting of each kind."""
+
+    size: int = setting(2048, "side of the map", unit="texels", low=16, high=16384)
+    rate_hz: float = setting(30.0, "frames a second", unit="Hz", low=0.0, source="paper, section III")
+    sharp: bool = setting(False, "no filter")
+    smooth: bool = setting(True, "with a filter")
+    method: str = setting("se3", "how", choices={"se3": "rigid", "sim3": "with scale"})
+    sigma: tuple[float, float, float] = setting((1.0, 2.0, 3.0), "of each channel", low=0.0)
+    limit: int | None = setting(None, "at most so many; all by default", low=1, option="--at-most")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"size": 15}, "size: expected a whole number in 16..16384 (texels), found 15"),
+        ({"size": 20.0}, "size: expected a whole number in 16..16384 (texels), found 20.0"),
+        ({"size": True}, "size: expected a whole number in 16..16384 (texels), found True"),
+        ({"rate_hz": float("nan")}, "rate_hz: expected a number of 0 or more (Hz), found nan"),
+        ({"rate_hz": float("inf")}, "rate_hz: expected a number of 0 or more (Hz), found inf"),
+        ({"sharp": 1}, "sharp: expected true or false, found 1"),
+        ({"method": "affine"}, "method: expected one of se3, sim3, found affine"),
+        ({"sigma": (1, 2)}, "sigma: expected 3 numbers, found (1, 2)"),
+        ({"limit": 0}, "limit: expected a whole number of 1 or more, found 0"),
+        ({"colour": 1}, "expected settings: size, rate_hz, sharp, smooth, method, sigma, limit, found colour"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(values, message):
+    with pytest.raises(InputError) as error:
+        Example.from_dict(values)
+    assert str(error.value) == message
+
+
+def test_json_goes_both_ways():
+    made = Example(size=64, sigma=(0, 1, 2), limit=3)
+    assert Example.from_dict(made.to_dict()) == made
+    assert made.to_dict()["sigma"] == [0.0, 1.0, 2.0]
+
+
+def test_whole_numbers_become_the_settings_type():
+    assert isinstance(Example(rate_hz=15).rate_hz, float)
+
+
+def test_options_are_made_of_the_declaration():
+    parser = argparse.ArgumentParser()
+    add_settings(parser, Example)
+    args = parser.parse_args(
+        ["--size", "32", "--no-smooth", "--sharp", "--method", "sim3", "--sigma", "4", "5", "6", "--at-most", "7"]
+    )
+    assert settings_from(args, Example(rate_hz=60.0)) == Example(32, 60.0, True, False, "sim3", (4, 5, 6), 7)
+    assert settings_from(parser.parse_args([]), Example(size=99)) == Example(size=99)
+    text = " ".join(parser.format_help().split())
+    assert "side of the map (texels); default: 2048" in text
+
+
+def test_an_error_names_the_option_on_the_command_line():
+    with pytest.raises(InputError) as error:
+        Example(rate_hz=-1)
+    assert error.value.worded(option_name).startswith("--rate-hz: expected a number")
+    hinted = InputError("a sequence, or {scene} and {trajectory}", hint="{frames} 0:10")
+    assert hinted.worded(option_name) == "expected a sequence, or --scene and --trajectory; try --frames 0:10"
+    assert str(pickle.loads(pickle.dumps(error.value))) == str(error.value)
+
+
+def test_the_table_names_every_setting():
+    lines = table(Example).splitlines()
+    assert len(lines) == 2 + len(declared(Example))
+    assert lines[2] == "| `size` | `--size` | `2048` | texels | 16..16384 | side of the map |  |"
+    assert "| `--at-most` |" in lines[-1]
