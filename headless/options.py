@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from iclnuim.errors import InputError
 from iclnuim.formats.files import check_picture
 from iclnuim.settings import Setting, Settings, declared
 
@@ -18,6 +19,8 @@ def add_settings(
 ) -> None:
     """An option for every declared setting of a group, or for those named in `only`; an option that is not given is None.
 
+    Its value is kept under the option's name, so that groups whose settings share a name can share a parser. Choices are checked by
+    the declaration, whose error is one line.
     `defaults`: what the help calls the default where a command has another one than the declaration.
     """
     for name, declaration in declared(group).items():
@@ -30,17 +33,23 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: object) -
     shown = f"{default:g}" if isinstance(default, float) else str(default)
     text = f"{s.help}{unit}".replace("%", "%%")
     if s.kind is bool and s.default is False:
-        parser.add_argument(s.option, dest=s.name, action="store_true", default=None, help=text)
+        parser.add_argument(s.option, action="store_true", default=None, help=text)
         return
     text += "" if default is None else f"; default: {shown}".replace("%", "%%")
     if s.kind is bool:
-        parser.add_argument(s.option, dest=s.name, action=argparse.BooleanOptionalAction, default=None, help=text)
+        parser.add_argument(s.option, action=argparse.BooleanOptionalAction, default=None, help=text)
         return
     kind: Callable[[str], Any] = str if s.choices is not None else _reader(s)
-    meta: Any = None if s.choices is not None else ("N" if s.kind in (int, float) else s.name.upper())
-    choices = None if s.choices is None else tuple(s.choices)
+    meta = "N" if s.kind in (int, float) else s.name.upper()
+    if s.choices is not None:
+        meta = "{" + ",".join(s.choices) + "}"
     more: dict[str, Any] = {} if s.length is None else {"nargs": s.length}
-    parser.add_argument(s.option, dest=s.name, type=kind, choices=choices, metavar=meta, help=text, **more)
+    parser.add_argument(s.option, type=kind, metavar=meta, help=text, **more)
+
+
+def _key(s: Setting) -> str:
+    """Where argparse keeps the value of a setting's option: map_size of --map-size."""
+    return s.option.removeprefix("--").replace("-", "_")
 
 
 def _reader(s: Setting) -> Callable[[str], Any]:
@@ -52,10 +61,14 @@ def _reader(s: Setting) -> Callable[[str], Any]:
 
 
 def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
-    """`base` with the settings that options name. Raises InputError for a value that does not fit."""
-    names = [n for n in declared(type(base)) if only is None or n in only]
-    given = {n: getattr(args, n) for n in names if getattr(args, n, None) is not None}
-    return replace(base, **given)
+    """`base` with the settings that options name. Raises InputError, naming the option, for a value that does not fit."""
+    keys = {n: _key(s) for n, s in declared(type(base)).items() if only is None or n in only}
+    given = {n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None}
+    try:
+        return replace(base, **given)
+    except InputError as error:
+        setting = keys.get(error.setting or "", error.setting)
+        raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None
 
 
 def option_name(setting: str) -> str:

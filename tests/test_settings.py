@@ -66,6 +66,18 @@ def test_options_are_made_of_the_declaration():
     assert "side of the map (texels); default: 2048" in text
 
 
+def test_a_value_that_does_not_fit_names_its_option():
+    parser = argparse.ArgumentParser()
+    add_settings(parser, Example)
+    for given, message in (
+        (["--at-most", "0"], "--at-most: expected a whole number of 1 or more, found 0"),
+        (["--method", "affine"], "--method: expected one of se3, sim3, found affine"),
+    ):
+        with pytest.raises(InputError) as error:
+            settings_from(parser.parse_args(given), Example())
+        assert error.value.worded(option_name) == message
+
+
 def test_an_error_names_the_option_on_the_command_line():
     with pytest.raises(InputError) as error:
         Example(rate_hz=-1)
