@@ -63,15 +63,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     poses = args.poses or _truth(args.folder)
     loaded = read_trajectory(poses)
     console.note(f"{poses}: {loaded.taken.sentence}")
+    from iclnuim.formats.ply import write_ply
     from iclnuim.fusion.from_sequence import fuse_sequence
-    from iclnuim.fusion.ply import write_ply
 
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera_from(args))
     if surface.camera.assumed:
         console.note(words(surface.camera))
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")
-    write_ply(args.out, surface.mesh)
+    write_ply(args.out, surface.mesh.points, surface.mesh.triangles, colours=surface.mesh.colours)
     figures = {"mesh": str(args.out), "sequence": str(args.folder), "poses": str(poses), **surface.figures}
     write_json(args.out.with_suffix(".json"), {**_recipe(), **figures})
     if args.plot:

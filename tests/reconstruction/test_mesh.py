@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("numba")
+from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.fusion import cube_cases  # noqa: E402
 from iclnuim.fusion.mesh import Mesh, extract  # noqa: E402
-from iclnuim.fusion.ply import write_ply  # noqa: E402
 from iclnuim.fusion.volume import Volume, VolumeSettings  # noqa: E402
 
 SETTINGS = VolumeSettings(voxel_m=0.02, truncation_m=0.08, behind_m=0.08, window_blocks=16, most_blocks=4096)
@@ -114,7 +114,7 @@ def test_unseen_voxels_leave_a_hole_and_no_guess():
 def test_open3d_reads_the_file_as_it_was_written(tmp_path):
     open3d = pytest.importorskip("open3d")
     mesh = extract(filled(sphere))
-    write_ply(tmp_path / "sphere.ply", mesh)
+    write_ply(tmp_path / "sphere.ply", mesh.points, mesh.triangles, colours=mesh.colours)
     read = open3d.io.read_triangle_mesh(str(tmp_path / "sphere.ply"))
     np.testing.assert_array_equal(np.asarray(read.vertices, np.float32), mesh.points)
     np.testing.assert_array_equal(np.asarray(read.triangles), mesh.triangles)

@@ -14,9 +14,8 @@ from iclnuim.geometry.trajectory import Trajectory
 pytest.importorskip("numba")
 pytest.importorskip("open3d")
 from iclnuim.errors import InputError  # noqa: E402
-from iclnuim.fusion.mesh import Mesh  # noqa: E402
+from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.fusion.models import read_mesh  # noqa: E402
-from iclnuim.fusion.ply import write_ply  # noqa: E402
 from iclnuim.fusion.shading import picture  # noqa: E402
 from iclnuim.fusion.surface_error import Judge  # noqa: E402
 
@@ -117,7 +116,7 @@ def sequence(tmp_path, camera, looking_at):
         write_png(folder / f"rgb/{i:06}.png", np.full((120, 160, 3), (40, 80, 120), np.uint8))
     (folder / "camera.json").write_text(json.dumps(camera.to_dict()))
     write_trajectory(folder / "groundtruth.txt", Trajectory.at_rate(SE3.from_matrix(np.array(poses))), "tum")
-    write_ply(tmp_path / "model.ply", Mesh(BOX.astype(np.float32), SIDES.astype(np.int32), np.zeros((8, 0), np.uint8)))
+    write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
     return folder
 
 

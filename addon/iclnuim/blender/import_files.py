@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..errors import InputError
-from ..formats import ply_faces
+from ..formats.ply import check_ply
 from ..geometry import axes
 from . import compat
 
@@ -52,7 +52,7 @@ def importers_turn(path: Path) -> np.ndarray:
 def load(path: Path) -> None:
     """Bring the file into the open session; a .blend takes the session's place, and its scripts stay asleep. Raises InputError."""
     if path.suffix.lower() == ".ply":
-        ply_faces.check(path)
+        check_ply(path)
     logging.disable(logging.WARNING)  # readers written in Python tell every node of the file
     try:
         if path.suffix.lower() == ".blend":

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import WorkError
-from .files import atomic_write, atomic_write_text
+from . import ply
+from .files import atomic_write_text
 from .png import write_png
 from .scene_model import Look, SceneModel
 
@@ -26,16 +27,8 @@ def write_ply(path: Path, model: SceneModel) -> None:
         [model.corners_m.reshape(-1, 3).round(_DIGITS_M), model.normals.reshape(-1, 3).round(_DIGITS_NORMAL)], 1
     )
     unique, index = _unique(rows)
-    vertices = np.zeros(len(unique), [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")])
-    for column, name in enumerate(vertices.dtype.names):
-        vertices[name] = unique[:, column]
-    faces = np.zeros(len(model), [("count", "u1"), ("corners", "<i4", 3), ("instance", "<i4")])
-    faces["count"], faces["corners"], faces["instance"] = 3, index.reshape(-1, 3), model.instance
-    header = ["ply", "format binary_little_endian 1.0", "comment metres, z up", f"element vertex {len(vertices)}"]
-    header += [f"property float {name}" for name in vertices.dtype.names]
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "property int instance"]
-    head = ("\n".join([*header, "end_header"]) + "\n").encode()
-    atomic_write(path, lambda temporary: temporary.write_bytes(head + vertices.tobytes() + faces.tobytes()))
+    faces, values = index.reshape(-1, 3), {"instance": model.instance}
+    ply.write_ply(path, unique[:, :3], faces, normals=unique[:, 3:], face_values=values, comment="metres, z up")
 
 
 def write_obj(path: Path, model: SceneModel) -> None:

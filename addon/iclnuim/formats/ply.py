@@ -1,0 +1,267 @@
+"""PLY files in and out: meshes and point clouds, binary or ASCII.
+
+numpy alone, because this runs inside Blender too: Blender's own PLY reader follows a face's vertex numbers without
+checking them, so `check_ply` looks at a file first.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from .files import atomic_write, read_bytes
+
+_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+_NAMES = {"f4": "float", "u1": "uchar", "i4": "int"}
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+_LONGEST_HEADER = 1 << 16
+_INDICES = ("vertex_indices", "vertex_index")
+
+
+@dataclass(frozen=True, eq=False)
+class PlyModel:
+    """points (n, 3) float64 in the file's unit; triangles (m, 3) int64, m = 0 for a point cloud; colours (n, 3) uint8 or (n, 0)."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    colours: np.ndarray
+
+
+@dataclass
+class _Element:
+    """`vertex` or `face`: how many, and its properties as (name, type, type of the list's length or None)."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str, str | None]]
+
+    def is_plain(self) -> bool:
+        return all(length is None for _, _, length in self.properties)
+
+
+def read_ply(path: Path) -> PlyModel:
+    """The vertices of a file and its faces as triangles (polygons become fans).
+
+    Raises InputError for a file that is no PLY, ends too early, or whose faces name vertices that are not there.
+    """
+    vertices, polygons = _checked(path, True)
+    if any(name not in vertices for name in "xyz"):
+        raise InputError("vertices with x, y and z", path=path, found=", ".join(vertices) or "none")
+    fans = [
+        np.stack([corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)], 1).reshape(-1, 3)
+        for corners in polygons
+        if corners.shape[1] >= 3
+    ]
+    rgb = [vertices[name] for name in ("red", "green", "blue") if name in vertices]
+    return PlyModel(
+        np.stack([vertices[name] for name in "xyz"], -1).astype(np.float64),
+        np.concatenate(fans).astype(np.int64) if fans else np.zeros((0, 3), np.int64),
+        np.stack(rgb, -1).astype(np.uint8) if len(rgb) == 3 else np.zeros((len(vertices["x"]), 0), np.uint8),
+    )
+
+
+def check_ply(path: Path) -> None:
+    """Raises InputError where a face names a vertex that is not there, or the file ends too early."""
+    _checked(path, False)
+
+
+def write_ply(
+    path: Path,
+    points: np.ndarray,
+    triangles: np.ndarray | None = None,
+    *,
+    colours: np.ndarray | None = None,
+    normals: np.ndarray | None = None,
+    face_values: Mapping[str, np.ndarray] | None = None,
+    comment: str | None = None,
+) -> None:
+    """Binary little-endian: float x y z (n, 3), float nx ny nz, uchar red green blue; faces of triangles (m, 3) with further int
+    values (m,) by name; no face element without triangles.
+
+    Raises WorkError where it cannot be written.
+    """
+    columns = [(name, "f4", points[:, a]) for a, name in enumerate("xyz")]
+    if normals is not None:
+        columns += [(name, "f4", normals[:, a]) for a, name in enumerate(("nx", "ny", "nz"))]
+    if colours is not None and colours.shape[1]:
+        columns += [(name, "u1", colours[:, a]) for a, name in enumerate(("red", "green", "blue"))]
+    header = ["ply", "format binary_little_endian 1.0", *([f"comment {comment}"] if comment else [])]
+    header += [f"element vertex {len(points)}", *(f"property {_NAMES[kind]} {name}" for name, kind, _ in columns)]
+    data = _rows(len(points), columns)
+    if triangles is not None:
+        more = [(name, "i4", values) for name, values in (face_values or {}).items()]
+        header += [f"element face {len(triangles)}", f"property list uchar int {_INDICES[0]}"]
+        header += [f"property {_NAMES[kind]} {name}" for name, kind, _ in more]
+        data += _rows(len(triangles), [("count", "u1", 3), ("corners", "i4", triangles), *more])
+    head = "\n".join([*header, "end_header", ""]).encode()
+    atomic_write(path, lambda temporary: temporary.write_bytes(head + data))
+
+
+def _rows(count: int, columns: list[tuple]) -> bytes:
+    rows = np.empty(count, [(name, f"<{kind}", np.shape(values)[1:]) for name, kind, values in columns])
+    for name, _, values in columns:
+        rows[name] = values
+    return rows.tobytes()
+
+
+def _checked(path: Path, with_vertices: bool) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """Columns of the vertices by name ({} unless asked for), and the faces: arrays (k, corners) of vertex numbers."""
+    data = read_bytes(path, "a PLY file")
+    order, elements, start = _header(path, data)
+    count = next((e.count for e in elements if e.name == "vertex"), 0)
+    vertices: dict[str, np.ndarray] = {}
+    faces: list[np.ndarray] = []
+    for element, groups in (_ascii if order == "" else _binary)(path, data, start, order, elements):
+        if element.name == "vertex" and with_vertices:
+            rows, names = list(groups), [name for name, _, length in element.properties if length is None]
+            vertices = {name: np.concatenate([row[name] for row in rows] or [np.zeros(0)]) for name in names}
+        elif element.name == "face":
+            faces += [group[name] for group in groups for name, _, _ in element.properties if name in _INDICES]
+    for corners in faces:
+        if corners.size and not (corners.min() >= 0 and corners.max() < count):
+            raise InputError(f"faces of vertices 0..{count - 1}", path=path, found=f"vertex {int(corners.max())}")
+    return vertices, faces
+
+
+def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
+    """Byte order, elements, and where the data starts."""
+    end = data.find(b"end_header", 0, _LONGEST_HEADER)
+    if not data.startswith(b"ply") or end < 0:
+        raise InputError("a PLY file", path=path, found="no header of one")
+    order, elements = None, []
+    for number, row in enumerate(data[:end].split(b"\n"), 1):
+        line = row.decode("latin-1")
+        words = line.split()
+        try:
+            if words[:1] == ["format"]:
+                order = _ORDERS[words[1]]
+            elif words[:1] == ["element"]:
+                elements.append(_Element(words[1], int(words[2]), []))
+            elif words[:2] == ["property", "list"]:
+                elements[-1].properties.append((words[4], _TYPES[words[3]], _TYPES[words[2]]))
+            elif words[:1] == ["property"]:
+                elements[-1].properties.append((words[2], _TYPES[words[1]], None))
+        except (KeyError, IndexError, ValueError):
+            raise InputError("a line of a PLY header", path=path, line=number, found=line) from None
+    if any(e.name == "face" and not {name for name, _, _ in e.properties} & set(_INDICES) for e in elements):
+        raise InputError(f"faces with a list of {_INDICES[0]}", path=path, found="a header without it")
+    if order is None or any(not 0 <= e.count < 1 << 31 for e in elements):
+        raise InputError("a format and counts in the PLY header", path=path)
+    after = data.find(b"\n", end)
+    return order, elements, after + 1 if after >= 0 else len(data)
+
+
+def _binary(path: Path, data: bytes, at: int, order: str, elements: list[_Element]) -> Iterator[tuple[_Element, list]]:
+    """Each element with its rows: structured arrays, a new one where the lists change their length."""
+    for element in elements:
+        if element.is_plain():
+            row = np.dtype([(name, order + kind) for name, kind, _ in element.properties])
+            if at + element.count * row.itemsize > len(data):
+                raise _cut(path, element)
+            groups = [np.frombuffer(data, row, element.count, at)] if element.count and row.itemsize else []
+            at += element.count * row.itemsize
+        else:
+            at, groups = _lists(path, data, at, order, element)
+        yield element, groups
+
+
+def _lists(path: Path, data: bytes, at: int, order: str, element: _Element) -> tuple[int, list[np.ndarray]]:
+    """All rows at once while their lists are as long as the first row's; row by row from where they are not."""
+    found, done, ahead = [], 0, 64
+    while done < element.count:
+        row = _row_type(path, data, at, order, element)
+        rows = np.frombuffer(data, row, min(ahead, element.count - done, (len(data) - at) // row.itemsize), at)
+        same = np.ones(len(rows), bool)
+        for name, _, length in element.properties:
+            if length is not None:
+                same &= rows[f"count of {name}"] == row[name].shape[0]
+        like_first = len(rows) if same.all() else int(same.argmin())
+        if not like_first:
+            raise _cut(path, element)
+        found.append(rows[:like_first])
+        at, done = at + like_first * row.itemsize, done + like_first
+        ahead = 2 * ahead if like_first == ahead else 64  # rows of changing length are not looked at again and again
+    return at, found
+
+
+def _row_type(path: Path, data: bytes, at: int, order: str, element: _Element) -> np.dtype:
+    """The layout of the row at `at`."""
+    fields: list[tuple] = []
+    here = at
+    for name, kind, length in element.properties:
+        if length is None:
+            fields.append((name, order + kind))
+            here += np.dtype(kind).itemsize
+            continue
+        size = np.dtype(length).itemsize
+        if here + size > len(data):
+            raise _cut(path, element)
+        count = int(np.frombuffer(data, order + length, 1, here)[0])
+        if not 0 <= count <= len(data):
+            raise InputError("lists of a possible length", path=path, found=count)
+        fields += [(f"count of {name}", order + length), (name, order + kind, (count,))]
+        here += size + count * np.dtype(kind).itemsize
+    return np.dtype(fields)
+
+
+def _ascii(
+    path: Path, data: bytes, at: int, order: str, elements: list[_Element]
+) -> Iterator[tuple[_Element, Iterator]]:
+    """Each element with its rows, read when they are asked for: columns by name, anew where the lists change their length."""
+    lines = data[at:].splitlines()
+    done = 0
+    for element in elements:
+        rows = lines[done : done + element.count]
+        if len(rows) < element.count:
+            raise _cut(path, element)
+        done += element.count
+        yield element, _ascii_groups(path, element, rows)
+
+
+def _ascii_groups(path: Path, element: _Element, rows: list[bytes]) -> Iterator[dict[str, np.ndarray]]:
+    try:
+        if element.is_plain() and rows:
+            table = np.loadtxt(rows, ndmin=2, comments=None)
+            names = [name for name, _, _ in element.properties]
+            if table.shape != (len(rows), len(names)):
+                raise ValueError
+            yield dict(zip(names, table.T, strict=True))
+            return
+        split = [_ascii_row(element, row.split()) for row in rows]
+        for _, group in itertools.groupby(split, lambda row: [len(column) for column in row]):
+            columns = zip(*group, strict=True)
+            arrays = zip(element.properties, map(np.array, columns), strict=True)
+            yield {name: values[:, 0] if length is None else values for (name, _, length), values in arrays}
+    except (ValueError, IndexError, OverflowError):
+        raise InputError(f"{element.name} lines of numbers as the header has them", path=path) from None
+
+
+def _ascii_row(element: _Element, words: list[bytes]) -> list[list]:
+    """One list a property."""
+    columns, place = [], 0
+    for _, kind, length in element.properties:
+        count = int(words[place]) if length else 1
+        place += length is not None
+        if not 0 <= count <= len(words) - place:
+            raise IndexError
+        columns.append([(float if kind[0] == "f" else int)(word) for word in words[place : place + count]])
+        place += count
+    return columns
+
+
+def _cut(path: Path, element: _Element) -> InputError:
+    return InputError(f"{element.count} of {element.name}", path=path, found="the end of the file")
