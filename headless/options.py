@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -69,6 +70,32 @@ def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None 
     except InputError as error:
         setting = keys.get(error.setting or "", error.setting)
         raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None
+
+
+def renamed(parser: argparse._ActionsContainer, old: str, new: str, **how: Any) -> None:
+    """Option `old` is still understood as `new`, with a note on standard error; `how` as add_argument has it (type, nargs, ...).
+
+    To be called after `new` was added, with the same `dest` in `how` where `new` has one of its own.
+    """
+    dest = how.pop("dest", new.lstrip("-").replace("-", "_"))
+    how = {"action": _Renamed, "default": argparse.SUPPRESS, "help": argparse.SUPPRESS, **how}
+    parser.add_argument(old, dest=dest, new=new, **how)
+
+
+class _Renamed(argparse.Action):
+    """Stores the value (True where the option takes none), and says what the option is called now."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, new: str, **how: Any) -> None:
+        super().__init__(option_strings, dest, **how)
+        self.new = new
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        print(
+            f"note: {option_string} is now called {self.new}; the old name goes with the next release", file=sys.stderr
+        )
+        setattr(namespace, self.dest, True if self.nargs == 0 else values)
 
 
 def option_name(setting: str) -> str:

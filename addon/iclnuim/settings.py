@@ -125,9 +125,13 @@ def setting(
     return dataclasses.field(default=default, metadata={"setting": about})
 
 
-@cache
 def declared(group: type) -> dict[str, Setting]:
     """Name -> declaration of all settings of a dataclass, in their order; fields that were not made with `setting` are left out."""
+    return _declarations(group)
+
+
+@cache
+def _declarations(group: type) -> dict[str, Setting]:
     hints = typing.get_type_hints(group)
     fields = [f for f in dataclasses.fields(group) if "setting" in f.metadata]
     return {f.name: _declaration(f, hints[f.name]) for f in fields}
