@@ -8,21 +8,24 @@ postprocess.absolute_trajectory_error("noisy/groundtruth.txt", "estimate.txt").t
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .dataset.frames import image_frames, run_frames
+from .dataset.frames import FrameSource, image_frames, run_frames
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
+from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from .formats.trajectories import read_trajectory
 from .geometry.camera import PinholeCamera
+from .geometry.trajectory import Trajectory
 from .sensor.models import depth_model, rgb_model
 from .sensor.randomness import DEPTH, RGB, frame_generator
 
 Settings = Mapping[str, Any]
+TrajectoryOrFile = Trajectory | str | os.PathLike[str]
 
 
 def noisy_depth(
@@ -33,16 +36,25 @@ def noisy_depth(
     frame: int = 0,
     settings: Settings | None = None,
 ) -> np.ndarray:
-    """(h, w) planar depth in metres, 0 = missing -> the same with the noise of a model (sensor/models.py), float32."""
+    """Planar depth (h, w) in metres, 0 = missing, -> the same with the noise of a sensor model, float32.
+
+    model: a key of DEPTH_MODELS, or `module:function`; settings: the model's own, by name (docs/sensor.md). camera: default is the
+    benchmark's view, scaled to the image's width. The noise is a function of seed and frame number alone. Raises InputError for an
+    unknown model or setting.
+    """
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
     return depth_model(model, settings).apply(depth_z_m, camera, frame_generator(seed, frame, DEPTH))
 
 
 def noisy_rgb(
-    light: np.ndarray, model: str = "paper", seed: int = 0, frame: int = 0, settings: Settings | None = None
+    rgb: np.ndarray, model: str = "paper", seed: int = 0, frame: int = 0, settings: Settings | None = None
 ) -> np.ndarray:
-    """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8 with the noise of a model."""
-    return rgb_model(model, settings).apply(light, frame_generator(seed, frame, RGB))
+    """Scene-linear RGB (h, w, 3), 1 = white, -> sRGB (h, w, 3) uint8 with the noise of a sensor model.
+
+    model: a key of RGB_MODELS, or `module:function`; settings: the model's own, by name (docs/sensor.md). The noise is a function of
+    seed and frame number alone. Raises InputError for an unknown model or setting.
+    """
+    return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))
 
 
 def make_sequence(
@@ -55,16 +67,54 @@ def make_sequence(
     depth_settings: Settings | None = None,
     rgb_settings: Settings | None = None,
 ) -> WrittenSequence:
-    """A sequence from a run's EXR frames, or from a sequence of PNG pairs; goes on where it was stopped."""
+    """A sequence from the EXR frames of a run folder, or from a sequence of PNG pairs, with noise; resumes one that was interrupted.
+
+    Raises InputError where `frames` holds neither or `out` holds another sequence, WorkError where a file cannot be written.
+    """
     folder = Path(frames)
     source = run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
     settings = SequenceSettings(depth_model(depth_noise, depth_settings), rgb_model(rgb_noise, rgb_settings), seed)
     return write_sequence(source, Path(out), settings, dialects)
 
 
+def frames_from(
+    camera: PinholeCamera,
+    trajectory: Trajectory,
+    load: Callable[[int], tuple[np.ndarray, np.ndarray]],
+    name: str = "own",
+) -> FrameSource:
+    """Frames of a renderer or simulator of one's own, for write_sequence: frame i has the stamp and the pose i of the trajectory.
+
+    load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = nothing there, both of the
+    camera's size; it may be called in any order and from several threads. `name` stands in the sequence's recipe.
+    """
+    stamps_s = dict(enumerate(trajectory.stamps_s.tolist()))
+    return FrameSource(
+        camera, tuple(stamps_s), stamps_s, load, lambda numbers: trajectory[np.array(numbers)], {"frames": name}
+    )
+
+
 def absolute_trajectory_error(
-    truth: str | os.PathLike[str], estimate: str | os.PathLike[str], settings: AbsoluteErrorSettings | None = None
+    truth: TrajectoryOrFile, estimate: TrajectoryOrFile, settings: AbsoluteErrorSettings | None = None
 ) -> AbsoluteError:
-    """ATE of an estimate file against a ground-truth file, each in any format that can be read."""
-    reference, other = (read_trajectory(path).trajectory for path in (truth, estimate))
-    return absolute_error(reference, other, settings or AbsoluteErrorSettings())
+    """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
+
+    By default stamps within 20 ms are associated and the estimate is aligned by SE(3). `.translation_m.rmse` is the figure papers print.
+    Raises InputError for a file that cannot be read, where no stamps agree, and where the poses do not determine the alignment.
+    """
+    return absolute_error(_trajectory(truth), _trajectory(estimate), settings)
+
+
+def relative_pose_error(
+    truth: TrajectoryOrFile, estimate: TrajectoryOrFile, settings: RelativeErrorSettings | None = None
+) -> RelativeError:
+    """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
+
+    By default over all pairs of neighbouring frames; settings choose another delta in frames, seconds or metres. Raises InputError for a
+    file that cannot be read, where no stamps agree, and where no two poses are delta apart.
+    """
+    return relative_error(_trajectory(truth), _trajectory(estimate), settings)
+
+
+def _trajectory(given: TrajectoryOrFile) -> Trajectory:
+    return given if isinstance(given, Trajectory) else read_trajectory(given).trajectory

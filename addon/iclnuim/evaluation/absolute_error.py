@@ -22,6 +22,8 @@ from .statistics import Completeness, ErrorStatistics
 
 @dataclass(frozen=True)
 class AbsoluteErrorSettings:
+    """How poses are associated by their stamps, and how the estimate is aligned with the reference."""
+
     association: AssociationSettings = field(default_factory=AssociationSettings)
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
 
