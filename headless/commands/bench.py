@@ -14,6 +14,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 
+from ..benchmark import evaluate_times
 from ..console import Console
 from ..options import action, subcommands
 from . import bench_odometry
@@ -24,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_render(actions)
     bench_odometry.configure(actions)
     _configure_noise(actions)
+    evaluate_times.configure(actions)
     _configure_own(actions)
 
 

@@ -1,21 +1,24 @@
 """`iclnuim evaluate`: the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe),
-and of a reconstructed surface (surface).
-
-What --json prints and --csv writes is described in error_report.py. Options are plain words and numbers here, checked
-by the settings of iclnuim.evaluation, so that nothing heavy is imported before it is needed.
+and of a reconstructed surface (surface). iclnuim.report.trajectory_report says what --json prints and --csv writes.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+from pathlib import Path
 
-from iclnuim.report.trajectory_text import error_text
+from iclnuim.errors import InputError
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
+from iclnuim.evaluation.align import AlignmentSettings
+from iclnuim.evaluation.associate import AssociationSettings
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
+from iclnuim.formats.files import atomic_write_text
+from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source, error_text
 
 from .. import surface_evaluation
 from ..console import Console
-from ..options import action, subcommands
-from ..quick_ate import quick_ate
+from ..options import action, add_settings, settings_from, subcommands
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,10 +34,7 @@ def spelled_out(argv: list[str]) -> list[str]:
     files = argv[len(named) :]
     if not files or not os.path.isdir(files[0]):
         return argv
-    from pathlib import Path
-
     from iclnuim.dataset.images import find_truth
-    from iclnuim.errors import InputError
 
     truth = find_truth(Path(files[0]))
     if truth is None and named:
@@ -48,10 +48,7 @@ def _configure_ate(actions: argparse._SubParsersAction) -> None:
     example = "iclnuim evaluate ate groundtruth.txt estimate.txt --align sim3 --plot error.png"
     parser = action(actions, "ate", "absolute trajectory error: six statistics, coverage, recall", example, run_ate)
     _files_and_times(parser)
-    add = parser.add_argument
-    add("--align", default="se3", metavar="METHOD", help="none, origin, yaw, se3 (default) or sim3 (with scale)")
-    add("--align-first", type=int, metavar="N", help="align on the first N pairs only; default: all")
-    add("--up", default="z", metavar="AXIS", help="the axis that yaw turns about, x, y or z (default)")
+    add_settings(parser, AlignmentSettings)
 
 
 def _configure_rpe(actions: argparse._SubParsersAction) -> None:
@@ -60,12 +57,9 @@ def _configure_rpe(actions: argparse._SubParsersAction) -> None:
     _files_and_times(parser)
     add = parser.add_argument
     add("--delta", default="1", metavar="D", help="30 (frames), 1s (seconds) or 0.5m (metres); default: 1")
-    add("--pairs", choices=("all", "consecutive"), default="all", help="from every pose (default), or end to end")
-    tolerance = "how far a stretch may be off delta (seconds; metres with all pairs); default: %(default)s"
-    add("--tolerance", type=float, default=0.1, metavar="SHARE", help=tolerance)
-    measured = "whose path metres are counted along: reference (default), or estimate as evo and the TUM tools do"
-    add("--measured-on", default="reference", metavar="WHICH", help=measured)
-    add("--correct-scale", action="store_true", help="scale the estimate first as --align sim3 would")
+    pairs = "a pair from every pose (default), or each from the end of the last"
+    add("--pairs", choices=("all", "consecutive"), default="all", help=pairs)
+    add_settings(parser, RelativeErrorSettings)
 
 
 def _files_and_times(parser: argparse.ArgumentParser) -> None:
@@ -75,36 +69,41 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
     add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, gt.freiburg, kitti ...")
     add("--reference-from", metavar="FORMAT", help="format of GT; default: by name and content, as for EST")
     add("--rate", type=float, default=30.0, metavar="HZ", help="of files that number their frames; default: 30")
-    association = "greedy (default): one-to-one as in the TUM tools; nearest: the nearest of GT for each pose of EST"
-    add("--association", default="greedy", metavar="RULE", help=association)
-    difference = "pairs differ by less than this many seconds; default: %(default)s"
-    add("--max-difference", type=float, default=0.02, metavar="S", help=difference)
-    add("--offset", type=float, default=0.0, metavar="S", help="seconds added to the stamps of EST; default: 0")
-    add("--csv", metavar="FILE", help="write the error of every pair (rpe: of every stretch) as a table")
-    add("--plot", metavar="PNG", help="draw the paths, and the error along them and over time")
+    add_settings(parser, AssociationSettings)
+    add("--csv", metavar="FILE", help="write the error of every pair as a table")
+    add("--plot", metavar="FILE", help="draw the trajectories, and the error along them and over time")
 
 
 def run_ate(args: argparse.Namespace, console: Console) -> None:
-    """By quick_ate.py where the question and both files are ordinary, else by the library, which loads longer."""
-    quick = None
-    if _asks_the_usual(args):
-        quick = quick_ate(args.reference, args.estimate, args.align, args.max_difference, args.offset)
-    if quick is None:
-        from ..trajectory_error import evaluate_ate
-
-        return evaluate_ate(args, console)
-    for which in ("reference", "estimate"):
-        console.note(f"{quick[which]['path']}: {quick[which]['taken']}")
-    return console.result(quick, error_text(quick))
+    association, alignment = settings_from(args, AssociationSettings()), settings_from(args, AlignmentSettings())
+    settings = AbsoluteErrorSettings(association, alignment)
+    _deliver(AbsoluteReport.of(*_sources(args, console), settings), args, console)
 
 
 def run_rpe(args: argparse.Namespace, console: Console) -> None:
-    from ..trajectory_error import evaluate_rpe
+    delta, unit = parse_delta(args.delta)
+    association = settings_from(args, AssociationSettings())
+    base = RelativeErrorSettings(delta, unit, args.pairs == "all", association=association)
+    settings = settings_from(args, base, ("tolerance", "measured_on", "correct_scale"))
+    _deliver(RelativeReport.of(*_sources(args, console), settings), args, console)
 
-    evaluate_rpe(args, console)
+
+def _sources(args: argparse.Namespace, console: Console) -> tuple[Source, Source]:
+    """Ground truth and estimate; how each was read is noted."""
+    reference = Source.read(args.reference, args.reference_from, args.rate)
+    console.note(f"{reference.path}: {reference.loaded.taken.sentence}")
+    estimate = Source.read(args.estimate, args.format, args.rate)
+    console.note(f"{estimate.path}: {estimate.loaded.taken.sentence}")
+    return reference, estimate
 
 
-def _asks_the_usual(args: argparse.Namespace) -> bool:
-    """Whether only options are given that quick_ate takes."""
-    unset = (args.align_first, args.format, args.reference_from, args.csv, args.plot) == (None,) * 5
-    return unset and (args.association, args.up, args.rate) == ("greedy", "z", 30.0)
+def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None:
+    if args.csv:
+        atomic_write_text(args.csv, report.csv())
+    if args.plot:
+        from iclnuim.report.charts import save
+        from iclnuim.report.trajectory_plots import error_figure
+
+        save(error_figure(report), args.plot)
+    values = report.to_dict()
+    console.result(values, error_text(values))

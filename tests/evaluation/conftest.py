@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from iclnuim.evaluation.pairs import Pairs
+from iclnuim.evaluation.associate import Pairs
 from iclnuim.geometry.se3 import SE3
 
 

@@ -5,7 +5,7 @@ import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import absolute_error_of_pairs
 from iclnuim.evaluation.align import AlignmentSettings, align, check_mirror, umeyama
-from iclnuim.evaluation.pairs import Pairs
+from iclnuim.evaluation.associate import Pairs
 from iclnuim.geometry import axes, so3
 from iclnuim.geometry.se3 import SE3
 
@@ -92,14 +92,17 @@ def line(pairs, length_m, wobble_m):
 @pytest.mark.parametrize("method", ["se3", "sim3"])
 @pytest.mark.parametrize(
     ("length_m", "wobble_m", "words"),
-    [(0.0, 0.0, "one still: every turn is open .* try --align origin"), (2.0, 1e-5, "one straight: .* --align yaw")],
+    [
+        (0.0, 0.0, "one that does not move, so its rotation is undetermined .* try the alignment origin"),
+        (2.0, 1e-5, "a straight one, .* the alignment yaw"),
+    ],
 )
 @pytest.mark.parametrize("which", ["reference", "estimated"])
 def test_a_still_or_straight_path_is_refused_with_a_weaker_alignment(wander, method, length_m, wobble_m, words, which):
     pairs = wander(1)
     poor, good = SE3(pairs.reference.rotation, line(pairs, length_m, wobble_m)), pairs.reference
     case = Pairs.of_poses(poor, good) if which == "reference" else Pairs.of_poses(good, poor)
-    with pytest.raises(InputError, match=f"{which} path that fixes .*{words}"):
+    with pytest.raises(InputError, match=f"{which} trajectory that determines .*{words}"):
         absolute_error_of_pairs(case, AlignmentSettings(method))
     assert absolute_error_of_pairs(case, AlignmentSettings("origin")).translation_error_m[0] < 1e-12
 
@@ -120,7 +123,7 @@ def test_a_straight_level_path_still_fixes_yaw_and_an_upright_one_does_not(wande
     turned_level = Pairs.of_poses(level, turned(1.0, "z") @ level)
     assert absolute_error_of_pairs(turned_level, AlignmentSettings("yaw")).translation_m.max < 1e-12
     upright = SE3(level.rotation, level.translation[:, ::-1] - level.translation[:1, ::-1] * [1, 1, 0])
-    with pytest.raises(InputError, match="across the z axis.*--align origin"):
+    with pytest.raises(InputError, match="across the z axis.*the alignment origin"):
         absolute_error_of_pairs(Pairs.of_poses(upright, upright), AlignmentSettings("yaw"))
 
 
@@ -129,7 +132,7 @@ def test_a_path_thinner_than_its_error_is_called_uncertain(wander):
     for wobble_m, uncertain in ((0.02, True), (0.5, False)):
         truth = SE3(pairs.reference.rotation, line(pairs, 3.0, wobble_m))
         estimate = SE3(truth.rotation, truth.translation + rng.normal(0, 0.05, (100, 3)))
-        assert absolute_error_of_pairs(Pairs.of_poses(truth, estimate)).alignment.turn_is_noise == uncertain
+        assert absolute_error_of_pairs(Pairs.of_poses(truth, estimate)).alignment.rotation_is_noise == uncertain
 
 
 @pytest.mark.parametrize("settings", [{"method": "best"}, {"up": "w"}, {"first": 0}])

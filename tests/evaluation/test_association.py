@@ -1,13 +1,10 @@
 """Stamps paired by the TUM rule: closest first, ties by the first stamp, then by the second, each used once."""
 
-import time
-
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation import associate as module
-from iclnuim.evaluation.associate import AssociationSettings, associate
-from iclnuim.evaluation.pairs import pair_up
+from iclnuim.evaluation.associate import AssociationSettings, associate, pair_up
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -73,12 +70,13 @@ def test_the_heap_alone_gives_the_same_pairs():
         assert sorted(zip(i.tolist(), j.tolist(), strict=True)) == sorted_loop(first, second, 0.7)
 
 
-def test_many_stamps_in_a_heap_far_from_their_partners_take_no_quadratic_time():
-    rng = np.random.default_rng(3)
+def test_many_stamps_far_from_their_partners_are_looked_at_a_constant_number_of_times(monkeypatch):
+    rng, pushed = np.random.default_rng(3), []
+    heappush = module.heapq.heappush
+    monkeypatch.setattr(module.heapq, "heappush", lambda heap, item: (pushed.append(1), heappush(heap, item)))
     first, second = np.unique(rng.uniform(0, 1, 50_000)), np.unique(rng.uniform(0, 10_000, 50_000))
-    started = time.perf_counter()
     assert len(ours(first, second, 1e9)) == min(len(first), len(second))
-    assert time.perf_counter() - started < 5
+    assert 0 < len(pushed) < 2 * (len(first) + len(second))
 
 
 def test_the_offset_is_added_to_the_second_stamps():
@@ -87,15 +85,13 @@ def test_the_offset_is_added_to_the_second_stamps():
     assert ours(first, second - 100, 0.02) == []
 
 
-def test_a_million_stamps_with_jitter_and_drift_are_paired_in_two_seconds():
+def test_stamps_with_jitter_and_drift_are_searched_a_few_times_and_never_in_the_heap(monkeypatch):
+    searched, nearest = [], module._nearest
+    monkeypatch.setattr(module, "_nearest", lambda x, y: (searched.append(len(x)), nearest(x, y))[1])
+    monkeypatch.setattr(module, "_greedy_by_heap", None)
     first, second = drifting(1_000_000, 5)
-    seconds = []
-    for _ in range(3):
-        started = time.perf_counter()
-        pairs = associate(first, second)
-        seconds.append(time.perf_counter() - started)
-    assert len(pairs) > 900_000
-    assert min(seconds) < 2
+    assert len(associate(first, second)) > 900_000
+    assert sum(searched) < 3 * (len(first) + len(second))
 
 
 @pytest.mark.slow
@@ -144,12 +140,12 @@ def test_stamps_that_repeat_or_run_backwards_are_refused(stamps):
 
 def test_no_overlap_in_time_is_named_with_the_offset_that_would_mend_it():
     first, second = (Trajectory(start + np.arange(20) / 30, SE3.identity((20,))) for start in (5.0, 1305.0))
-    with pytest.raises(InputError, match=r"no overlap in time: 1305.000..1305.633 s; try --offset -1300 "):
+    with pytest.raises(InputError, match=r"no overlap in time: 1305.000..1305.633 s; try an offset of -1300 s "):
         pair_up(first, second)
     assert len(pair_up(first, second, AssociationSettings(offset_s=-1300.0))) == 20
 
 
 def test_an_overlap_without_a_pair_in_the_window_is_named():
     first, second = (Trajectory(start + np.arange(20.0), SE3.identity((20,))) for start in (0.0, 0.5))
-    with pytest.raises(InputError, match="within 0.02 s .* try a larger --max-difference"):
+    with pytest.raises(InputError, match="within 0.02 s .* try a larger difference"):
         pair_up(first, second)

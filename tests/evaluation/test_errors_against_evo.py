@@ -4,9 +4,8 @@ import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import absolute_error_of_pairs
 from iclnuim.evaluation.align import AlignmentSettings
-from iclnuim.evaluation.pairs import Pairs
-from iclnuim.evaluation.relative_error import relative_error_of_pairs
-from iclnuim.evaluation.stretches import StretchSettings
+from iclnuim.evaluation.associate import Pairs
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error_of_pairs
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 
@@ -66,7 +65,7 @@ def test_rpe_over_frames_and_metres_equals_evo_on_a_thousand_cases(wander):
         judge = metrics.RPE(
             metrics.PoseRelation.translation_part, delta, UNITS[unit], 0.1, all_pairs, pairs_from_reference=on_reference
         )
-        settings = StretchSettings(delta, unit, all_pairs, 0.1, "reference" if on_reference else "estimate")
+        settings = RelativeErrorSettings(delta, unit, all_pairs, 0.1, "reference" if on_reference else "estimate")
         try:
             judge.process_data((path(pairs.reference), path(pairs.estimate)))
         except metrics.filters.FilterException:
@@ -85,7 +84,7 @@ def test_rpe_rotation_equals_evo(wander):
         pairs = wander(seed)
         judge = metrics.RPE(metrics.PoseRelation.rotation_angle_deg, 2, metrics.Unit.frames, all_pairs=True)
         judge.process_data((path(pairs.reference), path(pairs.estimate)))
-        ours = relative_error_of_pairs(pairs, StretchSettings(2))
+        ours = relative_error_of_pairs(pairs, RelativeErrorSettings(2))
         assert ours.rotation_deg.rmse == pytest.approx(judge.get_all_statistics()["rmse"], abs=1e-6)
 
 
@@ -99,7 +98,7 @@ def test_rpe_of_a_scaled_estimate_equals_evo_after_its_sim3_alignment(wander):
         judge = metrics.RPE(metrics.PoseRelation.translation_part, 3, metrics.Unit.frames, all_pairs=True)
         judge.process_data((reference, estimate))
         moved = Pairs(pairs.reference, scaled, pairs.stamps_s, pairs.association)
-        assert_equal(relative_error_of_pairs(moved, StretchSettings(3), correct_scale=True).translation_m, judge)
+        assert_equal(relative_error_of_pairs(moved, RelativeErrorSettings(3, correct_scale=True)).translation_m, judge)
 
 
 def test_the_official_office_path_against_a_drifting_copy_equals_evo(samples, wander):
@@ -111,5 +110,5 @@ def test_the_official_office_path_against_a_drifting_copy_equals_evo(samples, wa
         assert_equal(ours.translation_m, evo_ape(pairs, method, None, metrics.PoseRelation.translation_part))
     judge = metrics.RPE(metrics.PoseRelation.translation_part, 0.5, metrics.Unit.meters, 0.1, True)
     judge.process_data((path(pairs.reference), path(pairs.estimate)))
-    ours = relative_error_of_pairs(pairs, StretchSettings(0.5, "metres", measured_on="estimate"))
+    ours = relative_error_of_pairs(pairs, RelativeErrorSettings(0.5, "metres", measured_on="estimate"))
     assert_equal(ours.translation_m, judge)

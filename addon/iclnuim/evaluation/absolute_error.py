@@ -11,12 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..geometry import so3
-from ..geometry.se3 import SE3
+from ..geometry.se3 import SE3, read_only
 from ..geometry.trajectory import Trajectory
 from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
-from .associate import Association, AssociationSettings
-from .pairs import Pairs, pair_up
-from .read_only import read_only
+from .associate import Association, AssociationSettings, Pairs, pair_up
 from .statistics import Completeness, ErrorStatistics
 
 

@@ -1,4 +1,4 @@
-"""Moving an estimated path onto the reference: origin, yaw only, SE(3), Sim(3), and what the paths leave undetermined.
+"""Moving an estimated trajectory onto the reference: origin, yaw only, SE(3), Sim(3), and what the two leave undetermined.
 
 Least squares after Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI
 1991 (equation numbers below); for SE(3) the same minimum as Horn, "Closed-form solution of absolute orientation using
@@ -13,33 +13,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.se3 import SE3
-from .read_only import read_only
+from ..geometry.se3 import SE3, read_only
+from ..settings import Settings, setting
 
-METHODS = ("none", "origin", "yaw", "se3", "sim3")
-AXES = {"x": 0, "y": 1, "z": 2}
-#: A path whose extent in a direction is below this, or below this share of its longest extent, does not fix a turn:
-#: files are written to 0.1 mm or little better, and a hand's tremor is of millimetres.
-LEAST_EXTENT_M = 1e-4
-LEAST_EXTENT_SHARE = 1e-3
-_LEAST_MIRROR_POSES = 10
+METHODS = {
+    "none": "both share a world already",
+    "origin": "the first pose on the first pose",
+    "yaw": "rotation about the up axis, and translation",
+    "se3": "rotation and translation",
+    "sim3": "rotation, translation and scale",
+}
+#: A trajectory whose extent in a direction is below this, or below this share of its longest extent, does not determine a
+#: rotation: files are written to 0.1 mm or little better, and a hand's tremor is of millimetres.
+MIN_EXTENT_M = 1e-4
+MIN_EXTENT_SHARE = 1e-3
+_MIN_MIRROR_POSES = 10
 
 
 @dataclass(frozen=True)
-class AlignmentSettings:
-    """method: one of METHODS; first: how many pairs from the start it is computed from; up: the axis of yaw."""
+class AlignmentSettings(Settings):
+    """How the estimate is aligned with the reference before absolute errors are computed."""
 
-    method: str = "se3"
-    first: int | None = None
-    up: str = "z"
+    group = "alignment settings"
 
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"an alignment of {', '.join(METHODS)}", found=self.method)
-        if self.up not in AXES:
-            raise InputError("an up axis of x, y or z", found=self.up)
-        if self.first is not None and self.first < 1:
-            raise InputError("an alignment on at least the first 1 pose", found=self.first)
+    method: str = setting("se3", "alignment of the estimate", choices=METHODS, option="--align")
+    first: int | None = setting(None, "align on the first N pairs only; default: all", low=1, option="--align-first")
+    up: str = setting("z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +61,8 @@ class Alignment:
         return self.T_reference_estimate @ SE3(poses.rotation, self.scale * poses.translation)
 
     @property
-    def turn_is_noise(self) -> bool:
-        """The second extent is below the error left: the turn about the path's line is fixed by the error alone."""
+    def rotation_is_noise(self) -> bool:
+        """The second extent is below the error left: the rotation about the trajectory's line follows the error alone."""
         return self.method in ("se3", "sim3") and self.residual_rms_m > self.extents_m[1]
 
 
@@ -79,13 +78,13 @@ class MirrorCheck:
     def mirrored(self) -> bool:
         """A reflection fits, and far better: below a quarter of the squared error, which is more than rounding."""
         fits = self.reflection_rms_m < 0.25 * self.extent_m
-        return fits and self.rotation_rms_m > LEAST_EXTENT_M and self.reflection_rms_m < 0.5 * self.rotation_rms_m
+        return fits and self.rotation_rms_m > MIN_EXTENT_M and self.reflection_rms_m < 0.5 * self.rotation_rms_m
 
 
 def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = None) -> Alignment:
-    """The motion that lays paired estimated poses (n,) on the reference's (n,).
+    """The motion that aligns associated estimated poses (n,) with the reference's (n,).
 
-    Raises InputError where the paths are too short, straight or still to fix it, naming a weaker alignment.
+    Raises InputError where too few poses, or a straight or still trajectory, leave it undetermined; names a weaker alignment.
     """
     settings = settings or AlignmentSettings()
     if reference.shape != estimate.shape or len(reference) == 0:
@@ -98,7 +97,7 @@ def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = No
     if settings.method == "origin":
         T = reference[0] @ estimate[0].inverse()
     elif settings.method == "yaw":
-        T = _yaw(x, y, AXES[settings.up])
+        T = _yaw(x, y, "xyz".index(settings.up))
     elif settings.method in ("se3", "sim3"):
         _refuse_undetermined(extents_m, principal_extents(x), len(x), settings.method)
         T, scale = umeyama(x, y, with_scale=settings.method == "sim3")
@@ -125,10 +124,10 @@ def umeyama(x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: boo
 def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck:
     """Fit paired positions (n, 3) by a rotation and by a reflection, both with scale: only the handedness differs.
 
-    A path in a plane fits equally well either way and is never called mirrored, nor is one of a few poses, which may
-    fit by chance.
+    A trajectory in a plane fits equally well either way and is never called mirrored, nor is one of a few poses, which
+    may fit by chance.
     """
-    if len(reference_m) < _LEAST_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
+    if len(reference_m) < _MIN_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
         return MirrorCheck()
     rotation_m, reflection_m = (_residual_rms_m(reference_m, estimate_m, reflect) for reflect in (False, True))
     return MirrorCheck(rotation_m, reflection_m, float(np.linalg.norm(principal_extents(reference_m))))
@@ -145,9 +144,10 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
     a, b = (up + 1) % 3, (up + 2) % 3
     flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
     for name, extents_m in (("a reference", principal_extents(flat_y)), ("an estimated", principal_extents(flat_x))):
-        if extents_m[0] <= LEAST_EXTENT_M:
-            expected = f"{name} path that fixes a yaw alignment, moving across the {'xyz'[up]} axis"
-            raise InputError(expected, found=f"an extent of {1000 * extents_m[0]:.3g} mm", hint="--align origin")
+        if extents_m[0] <= MIN_EXTENT_M:
+            expected = f"{name} trajectory that determines a yaw alignment, moving across the {'xyz'[up]} axis"
+            found = f"an extent of {1000 * extents_m[0]:.3g} mm"
+            raise InputError(expected, found=found, hint="the alignment origin")
     mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
     covariance = (y - mean_y).T @ (x - mean_x)
     angle = np.arctan2(covariance[b, a] - covariance[a, b], covariance[a, a] + covariance[b, b])
@@ -158,22 +158,23 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
 
 
 def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str) -> None:
-    """Both paths need extents in two directions; the third may be missing (a path in a plane)."""
-    # under Sim(3) the estimate's unit of length is open, so only its shape counts
-    least_estimate_m = LEAST_EXTENT_M if method == "se3" else 0.0
-    paths = (("a reference", reference_m, LEAST_EXTENT_M), ("an estimated", estimate_m, least_estimate_m))
-    for what, extents_m, least_m in paths:
+    """Both trajectories need extents in two directions; the third may be missing (a trajectory in a plane)."""
+    # under Sim(3) the estimate's unit of length is unknown, so only its shape counts
+    min_estimate_m = MIN_EXTENT_M if method == "se3" else 0.0
+    both = (("a reference", reference_m, MIN_EXTENT_M), ("an estimated", estimate_m, min_estimate_m))
+    for name, extents_m, min_m in both:
         if used < 3:
-            how, hint = f"{used} pose{'s' * (used > 1)} where 3 are needed", "--align origin, or more poses"
-        elif extents_m[0] <= least_m:
-            how, hint = "one still: every turn is open", "--align origin"
-        elif extents_m[1] <= max(least_m, LEAST_EXTENT_SHARE * extents_m[0]):
-            how, hint = "one straight: the turn about it is open", "--align yaw if it is not upright, or --align origin"
+            found, hint = f"{used} pose{'s' * (used > 1)} where 3 are needed", "the alignment origin, or more poses"
+        elif extents_m[0] <= min_m:
+            found, hint = "one that does not move, so its rotation is undetermined", "the alignment origin"
+        elif extents_m[1] <= max(min_m, MIN_EXTENT_SHARE * extents_m[0]):
+            found = "a straight one, so the rotation about it is undetermined"
+            hint = "the alignment yaw if it is not upright, or the alignment origin"
         else:
             continue
         sizes = ", ".join(f"{1000 * e:.3g}" for e in extents_m)
-        expected = f"{what} path that fixes {'SE(3)' if method == 'se3' else 'Sim(3)'}"
-        raise InputError(expected, found=f"{how} (extents {sizes} mm)", hint=hint)
+        expected = f"{name} trajectory that determines {'SE(3)' if method == 'se3' else 'Sim(3)'}"
+        raise InputError(expected, found=f"{found} (extents {sizes} mm)", hint=hint)
 
 
 def _residual_rms_m(reference_m: np.ndarray, estimate_m: np.ndarray, reflect: bool) -> float:

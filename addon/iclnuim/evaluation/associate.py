@@ -1,4 +1,4 @@
-"""Which pose of one stamped list belongs to which of another: greedy one-to-one as in the TUM tools, or nearest.
+"""Association: which pose of one stamped list belongs to which of another, greedy one-to-one as in the TUM tools, or nearest.
 
 Both are n log n for any window. Stamps in seconds, strictly increasing; a pair needs |first - (second + offset)| <
 max_difference.
@@ -12,43 +12,44 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .read_only import read_only
+from ..geometry.se3 import SE3, read_only
+from ..geometry.trajectory import Trajectory
+from ..settings import Settings, setting
 
-METHODS = ("greedy", "nearest")
 #: A round of mutual choice that pairs fewer than 1 in this many leaves the rest to the heap: long chains go one pair
 #: a round.
 _SLOW_ROUND = 16
 
 
 @dataclass(frozen=True)
-class AssociationSettings:
-    """method: `greedy` or `nearest`; max_difference_s: pairs differ by less; offset_s: added to the second stamps."""
+class AssociationSettings(Settings):
+    """Which poses are compared with each other."""
 
-    method: str = "greedy"
-    max_difference_s: float = 0.02
-    offset_s: float = 0.0
+    group = "association settings"
 
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"an association of {' or '.join(METHODS)}", found=self.method)
-        if not 0 < self.max_difference_s < np.inf:
-            raise InputError("a largest time difference > 0 s", found=self.max_difference_s)
-        if not np.isfinite(self.offset_s):
-            raise InputError("a finite time offset in seconds", found=self.offset_s)
+    method: str = setting(
+        "greedy",
+        "which pose belongs to which",
+        choices={"greedy": "one-to-one, closest first, as in the TUM tools", "nearest": "nearest ground truth of each"},
+        option="--association",
+    )
+    max_difference_s: float = setting(
+        0.02, "stamps of a pair differ by less than this", unit="s", low=1e-9, option="--max-difference"
+    )
+    offset_s: float = setting(0.0, "added to the stamps of the estimate", unit="s", option="--offset")
 
 
 @dataclass(frozen=True, eq=False)
 class Association:
     """Pairs (first[k], second[k]) of indices, (m,) each, ordered by first, then second.
 
-    difference_s (m,): second + offset - first. The counts are those of the lists given.
+    difference_s (m,): second + offset - first. first_count: the length of the first list.
     """
 
     first: np.ndarray
     second: np.ndarray
     difference_s: np.ndarray
     first_count: int
-    second_count: int
 
     def __len__(self) -> int:
         return len(self.first)
@@ -79,7 +80,66 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
     first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
     pick = _greedy if settings.method == "greedy" else _nearest_first
     i, j = pick(first_s, second_s, settings.max_difference_s) if len(first_s) and len(second_s) else _no_pairs()
-    return Association(i, j, second_s[j] - first_s[i], len(first_s), len(second_s))
+    return Association(i, j, second_s[j] - first_s[i], len(first_s))
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Poses (n,) of the reference and of the estimate at the same times; stamps_s (n,) are the reference's."""
+
+    reference: SE3
+    estimate: SE3
+    stamps_s: np.ndarray
+    association: Association
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    @classmethod
+    def of_poses(cls, reference: SE3, estimate: SE3, rate_hz: float = 30.0) -> Pairs:
+        """Pose i with pose i, stamped i / rate."""
+        if reference.shape != estimate.shape or len(reference.shape) != 1:
+            found = f"{estimate.shape} and {reference.shape}"
+            raise InputError("as many estimated poses (n,) as reference poses", found=found)
+        index = np.arange(len(reference))
+        association = Association(index, index, np.zeros(len(index)), len(index))
+        return cls(reference, estimate, read_only(index / rate_hz), association)
+
+
+def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Pairs:
+    """Associate by time. Raises InputError where the two do not overlap, or overlap without a pair in the window."""
+    settings = settings or AssociationSettings()
+    association = associate(reference.stamps_s, estimate.stamps_s, settings)
+    if len(association) == 0:
+        raise _no_overlap(reference.stamps_s, estimate.stamps_s, settings)
+    return Pairs(
+        reference.T_world_camera[association.first],
+        estimate.T_world_camera[association.second],
+        read_only(reference.stamps_s[association.first]),
+        association,
+    )
+
+
+def _no_overlap(reference_s: np.ndarray, estimate_s: np.ndarray, settings: AssociationSettings) -> InputError:
+    if len(reference_s) == 0 or len(estimate_s) == 0:
+        return InputError("trajectories of at least one pose", found="an empty one")
+    start_s, end_s = estimate_s[[0, -1]] + settings.offset_s
+    if start_s > reference_s[-1] or end_s < reference_s[0]:
+        shift = f"{reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
+        return InputError(
+            f"stamps that overlap the ground truth's {_span(reference_s)}",
+            found=f"no overlap in time: {_span(estimate_s + settings.offset_s)}",
+            hint=f"an offset of {shift} s if both start together, or the format tum-ids if these are frame numbers",
+        )
+    return InputError(
+        f"stamps within {settings.max_difference_s:g} s of the ground truth's {_span(reference_s)}",
+        found=f"none in {_span(estimate_s + settings.offset_s)}",
+        hint="a larger difference, or an offset",
+    )
+
+
+def _span(stamps_s: np.ndarray) -> str:
+    return f"{stamps_s[0]:.3f}..{stamps_s[-1]:.3f} s"
 
 
 def _checked(stamps_s: np.ndarray) -> np.ndarray:

@@ -13,6 +13,13 @@ from ..errors import InputError
 from . import so3
 
 
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view of the same numbers that cannot be written to; the array given stays as it is."""
+    view = np.asarray(array).view()
+    view.setflags(write=False)
+    return view
+
+
 @dataclass(frozen=True, eq=False)
 class SE3:
     """Rotation (..., 3, 3) and translation (..., 3) in metres, float64, read-only.
@@ -30,9 +37,8 @@ class SE3:
             raise InputError(
                 "rotation (..., 3, 3) and translation (..., 3)", found=f"{rotation.shape} and {translation.shape}"
             )
-        for name, array in (("rotation", rotation), ("translation", translation)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        object.__setattr__(self, "rotation", read_only(rotation))
+        object.__setattr__(self, "translation", read_only(translation))
 
     # -- made from ---------------------------------------------------------------------------------------------------
 

@@ -12,7 +12,6 @@ from ..dataset.images import read_truth
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import absolute_error
 from ..evaluation.relative_error import RelativeErrorSettings, relative_error
-from ..evaluation.stretches import StretchSettings
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -24,7 +23,7 @@ from .track import Tracked, Tracker
 
 #: makes a Reference of an odometer and a camera
 Referee = Callable[[Odometer, PinholeCamera], Reference]
-_SECOND = RelativeErrorSettings(StretchSettings(1.0, "seconds"))
+_SECOND = RelativeErrorSettings(1.0, "seconds")
 
 
 @dataclass(frozen=True, eq=False)

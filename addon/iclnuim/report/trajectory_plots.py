@@ -1,4 +1,4 @@
-"""Charts of a trajectory's error: paths, error along the path, error over time. Needs Matplotlib: import it late."""
+"""Charts of a trajectory's error: both trajectories, error along them, error over time. Imports Matplotlib: import it late."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..geometry.se3 import SE3
-from .trajectory_report import AbsoluteReport, RelativeReport, Report
-from .trajectory_text import title
+from .trajectory_report import AbsoluteReport, RelativeReport, Report, title
 
 REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
 #: A line is broken where stamps are this many usual steps apart, so that missing frames show.
@@ -35,15 +34,15 @@ def widest_plane(poses: SE3) -> tuple[int, int]:
     return a, b
 
 
-def _draw_absolute(report: AbsoluteReport, paths: Axes, along: Axes, over_time: Axes, rotation: Axes) -> None:
+def _draw_absolute(report: AbsoluteReport, both: Axes, along: Axes, over_time: Axes, rotation: Axes) -> None:
     result = report.result
-    truth = report.reference.loaded.trajectory  # all of it, so that what the estimate lacks can be seen
+    truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
     plane = widest_plane(truth.T_world_camera)
-    _path(paths, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
-    _path(paths, result.stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
-    paths.set_title("paths")
-    paths.legend()
-    _coloured_path(along, result.aligned, plane, result.translation_error_m)
+    _trajectory(both, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
+    _trajectory(both, result.stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
+    both.set_title("trajectories")
+    both.legend()
+    _coloured_positions(along, result.aligned, plane, result.translation_error_m)
     along.set_title("the estimate, coloured by its error")
     _errors_over_time(over_time, rotation, result.stamps_s, result.translation_error_m, result.rotation_error_rad)
 
@@ -52,18 +51,18 @@ def _draw_relative(report: RelativeReport, shares: Axes, along: Axes, over_time:
     result = report.result
     errors_m = np.sort(result.translation_error_m)
     shares.plot(errors_m, 100 * np.arange(1, len(errors_m) + 1) / len(errors_m), color=ESTIMATE_COLOUR)
-    shares.set(title="stretches within an error", xlabel="translation error (m)", ylabel="share of stretches (%)")
+    shares.set(title="RPE pairs within an error", xlabel="translation error (m)", ylabel="share of RPE pairs (%)")
     shares.set(xlim=(0, None), ylim=(0, 102))
     starts = result.reference[result.start]
     plane = widest_plane(result.reference)
-    _path(along, result.stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
-    _coloured_path(along, starts, plane, result.translation_error_m)
-    along.set_title("where the stretches start, coloured by their error")
+    _trajectory(along, result.stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
+    _coloured_positions(along, starts, plane, result.translation_error_m)
+    along.set_title("where the RPE pairs start, coloured by their error")
     stamps_s = result.stamps_s[result.start]
     _errors_over_time(over_time, rotation, stamps_s, result.translation_error_m, result.rotation_error_rad)
 
 
-def _path(
+def _trajectory(
     chart: Axes, stamps_s: np.ndarray, poses: SE3, plane: tuple[int, int], colour: str, label: str, width: float = 1.2
 ) -> None:
     _, broken = _with_gaps(stamps_s, poses.translation)
@@ -71,7 +70,7 @@ def _path(
     _label_plane(chart, plane)
 
 
-def _coloured_path(chart: Axes, poses: SE3, plane: tuple[int, int], errors_m: np.ndarray) -> None:
+def _coloured_positions(chart: Axes, poses: SE3, plane: tuple[int, int], errors_m: np.ndarray) -> None:
     dots = chart.scatter(
         poses.translation[:, plane[0]], poses.translation[:, plane[1]], c=errors_m, s=7, cmap="viridis", zorder=3
     )

@@ -1,9 +1,9 @@
-"""Trajectory errors for programs: a dictionary for JSON (error_text.py makes the table of it), rows for CSV.
+"""Trajectory errors of two files as a report: a dictionary for JSON, a table for the terminal, rows for CSV.
 
 JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, shares 0..1):
 
     metric                "ate"
-    reference, estimate   {path, poses, taken}: taken is a sentence on how the file was read
+    reference, estimate   {path, poses, taken}: taken says how the file was read
     settings              {association {method, max_difference_s, offset_s}, alignment {method, first, up}}
     pairs                 how many poses were compared; largest_difference_s between their stamps beside it
     translation_error_m   {rmse, mean, median, std, min, max}
@@ -13,26 +13,32 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     mirror                {mirrored, rotation_rms_m, reflection_rms_m}
     warnings              list of sentences, empty when all is well
 
-Of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment;
-settings hold {association, stretch {delta, unit, all_pairs, tolerance, measured_on}, correct_scale}; stretches counts
-them, scale is the factor applied.
+JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment; settings
+hold {stretch {delta, unit, all_pairs, tolerance, measured_on}, association, correct_scale}; stretches is the number of
+RPE pairs, scale the factor applied.
 
-CSV of ate, a row a pair: reference_index, estimate_index, reference_stamp_s, time_difference_s, translation_error_m,
-rotation_error_deg, x_m, y_m, z_m (the aligned estimate). Of rpe, a row a stretch: start_index, end_index (in the
+CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s, translation_error_m,
+rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row per RPE pair: start_index, end_index (in the
 ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_deg.
 """
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
+from ..errors import InputError
+from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from ..evaluation.align import Alignment, MirrorCheck
-from ..evaluation.relative_error import RelativeError, RelativeErrorSettings
+from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..formats.loaded import LoadedTrajectory
+from ..formats.trajectories import read_trajectory
 
+STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"
 
 
@@ -42,6 +48,11 @@ class Source:
 
     path: str
     loaded: LoadedTrajectory
+
+    @classmethod
+    def read(cls, path: str, format: str | None = None, rate_hz: float = 30.0) -> Source:
+        """From a file of a named format, or of one recognised; rate_hz is for files that number their frames. Raises InputError."""
+        return cls(path, read_trajectory(path, format, rate_hz=rate_hz))
 
     def to_dict(self) -> dict:
         return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.taken.sentence}
@@ -56,15 +67,23 @@ class AbsoluteReport:
     settings: AbsoluteErrorSettings
     result: AbsoluteError
 
+    @classmethod
+    def of(cls, reference: Source, estimate: Source, settings: AbsoluteErrorSettings) -> AbsoluteReport:
+        """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
+        with _naming(estimate):
+            result = absolute_error(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
+        return cls(reference, estimate, settings, result)
+
     @property
     def warnings(self) -> list[str]:
-        return [*_mirror_warning(self.result.mirror, self.estimate), *_turn_warning(self.result.alignment)]
+        return [*_mirror_warning(self.result.mirror, self.estimate), *_rotation_warning(self.result.alignment)]
 
     def to_dict(self) -> dict:
         alignment = self.result.alignment
         return {
             "metric": "ate",
-            **_common(self),
+            **_files(self),
+            "settings": asdict(self.settings),
             "pairs": len(self.result.stamps_s),
             "largest_difference_s": _largest_difference_s(self.result),
             **_errors(self.result),
@@ -102,14 +121,24 @@ class RelativeReport:
     settings: RelativeErrorSettings
     result: RelativeError
 
+    @classmethod
+    def of(cls, reference: Source, estimate: Source, settings: RelativeErrorSettings) -> RelativeReport:
+        """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
+        with _naming(estimate):
+            result = relative_error(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
+        return cls(reference, estimate, settings, result)
+
     @property
     def warnings(self) -> list[str]:
         return _mirror_warning(self.result.mirror, self.estimate)
 
     def to_dict(self) -> dict:
+        settings = asdict(self.settings)
+        rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
         return {
             "metric": "rpe",
-            **_common(self),
+            **_files(self),
+            "settings": {"stretch": settings, **rest},
             "pairs": len(self.result.stamps_s),
             "largest_difference_s": _largest_difference_s(self.result),
             "coverage": self.result.association.coverage,
@@ -130,12 +159,19 @@ class RelativeReport:
 Report = AbsoluteReport | RelativeReport
 
 
-def _common(report: Report) -> dict:
-    return {
-        "reference": report.reference.to_dict(),
-        "estimate": report.estimate.to_dict(),
-        "settings": asdict(report.settings),
-    }
+@contextmanager
+def _naming(estimate: Source) -> Iterator[None]:
+    """What cannot be compared is reported with the estimate's file."""
+    try:
+        yield
+    except InputError as error:
+        if error.path is not None:
+            raise
+        raise InputError(error.expected, path=estimate.path, found=error.found, hint=error.hint) from None
+
+
+def _files(report: Report) -> dict:
+    return {"reference": report.reference.to_dict(), "estimate": report.estimate.to_dict()}
 
 
 def _errors(result: AbsoluteError | RelativeError) -> dict:
@@ -154,20 +190,22 @@ def _diagnostics(report: Report) -> dict:
 def _mirror_warning(mirror: MirrorCheck, estimate: Source) -> list[str]:
     if not mirror.mirrored:
         return []
-    advice = "--from gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
+    advice = (
+        "reading it as gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
+    )
     if estimate.loaded.taken.handedness == "left":
-        advice = "--from tum or --from tum-ids, since it was taken as left-handed"
-    left, right = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
-    return [f"the estimate is mirrored: a reflection leaves {left}, the best rotation {right}; try {advice}"]
+        advice = "reading it as tum or tum-ids, since it was read as left-handed"
+    reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
+    return [f"the estimate is mirrored: a reflection leaves {reflected}, the best rotation {rotated}; try {advice}"]
 
 
-def _turn_warning(alignment: Alignment) -> list[str]:
-    if not alignment.turn_is_noise:
+def _rotation_warning(alignment: Alignment) -> list[str]:
+    if not alignment.rotation_is_noise:
         return []
     extent, error = (f"{1000 * length:.3g} mm" for length in (alignment.extents_m[1], alignment.residual_rms_m))
     return [
-        f"the alignment is uncertain: the path's second extent is {extent}, less than the error of {error}, "
-        "so the turn about the path's line follows the error; compare with --align origin or --align yaw"
+        f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
+        "so the rotation about its line follows the error; compare with the alignments origin and yaw"
     ]
 
 
@@ -179,3 +217,61 @@ def _csv(header: str, integers: list[np.ndarray], numbers: list[np.ndarray]) -> 
     line = ",".join(["%d"] * len(integers) + ["%.9f"] * len(numbers)) + "\n"
     rows = zip(*(column.tolist() for column in (*integers, *numbers)), strict=True)
     return header + "\n" + "".join([line % row for row in rows])
+
+
+def error_text(values: dict) -> str:
+    """The lines for the terminal, of an `ate` or `rpe` dictionary as to_dict makes it."""
+    middle = _relative(values) if values["metric"] == "rpe" else _absolute(values)
+    warnings = [f"warning: {text}" for text in values["warnings"]]
+    return "\n".join([title(values), *_statistics_table(values), *middle, *warnings])
+
+
+def title(values: dict) -> str:
+    """One line: which error of which file against which, and how."""
+    names = " against ".join(
+        os.path.basename(os.path.normpath(values[key]["path"])) for key in ("estimate", "reference")
+    )
+    how = _delta(values) if values["metric"] == "rpe" else _alignment(values)
+    return f"{values['metric'].upper()} of {names}, {how}"
+
+
+def _alignment(values: dict) -> str:
+    method = values["settings"]["alignment"]["method"]
+    if method == "none":
+        return "not aligned"
+    return f"aligned by {method}" + (f", scale {values['alignment']['scale']:.6g}" if method == "sim3" else "")
+
+
+def _delta(values: dict) -> str:
+    pair = values["settings"]["stretch"]
+    unit = {"frames": "frames" if pair["delta"] > 1 else "frame", "seconds": "s", "metres": "m"}[pair["unit"]]
+    kind = "all pairs" if pair["all_pairs"] else "end to end"
+    scale = f", scale {values['scale']:.6g}" if values["settings"]["correct_scale"] else ""
+    return f"over {pair['delta']:g} {unit}, {kind}{scale}"
+
+
+def _statistics_table(values: dict) -> list[str]:
+    rows = [f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
+    for label, key in (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg")):
+        rows.append(f"{label:16}" + "".join(f"{values[key][name]:11.6f}" for name in STATISTICS))
+    return rows
+
+
+def _absolute(values: dict) -> list[str]:
+    recall = ", ".join(
+        f"{100 * share:.1f} % within {bound.replace('cm', ' cm')}" for bound, share in values["recall"].items()
+    )
+    return [
+        _pairs(values),
+        f"of all ground-truth frames: {100 * values['coverage']:.1f} % have an estimate, {recall}",
+        f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}",
+    ]
+
+
+def _relative(values: dict) -> list[str]:
+    return [f"{values['stretches']} RPE pairs; {_pairs(values)}"]
+
+
+def _pairs(values: dict) -> str:
+    poses = f"{values['reference']['poses']} ground-truth and {values['estimate']['poses']} estimated poses"
+    return f"{values['pairs']} pairs of {poses}, stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"

@@ -5,8 +5,7 @@ import bpy
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from ..evaluation.align import AlignmentSettings
-from ..evaluation.relative_error import RelativeErrorSettings, relative_error
-from ..evaluation.stretches import StretchSettings
+from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, relative_error
 from ..formats.trajectories import read_trajectory
 from . import images, inputs, session, viewport
 from .messages import in_words
@@ -30,11 +29,7 @@ class ICLNUIM_OT_evaluate(bpy.types.Operator):
         ate = absolute_error(
             truth, estimate.trajectory, AbsoluteErrorSettings(alignment=AlignmentSettings(settings.alignment))
         )
-        rpe = relative_error(
-            truth,
-            estimate.trajectory,
-            RelativeErrorSettings(StretchSettings(*StretchSettings.parse_delta(settings.delta))),
-        )
+        rpe = relative_error(truth, estimate.trajectory, RelativeErrorSettings(*parse_delta(settings.delta)))
         held.evaluation, held.evaluation_lines = ate, _lines(ate, rpe, settings.delta)
         viewport.set_estimate(ate.aligned.translation, ate.reference.translation, ate.translation_error_m)
         session.redraw()

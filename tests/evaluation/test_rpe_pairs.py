@@ -1,11 +1,16 @@
-"""The stretches of relative error: over seconds, frames and metres, judged by plain loops."""
+"""RPE pairs: over seconds, frames and metres, judged by plain loops."""
 
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.evaluation.pairs import Pairs
-from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error, relative_error_of_pairs
-from iclnuim.evaluation.stretches import StretchSettings, stretches
+from iclnuim.evaluation.associate import Pairs
+from iclnuim.evaluation.relative_error import (
+    RelativeErrorSettings,
+    parse_delta,
+    relative_error,
+    relative_error_of_pairs,
+    rpe_pairs,
+)
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -32,24 +37,24 @@ def random_stamps(rng):
 
 
 @pytest.mark.parametrize("all_pairs", [True, False])
-def test_stretches_of_seconds_are_those_of_the_plain_loop(all_pairs):
+def test_pairs_over_seconds_are_those_of_the_plain_loop(all_pairs):
     rng = np.random.default_rng(0)
     for _ in range(200):
         stamps_s, delta_s = random_stamps(rng), float(rng.uniform(0.05, 1.5))
-        settings = StretchSettings(delta_s, "seconds", all_pairs, tolerance=float(rng.choice([0.02, 0.1, 0.5])))
+        settings = RelativeErrorSettings(delta_s, "seconds", all_pairs, tolerance=float(rng.choice([0.02, 0.1, 0.5])))
         by_loop = seconds_by_loop(stamps_s, delta_s, settings.tolerance, all_pairs)
         if not by_loop:
             with pytest.raises(InputError, match="seconds apart"):
-                stretches(stamps_s, np.zeros((len(stamps_s), 3)), settings)
+                rpe_pairs(stamps_s, np.zeros((len(stamps_s), 3)), settings)
             continue
-        start, end = stretches(stamps_s, np.zeros((len(stamps_s), 3)), settings)
+        start, end = rpe_pairs(stamps_s, np.zeros((len(stamps_s), 3)), settings)
         assert list(zip(start.tolist(), end.tolist(), strict=True)) == by_loop
 
 
 def test_rpe_over_seconds_is_the_error_of_the_motions_between_those_poses(wander):
     for seed in range(20):
         pairs = wander(seed, rate_hz=10.0)
-        ours = relative_error_of_pairs(pairs, StretchSettings(0.5, "seconds"))
+        ours = relative_error_of_pairs(pairs, RelativeErrorSettings(0.5, "seconds"))
         assert ours.start.tolist() == list(range(len(pairs) - 5)) and (ours.end - ours.start == 5).all()
         for k, metres, radians in zip(ours.start, ours.translation_error_m, ours.rotation_error_rad, strict=True):
             Q = pairs.reference[k].inverse() @ pairs.reference[k + 5]
@@ -62,7 +67,7 @@ def test_rpe_over_seconds_is_the_error_of_the_motions_between_those_poses(wander
 def test_a_camera_that_rests_counts_its_first_pose_at_each_place():
     x = np.array([0, 0, 0.5, 0.5, 0.5, 1.0, 1.0, 1.5])
     positions_m = np.stack([x, 0 * x, 0 * x], axis=1)
-    start, end = stretches(np.arange(8.0), positions_m, StretchSettings(0.5, "metres"))
+    start, end = rpe_pairs(np.arange(8.0), positions_m, RelativeErrorSettings(0.5, "metres"))
     assert list(zip(start.tolist(), end.tolist(), strict=True)) == [
         (0, 2),
         (1, 2),
@@ -74,8 +79,8 @@ def test_a_camera_that_rests_counts_its_first_pose_at_each_place():
     ]
 
 
-def test_of_two_poses_equally_far_from_delta_the_earlier_one_ends_the_stretch():
-    start, end = stretches(np.arange(4) / 4, np.zeros((4, 3)), StretchSettings(0.375, "seconds", tolerance=0.5))
+def test_of_two_poses_equally_far_from_delta_the_earlier_one_ends_the_pair():
+    start, end = rpe_pairs(np.arange(4) / 4, np.zeros((4, 3)), RelativeErrorSettings(0.375, "seconds", tolerance=0.5))
     assert list(zip(start.tolist(), end.tolist(), strict=True)) == [(0, 1), (1, 2), (2, 3)]
 
 
@@ -83,7 +88,7 @@ def test_relative_error_does_not_depend_on_where_the_estimate_stands(wander):
     for seed in range(20):
         pairs = wander(seed)
         moved = Pairs.of_poses(pairs.reference, SE3.exp([9, -5, 3, 1, 2, -1]) @ pairs.estimate)
-        a, b = (relative_error_of_pairs(p, StretchSettings(2)) for p in (pairs, moved))
+        a, b = (relative_error_of_pairs(p, RelativeErrorSettings(2)) for p in (pairs, moved))
         assert np.allclose(a.translation_error_m, b.translation_error_m, rtol=0, atol=1e-12)
         assert np.allclose(a.rotation_error_rad, b.rotation_error_rad, rtol=0, atol=1e-12)
 
@@ -91,18 +96,20 @@ def test_relative_error_does_not_depend_on_where_the_estimate_stands(wander):
 def test_metres_are_counted_along_the_truth_unless_told_otherwise(wander):
     pairs = wander(4, noise=0.0)
     doubled = Pairs.of_poses(pairs.reference, SE3(pairs.estimate.rotation, 2 * pairs.estimate.translation))
-    plain, same = (relative_error_of_pairs(p, StretchSettings(0.8, "metres")) for p in (pairs, doubled))
-    other = relative_error_of_pairs(doubled, StretchSettings(0.8, "metres", measured_on="estimate"))
+    plain, same = (relative_error_of_pairs(p, RelativeErrorSettings(0.8, "metres")) for p in (pairs, doubled))
+    other = relative_error_of_pairs(doubled, RelativeErrorSettings(0.8, "metres", measured_on="estimate"))
     assert same.end.tolist() == plain.end.tolist() != other.end.tolist()
-    corrected = relative_error_of_pairs(doubled, StretchSettings(0.8, "metres", measured_on="estimate"), True)
+    corrected = relative_error_of_pairs(
+        doubled, RelativeErrorSettings(0.8, "metres", measured_on="estimate", correct_scale=True)
+    )
     assert corrected.scale == pytest.approx(0.5) and corrected.end.tolist() == plain.end.tolist()
 
 
-def test_lost_frames_are_paired_by_time_before_stretches_are_taken(wander):
+def test_lost_frames_are_associated_by_time_before_rpe_pairs_are_formed(wander):
     pairs = wander(6, noise=0.0, n=40)
     truth, kept = Trajectory(pairs.stamps_s, pairs.reference), np.r_[0:10, 20:40]
     estimate = Trajectory(pairs.stamps_s + 0.004, pairs.estimate)[kept]
-    result = relative_error(truth, estimate, RelativeErrorSettings(StretchSettings(5 / 30, "seconds")))
+    result = relative_error(truth, estimate, RelativeErrorSettings(5 / 30, "seconds"))
     assert result.translation_m.max < 1e-12
     assert len(result.association) == 30 and len(result.start) == 20
 
@@ -112,13 +119,13 @@ def test_lost_frames_are_paired_by_time_before_stretches_are_taken(wander):
     [("10", (10, "frames")), ("0.5s", (0.5, "seconds")), ("1m", (1, "metres")), (".5 m", (0.5, "metres"))],
 )
 def test_deltas_are_read_with_their_unit(text, value):
-    assert StretchSettings.parse_delta(text) == value
+    assert parse_delta(text) == value
 
 
 @pytest.mark.parametrize("text", ["", "m", "-1", "1km", "nan", "1e3s", "one"])
 def test_deltas_without_sense_are_refused(text):
     with pytest.raises(InputError, match="a delta as 10"):
-        StretchSettings.parse_delta(text)
+        parse_delta(text)
 
 
 @pytest.mark.parametrize(
@@ -132,6 +139,6 @@ def test_deltas_without_sense_are_refused(text):
         {"delta": float("nan")},
     ],
 )
-def test_stretch_settings_out_of_range_are_refused(settings):
+def test_relative_error_settings_out_of_range_are_refused(settings):
     with pytest.raises(InputError):
-        StretchSettings(**settings)
+        RelativeErrorSettings(**settings)
