@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from iclnuim import __version__
-from iclnuim.errors import IclnuimError, InputError
+from iclnuim.errors import IclnuimError
 
 from .console import Console
 from .options import check_pictures, option_name
@@ -73,11 +73,8 @@ def command() -> NoReturn:
 def _guarded(command: str, argv: list[str]) -> int:
     try:
         return _run(command, argv)
-    except InputError as error:
-        print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
-        return error.exit_code
     except IclnuimError as error:
-        print(f"iclnuim {command}: {error}", file=sys.stderr)
+        print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print(f"iclnuim {command}: interrupted", file=sys.stderr)

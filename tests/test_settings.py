@@ -5,7 +5,7 @@ import pickle
 from dataclasses import dataclass
 
 import pytest
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, WorkError, named
 from iclnuim.headless.options import add_settings, option_name, renamed, settings_from
 from iclnuim.settings import Settings, declared, setting, table
 
@@ -85,6 +85,14 @@ def test_an_error_names_the_option_on_the_command_line():
     hinted = InputError("a sequence, or {scene} and {trajectory}", hint="{frames} 0:10")
     assert hinted.worded(option_name) == "expected a sequence, or --scene and --trajectory; try --frames 0:10"
     assert str(pickle.loads(pickle.dumps(error.value))) == str(error.value)
+
+
+def test_work_that_failed_names_options_in_its_hint_here_and_from_another_process():
+    error = WorkError("no space", hint="fewer {frames} or another {out}")
+    assert str(error) == "no space; try fewer frames or another out"
+    assert error.worded(option_name) == named(error.template, option_name)
+    assert error.worded(option_name) == "no space; try fewer --frames or another --out"
+    assert pickle.loads(pickle.dumps(error)).worded(option_name) == error.worded(option_name)
 
 
 def test_the_table_names_every_setting():

@@ -9,16 +9,36 @@ from collections.abc import Callable
 
 
 class IclnuimError(Exception):
-    """Base of every error that a user should read as one line instead of a traceback."""
+    """Base of every error that a user should read as one line instead of a traceback: `MESSAGE; try HINT`.
+
+    In a hint, `{name}` stands for the setting of that name; `worded` puts what a user calls it: an option, or a label in the panel.
+    """
 
     exit_code = 3
+
+    def __init__(self, message: str = "", *, hint: str | None = None) -> None:
+        self.message, self.hint = message, hint
+        super().__init__(self.worded())
+
+    def worded(self, name_of: Callable[[str], str] = str) -> str:
+        """The message, with settings called as `name_of` does."""
+        return self.message + (f"; try {named(self.hint, name_of)}" if self.hint else "")
+
+    @property
+    def template(self) -> str:
+        """The message with `{name}` for each setting, for a process that words it with `named`."""
+        return self.worded("{{{}}}".format)
+
+    def __reduce__(self) -> tuple:
+        """As errors from another process arrive: the same in every part."""
+        return functools.partial(type(self), hint=self.hint), (self.message,)
 
 
 class InputError(IclnuimError):
     """A file, setting or array that cannot be used as it is (exit code 2).
 
-    The message reads `FILE:LINE: SETTING: expected E, found F; try HINT`; every part but `expected` may be left out. In `expected` and
-    `hint`, `{name}` stands for the setting of that name; `worded` puts what a user calls it: an option, or a label in the panel.
+    The message reads `FILE:LINE: SETTING: expected E, found F; try HINT`; every part but `expected` may be left out. In `expected` too,
+    `{name}` stands for a setting.
     """
 
     exit_code = 2
@@ -33,32 +53,30 @@ class InputError(IclnuimError):
         found: object = None,
         hint: str | None = None,
     ) -> None:
-        self.path, self.line, self.setting, self.expected, self.found, self.hint = (
-            path, line, setting, expected, found, hint
-        )  # fmt: skip
-        super().__init__(self.worded())
+        self.path, self.line, self.setting, self.expected, self.found = path, line, setting, expected, found
+        super().__init__(expected, hint=hint)
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
         """The message, with settings called as `name_of` does."""
-
-        def named(text: str) -> str:
-            return re.sub(r"\{([a-z_]+)\}", lambda found: name_of(found[1]), text)
-
         place = "" if self.path is None else f"{os.fspath(self.path)}{'' if self.line is None else f':{self.line}'}: "
         what = "" if self.setting is None else f"{name_of(self.setting)}: "
-        text = f"{place}{what}expected {named(self.expected)}"
+        text = f"{place}{what}expected {named(self.expected, name_of)}"
         if self.found is not None:
             text += f", found {_shortened(self.found)}"
-        return text + (f"; try {named(self.hint)}" if self.hint else "")
+        return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
     def __reduce__(self) -> tuple:
-        """As errors from another process arrive: the same in every part."""
         names = ("path", "line", "setting", "found", "hint")
         return functools.partial(type(self), **{name: getattr(self, name) for name in names}), (self.expected,)
 
 
 class WorkError(IclnuimError):
     """Work that was well described but could not be done: a render, a write, a worker (exit code 3)."""
+
+
+def named(text: str, name_of: Callable[[str], str] = str) -> str:
+    """The text with every `{name}` of a setting replaced by what `name_of` calls it."""
+    return re.sub(r"\{([a-z_]+)\}", lambda found: name_of(found[1]), text)
 
 
 def _shortened(found: object, limit: int = 200) -> str:

@@ -115,7 +115,7 @@ def main(arguments: list[str]) -> int:
     try:
         return _serve(options, Path(out), emit, commands)
     except IclnuimError as error:
-        emit({"event": "error", "text": str(error), "code": error.exit_code})
+        emit({"event": "error", "text": str(error), "template": error.template, "code": error.exit_code})
         return error.exit_code
     except BaseException as error:
         traceback.print_exc()
