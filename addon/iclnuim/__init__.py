@@ -16,7 +16,7 @@ __all__ = [
     "LoadedTrajectory", "read_trajectory", "write_trajectory",
     # trajectory error: ATE and RPE
     "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError", "AbsoluteErrorSettings", "relative_error",
-    "RelativeError", "RelativeErrorSettings", "StretchSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
+    "RelativeError", "RelativeErrorSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
     # sensor noise
     "noisy_depth", "noisy_rgb", "depth_model", "rgb_model", "DEPTH_MODELS", "RGB_MODELS",
     # RGB-D sequences
@@ -40,7 +40,6 @@ _MODULES = {
     "evaluation.align": "AlignmentSettings",
     "evaluation.associate": "Association AssociationSettings associate",
     "evaluation.relative_error": "RelativeError RelativeErrorSettings relative_error",
-    "evaluation.stretches": "StretchSettings",
     "formats.trajectories": "LoadedTrajectory read_trajectory write_trajectory",
     "fusion.from_sequence": "FuseSettings FusedSurface=Surface fuse_sequence",
     "fusion.mesh": "Mesh",
@@ -74,7 +73,6 @@ if TYPE_CHECKING:
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
-    from .evaluation.stretches import StretchSettings
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .fusion.from_sequence import FuseSettings, fuse_sequence
     from .fusion.from_sequence import Surface as FusedSurface
