@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_picture
-from iclnuim.settings import Setting, Settings, declared
+from iclnuim.settings import Setting, Settings, declared, find
+
+from .console import Console
 
 S = TypeVar("S", bound=Settings)
 
@@ -40,10 +41,12 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: object) -
     if s.kind is bool:
         parser.add_argument(s.option, action=argparse.BooleanOptionalAction, default=None, help=text)
         return
-    kind: Callable[[str], Any] = str if s.choices is not None else _reader(s)
-    meta = "N" if s.kind in (int, float) else s.name.upper()
+    kind: Callable[[str], Any] = s.parse or (str if s.choices is not None else _reader(s))
+    meta = "N" if s.kind in (int, float) and not s.parse else _key(s).upper()
     if s.choices is not None:
-        meta = "{" + ",".join(s.choices) + "}"
+        meta = "{" + ",".join([*s.choices, *([s.others] if s.others else [])]) + "}"
+    if any(choice.startswith("-") for choice in s.choices or ()):
+        text += f"; with = before a minus, such as {s.option}=-z"
     more: dict[str, Any] = {} if s.length is None else {"nargs": s.length}
     parser.add_argument(s.option, type=kind, metavar=meta, help=text, **more)
 
@@ -61,10 +64,18 @@ def _reader(s: Setting) -> Callable[[str], Any]:
     return read
 
 
+def given_settings(
+    args: argparse.Namespace, group: type[Settings], only: Iterable[str] | None = None
+) -> dict[str, Any]:
+    """The settings that options name, by their names."""
+    keys = {n: _key(s) for n, s in declared(group).items() if only is None or n in only}
+    return {n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None}
+
+
 def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
     """`base` with the settings that options name. Raises InputError, naming the option, for a value that does not fit."""
-    keys = {n: _key(s) for n, s in declared(type(base)).items() if only is None or n in only}
-    given = {n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None}
+    keys = {n: _key(s) for n, s in declared(type(base)).items()}
+    given = given_settings(args, type(base), only)
     try:
         return replace(base, **given)
     except InputError as error:
@@ -92,15 +103,14 @@ class _Renamed(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
     ) -> None:
-        print(
-            f"note: {option_string} is now called {self.new}; the old name goes with the next release", file=sys.stderr
-        )
+        Console().note(f"note: {option_string} is now called {self.new}; the old name goes with the next release")
         setattr(namespace, self.dest, True if self.nargs == 0 else values)
 
 
 def option_name(setting: str) -> str:
     """What the command line calls a setting, for error messages."""
-    return "--" + setting.replace("_", "-")
+    declaration = find(setting)
+    return declaration.option if declaration and declaration.option else "--" + setting.replace("_", "-")
 
 
 def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> argparse.ArgumentParser:

@@ -1,12 +1,16 @@
 """Settings are declared once: checks, JSON, options and the docs' table come from the declaration."""
 
 import argparse
+import json
 import pickle
 from dataclasses import dataclass
 
 import pytest
 from iclnuim.errors import InputError, WorkError, named
+from iclnuim.geometry.scene_axes import SceneReading
+from iclnuim.headless.cli import main
 from iclnuim.headless.options import add_settings, option_name, renamed, settings_from
+from iclnuim.job import RenderJob, shipped_job
 from iclnuim.settings import Settings, declared, setting, table
 
 
@@ -113,3 +117,32 @@ def test_an_option_that_was_renamed_is_understood_with_a_note(capsys):
     assert vars(parser.parse_args(["--most", "5", "--whole"])) == {"max_frames": 5, "all": True}
     assert "note: --most is now called --max-frames" in capsys.readouterr().err
     assert "--most" not in parser.format_help()
+
+
+def test_a_job_checks_and_keeps_its_settings_as_recipes_have_them():
+    job = shipped_job("kt2")
+    content = job.to_dict()
+    assert list(content) == [
+        "schema_version", "sequence", "scene", "trajectory", "camera", "light", "samples", "denoise", "antialias",
+        "lambertian", "map_size", "map_samples", "seed", "exposure_s", "readout_s",
+    ]  # fmt: skip
+    whole = {**content, "exposure_s": 0, "reading": {"up": "y", "unit_m": 0.01}, "ground_truth": True}
+    assert json.dumps(RenderJob.from_dict(whole).to_dict()) == json.dumps(whole)
+    with pytest.raises(InputError, match=r"map_samples: expected a whole number in 2\.\.65536, found 1"):
+        job.changed(map_samples=1)
+    assert (job.changed(light="path").samples, job.changed(light="path").denoise) == (64, True)
+
+
+def test_one_sample_of_the_light_map_is_refused_before_anything_is_opened(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["render", "kt2", "--map-samples", "1", "--out", str(out)]) == 2
+    assert "--map-samples: expected a whole number in 2..65536, found 1" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_scenes_unit_is_a_name_or_metres():
+    parser = argparse.ArgumentParser()
+    add_settings(parser, SceneReading)
+    read = settings_from(parser.parse_args(["--scene-unit", "cm", "--up=-y"]), SceneReading(mirror="x"))
+    assert read == SceneReading("-y", 0.01, "x")
+    assert option_name("unit_m") == "--scene-unit" and option_name("exposure_s") == "--exposure"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any, ClassVar
 
 from . import shipped
 from .errors import InputError
@@ -12,6 +14,7 @@ from .formats.files import read_json
 from .geometry.camera import PinholeCamera
 from .geometry.scene_axes import SceneReading
 from .sensor.exposure import Exposure
+from .settings import Settings, declared, refuse_unknown, same_as, setting
 
 SCHEMA_VERSION = 1
 #: Effective settings where a job names none. Few samples do for baked light: only reflections and glass are sampled.
@@ -19,64 +22,63 @@ LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples":
 
 
 @dataclass(frozen=True)
-class RenderJob:
+class RenderJob(Settings):
     """What decides the pixels of a run, and nothing else (frames asked for, folder and threads do not).
 
     `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as `living_room/kt2` or a file.
-    `light` is `path` (full path tracing) or `baked` (light map; reflections and glass traced). `samples` per pixel; `denoise`
-    with OpenImageDenoise. Without `antialias` one ray passes through each pixel's centre, as in the paper (section II);
-    Z is that of the centre in any case. `lambertian` leaves reflections out. `map_size` (texels) and `map_samples`: the light map's.
-    `exposure_s` and `readout_s` (seconds): motion blur and rolling shutter of RGB, see sensor.exposure.
-    `reading`: axes and units of a scene file. `ground_truth`: instances and normals beside RGB and Z. Both are left out of the recipe where
-    nothing is asked for, so that runs from before they were there keep theirs.
+    `reading`: axes and units of a scene file. It and `ground_truth` are left out of the recipe where nothing is asked for, so that runs
+    from before they were there keep theirs.
     """
+
+    group: ClassVar[str] = "a render job"
 
     sequence: str
     scene: str
     trajectory: str
     camera: PinholeCamera = field(default_factory=PinholeCamera)
-    light: str = "baked"
-    samples: int | None = None
-    denoise: bool | None = None
-    antialias: bool = False
-    lambertian: bool = False
-    map_size: int = 2048
-    map_samples: int = 32
-    seed: int = 0
-    exposure_s: float = 0.0
-    readout_s: float = 0.0
+    light: str = setting(
+        "baked",
+        "how light is computed",
+        choices={
+            "baked": "diffuse light from a map that is baked once per scene; reflections and glass are traced",
+            "path": "every frame path traced in full; slow, follows moving things",
+        },
+        source="baked: paper, section III",
+    )
+    samples: int | None = setting(None, "rays per pixel; default: 1 baked, 64 path traced", low=1, high=65536)
+    denoise: bool | None = setting(None, "OpenImageDenoise; default: for path tracing, where this Blender has it")
+    antialias: bool = setting(
+        False, "filter RGB over 1.5 pixels; Z stays that of the pixel's centre", source="off in the paper, section II"
+    )
+    lambertian: bool = setting(False, "leave reflections out")
+    map_size: int = setting(2048, "side of the light map", unit="texels", low=16, high=16384)
+    map_samples: int = setting(32, "samples per texel of the light map, and per source of light", low=2, high=65536)
+    seed: int = setting(0, "seed of Cycles' samples and of the noise", low=0, high=2**31 - 1)
+    exposure_s: float = same_as(Exposure, "exposure_s")
+    readout_s: float = same_as(Exposure, "readout_s")
     reading: SceneReading = field(default_factory=SceneReading)
-    ground_truth: bool = False
+    ground_truth: bool = setting(
+        False, "also instances, classes and normals of every pixel, and objects.json (docs/ground_truth.md)"
+    )
 
     def __post_init__(self) -> None:
-        if self.light not in LIGHT_DEFAULTS:
-            raise InputError("light 'baked' or 'path'", found=self.light)
-        for name, value in LIGHT_DEFAULTS[self.light].items():
+        known = declared(RenderJob)
+        light = known["light"].checked(self.light)
+        for name, value in LIGHT_DEFAULTS[light].items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
-        for name, least, most in (
-            ("samples", 1, 65536),
-            ("map_size", 16, 16384),
-            ("map_samples", 1, 65536),
-            ("seed", 0, 2**31 - 1),
-        ):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise InputError(f"{name} as a whole number of {least}..{most}", found=value)
-        Exposure(self.exposure_s, self.readout_s)
-        for name in ("denoise", "antialias", "lambertian", "ground_truth"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name} true or false", found=getattr(self, name))
+        for name, declaration in known.items():
+            declaration.checked(getattr(self, name))  # the value stays as the recipe has it: 0 does not become 0.0
         for name in ("sequence", "scene", "trajectory"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
-                raise InputError(f"{name} as text", found=getattr(self, name))
+                raise InputError("text", setting=name, found=getattr(self, name))
 
     @property
     def exposure(self) -> Exposure:
         """The shutter."""
         return Exposure(self.exposure_s, self.readout_s)
 
-    def to_dict(self) -> dict:
+    def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         late = {"reading": values.pop("reading").to_dict(), "ground_truth": values.pop("ground_truth")}
@@ -84,16 +86,13 @@ class RenderJob:
         return {**made, **{key: value for key, value in late.items() if value}}
 
     @classmethod
-    def from_dict(cls, content: dict) -> RenderJob:
+    def from_dict(cls, content: Mapping[str, Any]) -> RenderJob:
         """Raises InputError for unknown keys, a newer schema_version, or values out of range."""
         content = dict(content)
         version = content.pop("schema_version", SCHEMA_VERSION)
         if version != SCHEMA_VERSION:
             raise InputError(f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim")
-        known = [f.name for f in fields(cls)]
-        unknown = sorted(set(content) - set(known))
-        if unknown:
-            raise InputError(f"the keys {', '.join(known)}", found=", ".join(unknown))
+        refuse_unknown(content, [f.name for f in fields(cls)], cls.group)
         missing = [key for key in ("sequence", "scene", "trajectory") if key not in content]
         if missing:
             raise InputError(f"the keys {', '.join(missing)}", found="a recipe without them")
@@ -105,7 +104,7 @@ class RenderJob:
             content["reading"] = SceneReading.from_dict(content["reading"])
         return cls(**content)
 
-    def changed(self, **settings: object) -> RenderJob:
+    def changed(self, **settings: Any) -> RenderJob:
         """The same job with other settings; None means unchanged. A change of light takes that light's own defaults."""
         settings = {key: value for key, value in settings.items() if value is not None}
         if settings.get("light", self.light) != self.light:
@@ -131,7 +130,7 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
     try:
         job = RenderJob.from_dict(content)
     except InputError as error:
-        raise InputError(error.expected, path=path, found=error.found, hint=error.hint) from None
+        raise InputError(error.expected, path=path, setting=error.setting, found=error.found, hint=error.hint) from None
     return replace(
         job,
         scene=_inside(path, job.scene, shipped.SCENE_NAMES),
@@ -140,7 +139,7 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
     )
 
 
-def _inside(recipe: Path, name: str, shipped_names: object) -> str:
+def _inside(recipe: Path, name: str, shipped_names: Iterable[str]) -> str:
     """A shipped name stays; a path is taken from the recipe's folder, which it may not leave."""
     if name in shipped_names:
         return name

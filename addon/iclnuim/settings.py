@@ -34,7 +34,8 @@ class Setting:
     """The declaration of one setting, as `declared` returns it.
 
     kind: bool, int, float or str, of each element where `length` is the number of elements of a tuple. optional: None is allowed and
-    means what `help` says. option: the command's option, empty where it has none. label: the panel's.
+    means what `help` says. option: the command's option, empty where it has none; parse reads its text where `kind` does not. label: the
+    panel's, which shows value * shown[1] in the unit shown[0]. others: what is allowed beside `choices`, in words.
     """
 
     name: str
@@ -50,6 +51,9 @@ class Setting:
     optional: bool
     length: int | None
     list_choices: Callable[[], Choices] | None
+    others: str
+    parse: Callable[[str], Any] | None
+    shown: tuple[str, float]
 
     @property
     def choices(self) -> Choices | None:
@@ -77,7 +81,7 @@ class Setting:
 
     def _one(self, value: Any) -> Any:
         choices = self.choices
-        if choices is not None:
+        if choices is not None and not (self.others and isinstance(value, str)):
             if value not in choices:
                 raise InputError(f"one of {', '.join(choices)}", setting=self.name, found=value)
             return value
@@ -105,11 +109,16 @@ def setting(
     source: str = "",
     option: str | None = None,
     label: str = "",
+    others: str = "",
+    parse: Callable[[str], Any] | None = None,
+    shown: tuple[str, float] | None = None,
 ) -> Any:
     """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` the paper and its section.
 
     choices: value -> meaning, or a function that returns it (a registry). option: the command's option where it is not `--` and the
-    name with dashes; "" for none. label: the panel's, where it is not the name.
+    name with dashes; "" for none. label: the panel's, where it is not the name. others: what may stand instead of a choice, such as
+    MODULE:FUNCTION; what uses the setting checks it. parse: text -> value, where the option takes more than a number. shown: the unit that
+    the panel shows, and the factor to it.
     """
     listed = choices if callable(choices) or choices is None else lambda: choices
     about = {
@@ -121,8 +130,17 @@ def setting(
         "option": option,
         "label": label,
         "list_choices": listed,
+        "others": others,
+        "parse": parse,
+        "shown": shown or (unit, 1.0),
     }
     return dataclasses.field(default=default, metadata={"setting": about})
+
+
+def same_as(group: type, name: str) -> Any:
+    """A dataclass field with the declaration that the setting `name` has in another group."""
+    field = next(f for f in dataclasses.fields(group) if f.name == name)
+    return dataclasses.field(default=field.default, metadata=field.metadata)
 
 
 def declared(group: type) -> dict[str, Setting]:
@@ -185,6 +203,17 @@ class Settings:
     def changed(self: S, **settings: Any) -> S:
         """The same with other values; None means unchanged."""
         return dataclasses.replace(self, **{name: value for name, value in settings.items() if value is not None})
+
+
+def find(name: str) -> Setting | None:
+    """The declaration of a setting by its name, in any group that is loaded; None where there is none."""
+    groups = list(Settings.__subclasses__())
+    while groups:
+        group = groups.pop(0)
+        if name in declared(group):
+            return declared(group)[name]
+        groups += group.__subclasses__()
+    return None
 
 
 def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:

@@ -20,7 +20,7 @@ from ..console import Console
 from ..farm import record, rendering, slurm_command, slurm_settings
 from ..farm.local import Care
 from ..farm.tasks import RunPlan
-from ..options import common
+from ..options import add_settings, common, given_settings
 from ..scene_options import KINDS, add_scene_options, reading_from
 
 
@@ -66,26 +66,7 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K"
     )
-    parser.add_argument("--light", choices=("baked", "path"), help="baked light map (default) or full path tracing")
-    parser.add_argument("--samples", type=int, metavar="N", help="rays a pixel; default: 1 baked, 64 path-traced")
-    parser.add_argument(
-        "--denoise", action=argparse.BooleanOptionalAction, help="OpenImageDenoise; default: for path tracing"
-    )
-    parser.add_argument(
-        "--antialias", action="store_true", default=None, help="filter RGB over the pixel; Z never changes"
-    )
-    parser.add_argument("--lambertian", action="store_true", default=None, help="leave reflections out")
-    parser.add_argument(
-        "--exposure", type=float, metavar="S", help="seconds the shutter is open: motion blur; default: 0"
-    )
-    parser.add_argument(
-        "--readout", type=float, metavar="S", help="seconds from first row to last: rolling shutter; default: 0"
-    )
-    truth = "also instances, classes and normals of every pixel, and objects.json; see docs/ground_truth.md"
-    parser.add_argument("--ground-truth", action="store_true", default=None, help=truth)
-    parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
-    parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel of the light map; default: 32")
-    parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples, and of noise; default: 0")
+    add_settings(parser, jobs.RenderJob)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -132,9 +113,7 @@ def job_from(args: argparse.Namespace) -> jobs.RenderJob:
         job = jobs.read_recipe(args.sequence) if args.sequence.endswith(".json") else jobs.shipped_job(args.sequence)
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     files = {name: _absolute(getattr(args, name)) for name in ("scene", "trajectory")}
-    settings = "light samples denoise antialias lambertian map_size map_samples seed ground_truth"
-    plain = {name: getattr(args, name) for name in settings.split()}
-    job = job.changed(camera=camera, exposure_s=args.exposure, readout_s=args.readout, **files, **plain)
+    job = job.changed(camera=camera, **files, **given_settings(args, jobs.RenderJob))
     return replace(job, reading=reading_from(args, job.reading))
 
 

@@ -145,7 +145,7 @@ def test_a_disk_that_is_full_in_the_middle_of_a_render_is_named_with_what_to_do(
     [
         ("/x: 9 frames need 1 GB; try --frames or another --out", "Folder"),
         ("expected a scene whose light can be baked; try --light path", "Path traced"),
-        ("the file's up axis is not known; --up and --units decide", "Up and Unit"),
+        ("the file's up axis is not known; --up and --scene-unit decide", "Up and Unit"),
         ("this Blender has no denoiser; try --no-denoise with more --samples", "Denoise"),
     ],
 )

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
+from ..settings import Settings, setting
 from . import axes
 
 #: Axis that points up in the file -> rotation that turns it to z.
@@ -26,42 +29,51 @@ PLAUSIBLE_M, ROOM_HEIGHT_M = (0.2, 60.0), 2.5
 CLEARLY = 1.5
 
 
+def parse_unit(text: str) -> float:
+    """Metres of `cm`, `in`, ... or of a number. Raises InputError."""
+    try:
+        return UNITS_M[text] if text in UNITS_M else float(text)
+    except ValueError:
+        raise InputError(f"a unit: {', '.join(UNITS_M)}, or metres as a number", found=text) from None
+
+
+def _full_path(text: str) -> str:
+    return str(Path(text).expanduser().resolve())
+
+
 @dataclass(frozen=True)
-class SceneReading:
-    """How a scene file is to be read; None leaves it to the file or to a guess, which is reported.
+class SceneReading(Settings):
+    """How a scene file is to be read; None leaves it to the file or to a guess, which is reported."""
 
-    up: axis that points up in the file, a key of UP. unit_m: metres of one unit. mirror: axis of the file to be mirrored first.
-    textures: a further folder that textures may come from.
-    """
+    group: ClassVar[str] = "the scene's reading"
 
-    up: str | None = None
-    unit_m: float | None = None
-    mirror: str = "none"
-    textures: str | None = None
+    up: str | None = setting(
+        None,
+        "axis of the scene's file that points up; default: the format's, or a guess, which is reported",
+        choices={axis: f"the file's {axis} axis points up" for axis in UP},
+    )
+    unit_m: float | None = setting(
+        None,
+        f"length unit of the scene's file: {', '.join(UNITS_M)}, or metres as a number; default: the format's, or a guess, which is reported",
+        unit="m",
+        low=1e-6,
+        high=1e6,
+        option="--scene-unit",
+        label="Unit",
+        parse=parse_unit,
+    )
+    mirror: str = setting(
+        "none",
+        "axis of the scene's file to mirror before all else",
+        choices={axis: "nothing is mirrored" if axis == "none" else f"the {axis} axis is mirrored" for axis in MIRRORS},
+    )
+    textures: str | None = setting(
+        None, "a further folder that the scene's textures may come from; default: its own only", parse=_full_path
+    )
 
-    def __post_init__(self) -> None:
-        if self.up is not None and self.up not in UP:
-            raise InputError(f"an axis that points up: {', '.join(UP)}", found=self.up)
-        if self.mirror not in MIRRORS:
-            raise InputError(f"an axis to mirror: {', '.join(MIRRORS)}", found=self.mirror)
-        fine = isinstance(self.unit_m, float | int) and not isinstance(self.unit_m, bool) and 1e-6 <= self.unit_m <= 1e6
-        if self.unit_m is not None and not fine:
-            raise InputError("metres of one unit, 1e-6 to 1e6", found=self.unit_m)
-        if self.textures is not None and not isinstance(self.textures, str):
-            raise InputError("a folder of textures as text", found=self.textures)
-
-    @classmethod
-    def from_dict(cls, content: object) -> SceneReading:
-        """Raises InputError for unknown keys and unfit values."""
-        known = [f.name for f in fields(cls)]
-        if not isinstance(content, dict) or set(content) - set(known):
-            raise InputError(f"an object of {', '.join(known)} as the scene's reading", found=content)
-        return cls(**content)
-
-    def to_dict(self) -> dict:
+    def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict; what is left open is left out."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {k: v for k, v in values.items() if v is not None and (k, v) != ("mirror", "none")}
+        return {k: v for k, v in super().to_dict().items() if v is not None and (k, v) != ("mirror", "none")}
 
 
 @dataclass(frozen=True)
@@ -70,14 +82,6 @@ class Shape:
 
     extent: np.ndarray
     area_facing: np.ndarray
-
-
-def parse_unit(text: str) -> float:
-    """Metres of `cm`, `in`, ... or of a number. Raises InputError."""
-    try:
-        return UNITS_M[text] if text in UNITS_M else float(text)
-    except ValueError:
-        raise InputError(f"a unit: {', '.join(UNITS_M)}, or metres as a number", found=text) from None
 
 
 def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:

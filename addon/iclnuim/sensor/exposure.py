@@ -7,12 +7,13 @@ frame's stamp, whose pose stays the ground truth. The paper counts their absence
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
+from ..settings import Settings, setting
 
 #: Between two instants of an exposure nothing moves farther than this, so that the mean shows no steps.
 STEP_PX = 1.0
@@ -22,17 +23,33 @@ _GRID_PX = 4
 
 
 @dataclass(frozen=True)
-class Exposure:
-    """exposure_s: how long each row collects light; readout_s: how long it takes to read all rows, one by one. 0: none."""
+class Exposure(Settings):
+    """How long each row collects light, and how long it takes to read all rows, one by one. 0: none."""
 
-    exposure_s: float = 0.0
-    readout_s: float = 0.0
+    group: ClassVar[str] = "exposure"
 
-    def __post_init__(self) -> None:
-        for name in ("exposure_s", "readout_s"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
-                raise InputError(f"{name} of 0..1 seconds", found=value)
+    exposure_s: float = setting(
+        0.0,
+        "how long the shutter is open: motion blur of RGB; depth stays sharp",
+        unit="s",
+        low=0.0,
+        high=1.0,
+        source="0 in the paper, section V",
+        option="--exposure",
+        label="Exposure",
+        shown=("ms", 1000.0),
+    )
+    readout_s: float = setting(
+        0.0,
+        "from the first row's exposure to the last row's: rolling shutter",
+        unit="s",
+        low=0.0,
+        high=1.0,
+        source="0 in the paper, section V",
+        option="--readout",
+        label="Readout",
+        shown=("ms", 1000.0),
+    )
 
     @property
     def instant(self) -> bool:
