@@ -155,7 +155,7 @@ def test_textures_from_outside_the_folder_are_refused_unless_allowed(exported, t
                 text.replace("tex/floor.png", "../floor.png").replace('"floor.png', '"../floor.png')
             )
     file = inside / f"room.{kind}"
-    with pytest.raises(InputError, match="own folder.*floor.png.*--textures"):
+    with pytest.raises(InputError, match="own folder.*floor.png.*textures DIR"):
         opened(file)
     opened(file, textures=str(tmp_path))
 

@@ -66,10 +66,10 @@ def _decided(path: Path, kind: str, reading: SceneReading) -> Placed:
 
 
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
-    options = [name for name, given in (("--up", reading.up), ("--scene-unit", reading.unit_m)) if given is None]
+    unknown = [name for name, given in (("up axis", reading.up), ("unit", reading.unit_m)) if given is None]
     across = sorted(np.delete(extent_m, "xyz".index(up[-1])))
     size = f"{across[1]:.3g} x {across[0]:.3g} m, {extent_m['xyz'.index(up[-1])]:.3g} m high"
-    return f"a guess from its shape ({size}), as the format does not say: {' and '.join(options)} decide"
+    return f"a guess from its shape ({size}), as the format does not say its {' and '.join(unknown)}"
 
 
 def _unit_of_blend() -> float:

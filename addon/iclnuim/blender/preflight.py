@@ -87,7 +87,7 @@ def _motion(scene: bpy.types.Scene, baked: bool) -> list[str]:
     if not moves:
         return []
     consequence = (
-        "baked light would be wrong there: render with --light path"
+        "baked light would be wrong there, path traced light is not"
         if baked
         else "each frame shows them at its own time"
     )

@@ -48,7 +48,7 @@ def _check(path: Path, target: Path, name: str, textures: str | None) -> None:
             "textures and other parts from the scene's own folder",
             path=path,
             found=name,
-            hint="moving them there, packing them into the file, or --textures DIR if DIR may be read",
+            hint="moving them there, packing them into the file, or {textures} DIR if DIR may be read",
         )
 
 

@@ -32,7 +32,7 @@ def apply(job: RenderJob) -> None:
     """Cycles on the CPU for `job`, linear 32-bit multilayer EXR with Z. Raises WorkError for a denoiser that is not there."""
     if job.denoise and not compat.has_denoiser():
         raise WorkError(
-            "this Blender has no OpenImageDenoise; try --no-denoise with more --samples, or the bpy package"
+            "this Blender has no OpenImageDenoise", hint="more {samples} without {denoise}, or the bpy package"
         )
     scene = bpy.context.scene
     _sampling(scene, job)

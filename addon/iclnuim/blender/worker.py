@@ -228,7 +228,7 @@ def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambd
                 "a scene whose light can be baked",
                 path=job.scene,
                 found=hindrance,
-                hint="rendering it with --light path",
+                hint="{light} path",
             )
         for text in preflight.findings(True):
             note(text)

@@ -84,7 +84,8 @@ class RunFolder:
         free = shutil.disk_usage(self.path).free
         if need > free:
             raise WorkError(
-                f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; try --frames or another --out"
+                f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free",
+                hint="fewer {frames} or another {out}",
             )
 
     def write_frame(
@@ -120,13 +121,13 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
         _refuse_other_recipe(existing, read_json(existing), recipe)
     elif path.is_dir() and any(path.iterdir()):
         if not _is_unstarted(path):
-            raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another --out")
+            raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another {out}")
     elif path.exists() and not path.is_dir():
-        raise InputError("a folder", path=path, found="a file", hint="another --out")
+        raise InputError("a folder", path=path, found="a file", hint="another {out}")
     try:
         (path / "exr").mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkError(f"{path}: cannot make the folder: {error.strerror or error}; try another --out") from None
+        raise WorkError(f"{path}: cannot make the folder: {error.strerror or error}", hint="another {out}") from None
     run = RunFolder(path, recipe)
     if not existing.is_file():
         write_trajectory(path / "groundtruth.txt", trajectory, "tum")
@@ -160,12 +161,14 @@ def _identity(recipe: dict) -> dict:
 def _refuse_other_recipe(file: Path, old: dict, new: dict) -> None:
     a, b = _identity(old) if isinstance(old.get("job"), dict) else {}, _identity(new)
     different = [
-        f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked"
+        f"another {key.removesuffix('_sha256')}"
+        if key.endswith("_sha256")
+        else f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked"
         for key in sorted({*a, *b})
         if a.get(key) != b.get(key)
     ]
     if different:
-        raise InputError("the run that was begun there", path=file, found="; ".join(different), hint="another --out")
+        raise InputError("the run that was begun there", path=file, found="; ".join(different), hint="another {out}")
 
 
 def _brief(value: object) -> str:
