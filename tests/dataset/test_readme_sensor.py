@@ -1,4 +1,4 @@
-"""The README's sensor of one's own does what its text says, through the command that stands there."""
+"""The user-provided noise model of docs/sensor.md does what the page says, under the name that its command uses."""
 
 import re
 import sys
@@ -11,7 +11,7 @@ from iclnuim.sensor.models import depth_model
 
 @pytest.fixture
 def model(repository, tmp_path, monkeypatch):
-    text = (repository / "README.md").read_text()
+    text = (repository / "docs/sensor.md").read_text()
     code = re.search(r"```python\n(.*?)```", text, re.S).group(1)
     name = re.search(r"--depth-noise (\w+:\w+)", text.split("```python")[1]).group(1)
     assert len(code.splitlines()) < 20

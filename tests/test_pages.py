@@ -1,0 +1,94 @@
+"""The pages keep their word: every link leads somewhere, and every command line shown is understood as it stands."""
+
+import argparse
+import importlib
+import re
+import shlex
+
+import pytest
+from iclnuim.errors import IclnuimError
+from iclnuim.headless import cli
+
+#: Pages of which every command line is parsed. Lines that show a choice or a gap (A|B, ...) are prose.
+COMMAND_PAGES = ("README.md", "addon/README.md", "trajectories/README.md", "blend/README.md", "headless/README.md")
+
+
+def pages(repository):
+    return [
+        page
+        for page in sorted(repository.rglob("*.md"))
+        if not {".venv", "node_modules", ".pytest_cache"} & set(page.relative_to(repository).parts)
+    ]
+
+
+def anchors(text):
+    """GitHub's anchors of a page's headings."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", text, flags=re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_relative_link_leads_to_a_file_and_a_heading(repository):
+    dead = []
+    for page in pages(repository):
+        for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+            if re.match(r"[a-z]+:", link):
+                continue
+            name, _, anchor = link.partition("#")
+            target = (page.parent / name).resolve() if name else page
+            if not target.exists() or (anchor and anchor not in anchors(target.read_text())):
+                dead.append(f"{page.relative_to(repository)}: {link}")
+    assert not dead, "\n".join(dead)
+
+
+def shown_commands(repository):
+    """(page, words, whether it stands in a sentence) of each `iclnuim ...` in a code block or a code span."""
+    for name in (*COMMAND_PAGES, *(f"docs/{p.name}" for p in sorted((repository / "docs").glob("*.md")))):
+        text = (repository / name).read_text()
+        blocks = re.findall(r"```sh\n(.*?)```", text, re.S)
+        spans = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.S))
+        for line in (*"\n".join(blocks).splitlines(), *spans):
+            found = re.search(r"(?:^|&& |=\S+ )(?:\.venv/bin/)?iclnuim ([a-z].*)", line)
+            if found and not re.search(r"\.\.\.|…", found[1]):
+                yield name, shlex.split(found[1], comments=True), line in spans
+
+
+def parsed(words):
+    """Builds the parser of the command and parses the words; nothing is run."""
+    module = importlib.import_module(f"iclnuim.headless.commands.{words[0].replace('-', '_')}")
+    parser = argparse.ArgumentParser(prog=f"iclnuim {words[0]}")
+    module.configure(parser)
+    return parser.parse_args(getattr(module, "spelled_out", list)(words[1:]))
+
+
+def test_every_command_line_on_the_pages_is_understood_with_the_options_of_today(
+    repository, capsys, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("my_sequence", "DIR"):  # `evaluate FOLDER est.txt` is told by the folder
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n")
+    incomplete = ("arguments are required", "expected one argument")  # a command in a sentence may name options alone
+    wrong = []
+    for page, words, in_sentence in shown_commands(repository):
+        if words[0] not in cli.COMMANDS:
+            wrong.append(f"{page}: {shlex.join(words)}: no such command")
+        if words[0] not in cli.COMMANDS or len(words) == 1:
+            continue
+        try:
+            parsed(words)
+            said = capsys.readouterr().err
+        except (SystemExit, IclnuimError) as error:
+            said = f"{capsys.readouterr().err or error}"
+        if said and not (in_sentence and any(words in said for words in incomplete)):
+            wrong.append(f"{page}: {shlex.join(words)}: {said.strip().splitlines()[-1]}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_page_of_commands_has_them_all(repository):
+    text = (repository / "docs/commands.md").read_text()
+    assert [name for name in cli.COMMANDS if f"iclnuim {name}" not in text] == []
+
+
+@pytest.mark.parametrize("name", ["docs", "tests", "addon"])
+def test_folders_have_a_page(repository, name):
+    assert (repository / name / "README.md").is_file()
