@@ -17,7 +17,7 @@ S = TypeVar("S", bound=Settings)
 
 
 def add_settings(
-    parser: argparse.ArgumentParser, group: type[Settings], only: Iterable[str] | None = None, **defaults: object
+    parser: argparse.ArgumentParser, group: type[Settings], only: Iterable[str] | None = None, **defaults: Any
 ) -> None:
     """An option for every declared setting of a group, or for those named in `only`; an option that is not given is None.
 
@@ -30,9 +30,11 @@ def add_settings(
             _add_setting(parser, declaration, defaults.get(name, declaration.default))
 
 
-def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: object) -> None:
+def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> None:
     unit = f" ({s.unit})" if s.unit else ""
-    shown = f"{default:g}" if isinstance(default, float) else str(default)
+    shown = " ".join(
+        f"{d:g}" if isinstance(d, float) else str(d) for d in (default if s.length is not None else [default])
+    )
     text = f"{s.help}{unit}".replace("%", "%%")
     if s.kind is bool and s.default is False:
         parser.add_argument(s.option, action="store_true", default=None, help=text)
@@ -47,7 +49,7 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: object) -
         meta = "{" + ",".join([*s.choices, *([s.others] if s.others else [])]) + "}"
     if any(choice.startswith("-") for choice in s.choices or ()):
         text += f"; with = before a minus, such as {s.option}=-z"
-    more: dict[str, Any] = {} if s.length is None else {"nargs": s.length}
+    more: dict[str, Any] = {} if s.length is None else {"nargs": s.length} if s.length else {"action": "append"}
     parser.add_argument(s.option, type=kind, metavar=meta, help=text, **more)
 
 

@@ -1,46 +1,47 @@
-"""Options of the noise models, shared by `dataset`, `noise` and `make`."""
+"""Options of the noise models and of what is written, shared by `dataset`, `noise`, `make` and its tasks."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from typing import Any
 
-from iclnuim.dataset.depth_units import UNITS_PER_METRE
 from iclnuim.dataset.sequence import SequenceSettings
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
-from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+
+from .options import add_settings, settings_from
+
+_EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 
 
-def add_sensor_options(parser: argparse.ArgumentParser, default: str, seed: bool = True) -> None:
-    """--depth-noise, --rgb-noise, their settings; --seed and --depth-units but for `make` and its tasks."""
-    for kind, models, example in (
-        ("depth", DEPTH_MODELS, '{"sigma_d": 0.1}'),
-        ("rgb", RGB_MODELS, '{"exposure": 0.5}'),
-    ):
-        choices = f"{', '.join(models)} or MODULE:FUNCTION; default: {default}"
-        parser.add_argument(f"--{kind}-noise", default=default, metavar="MODEL", help=choices)
-        parser.add_argument(f"--{kind}-settings", default="{}", metavar="JSON", help=f"of the model, such as {example}")
-    if seed:
-        parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise; default: 0")
-        units = f"units a metre of the depth images that are written; default: {UNITS_PER_METRE:g}"
-        parser.add_argument("--depth-units", type=float, default=UNITS_PER_METRE, metavar="N", help=units)
+def add_sensor_options(
+    parser: argparse.ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
+) -> None:
+    """--depth-noise, --rgb-noise, whose default is `default`, their settings, and the further `names` of SequenceOptions."""
+    noise = ("depth_noise", "rgb_noise")
+    add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
+    parser.set_defaults(**dict.fromkeys(noise, default))
+    for kind, example in _EXAMPLES.items():
+        parser.add_argument(f"--{kind}-settings", metavar="JSON", help=f"of the model, such as {example}")
+
+
+def sequence_options(args: argparse.Namespace) -> SequenceOptions:
+    """What the options name. Raises InputError for a value that does not fit."""
+    options = settings_from(args, SequenceOptions())
+    if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
+        sys.path.insert(0, "")  # a user's own module lies in the working folder; the command's own path has it not
+    return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
 
 
 def sensor_from(args: argparse.Namespace) -> SequenceSettings:
     """The settings that the options name. Raises InputError for an unknown model or parameter."""
-    if ":" in args.depth_noise + args.rgb_noise and "" not in sys.path:
-        sys.path.insert(0, "")  # a user's own module lies in the working folder; the command's own path has it not
-    depth = depth_model(args.depth_noise, _json(args.depth_settings))
-    rgb = rgb_model(args.rgb_noise, _json(args.rgb_settings))
-    return SequenceSettings(depth, rgb, args.seed or 0, getattr(args, "depth_units", UNITS_PER_METRE))
+    return sequence_options(args).sequence_settings()
 
 
-def _json(text: str) -> dict:
+def _json(text: str | None) -> dict[str, Any] | None:
     try:
-        content = json.loads(text)
+        return None if text is None else json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError("noise settings as JSON", found=f"{text} ({error.msg})") from None
-    if not isinstance(content, dict):
-        raise InputError("noise settings as a JSON object", found=text)
-    return content

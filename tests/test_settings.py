@@ -6,11 +6,13 @@ import pickle
 from dataclasses import dataclass
 
 import pytest
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError, named
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.headless.cli import main
 from iclnuim.headless.options import add_settings, option_name, renamed, settings_from
 from iclnuim.job import RenderJob, shipped_job
+from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS
 from iclnuim.settings import Settings, declared, setting, table
 
 
@@ -146,3 +148,21 @@ def test_a_scenes_unit_is_a_name_or_metres():
     read = settings_from(parser.parse_args(["--scene-unit", "cm", "--up=-y"]), SceneReading(mirror="x"))
     assert read == SceneReading("-y", 0.01, "x")
     assert option_name("unit_m") == "--scene-unit" and option_name("exposure_s") == "--exposure"
+
+
+def test_a_sequences_options_read_the_registries_and_make_the_settings():
+    listed = declared(SequenceOptions)
+    assert set(listed["depth_noise"].choices) == set(DEPTH_MODELS) and set(listed["rgb_noise"].choices) == set(
+        RGB_MODELS
+    )
+    assert all(listed["depth_noise"].choices.values())
+    options = SequenceOptions.from_dict({"depth_noise": "redwood", "seed": 4, "formats": ["tum", "nerf"]})
+    assert SequenceOptions.from_dict(json.loads(json.dumps(options.to_dict()))) == options
+    assert (options.sequence_settings().depth.name, options.without_noise().depth.name) == ("redwood", "none")
+    assert SequenceOptions(depth_noise="mine:noise").depth_noise == "mine:noise"
+    for wrong in ({"formats": []}, {"formats": ["tune"]}, {"depth_settings": 3}, {"depth_units": 0}):
+        with pytest.raises(InputError):
+            SequenceOptions.from_dict(wrong)
+    parser = argparse.ArgumentParser()
+    add_settings(parser, SequenceOptions, ("formats",))
+    assert settings_from(parser.parse_args(["--format", "tum", "--format", "nerf"]), options).formats == ("tum", "nerf")

@@ -33,7 +33,7 @@ _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 class Setting:
     """The declaration of one setting, as `declared` returns it.
 
-    kind: bool, int, float or str, of each element where `length` is the number of elements of a tuple. optional: None is allowed and
+    kind: bool, int, float or str, of each element where `length` is the number of elements of a tuple, 0 for one or more. optional: None is allowed and
     means what `help` says. option: the command's option, empty where it has none; parse reads its text where `kind` does not. label: the
     panel's, which shows value * shown[1] in the unit shown[0]. others: what is allowed beside `choices`, in words.
     """
@@ -74,8 +74,9 @@ class Setting:
         if value is None and self.optional:
             return None
         if self.length is not None:
-            if not isinstance(value, list | tuple) or len(value) != self.length:
-                raise InputError(f"{self.length} numbers", setting=self.name, found=value)
+            if not isinstance(value, list | tuple) or len(value) != (self.length or max(1, len(value))):
+                what = f"{self.length} numbers" if self.length else "a list of one or more"
+                raise InputError(what, setting=self.name, found=value)
             return tuple(self._one(v) for v in value)
         return self._one(value)
 
@@ -163,7 +164,7 @@ def _declaration(field: Any, hint: Any) -> Setting:
     length = None
     if typing.get_origin(kind) is tuple:
         elements = typing.get_args(kind)
-        kind, length = elements[0], len(elements)
+        kind, length = elements[0], 0 if elements[-1] is Ellipsis else len(elements)
     option = about.pop("option")
     dashed = "--" + field.name.replace("_", "-")
     label = about.pop("label") or field.name.replace("_", " ").capitalize()
@@ -241,4 +242,6 @@ def table(group: type) -> str:
 
 
 def _plain(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_plain, value))
     return f"{value:g}" if isinstance(value, float) else str(value)

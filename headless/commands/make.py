@@ -22,7 +22,7 @@ from . import render
 
 def configure(parser: argparse.ArgumentParser) -> None:
     render.add_job_options(parser)
-    add_sensor_options(parser, "released", seed=False)
+    add_sensor_options(parser, "released", ("depth_units",))
     parser.add_argument(
         "-o", "--out", type=Path, metavar="DIR", help="default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/"
     )

@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     if args.source == "calibrate":
         return _calibrate(args, console)
-    if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings == "{}":
+    if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
     source = image_frames(Path(args.source), args.frames, camera_from(args))
     dataset.write(source, sensor_from(args), args, console)

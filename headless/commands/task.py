@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         numbers = " --numbers 0-24,30" if stage == "frames" else ""
         one = action(actions, stage, HELP[stage], f"iclnuim task {stage} kt2 --out out/kt2{numbers}", _run, json=False)
         render.add_job_options(one)
-        add_sensor_options(one, "released", seed=False)
+        add_sensor_options(one, "released", ("depth_units",))
         one.add_argument("--out", type=Path, required=True, metavar="DIR", help="as of `make`: frames lie in DIR/raw")
         one.add_argument("--keep-raw", action="store_true", help="as of `make`")
         one.add_argument(
