@@ -238,8 +238,8 @@ def test_a_disk_too_small_is_said_before_rendering(whole_run, monkeypatch):
         read_run(whole_run).check_space(12)
 
 
-def test_an_error_inside_never_ends_with_zero(tmp_path, repository):
-    """The script in a Python where the worker breaks in an unforeseen way."""
+def test_the_script_refuses_an_unknown_choice_with_2(repository):
+    """An unexpected error inside: tests/headless/test_exit_codes.py."""
     program = (
         "import runpy, sys; sys.argv = ['render.py', 'kt2', '--light', 'nonsense-\\0']\n"
         f"runpy.run_path({str(repository / 'headless/render.py')!r}, run_name='__main__')"
