@@ -28,6 +28,7 @@ MAY_IMPORT = {
     "scene_classes": "",
     "settings": "errors",
     "checkout": "errors",
+    "worker_events": "errors",
     "__main__": "checkout headless headless.cli",
     "shipped": "errors scenes",
     "geometry": "errors settings",
@@ -38,12 +39,12 @@ MAY_IMPORT = {
     "dataset": f"{CORE} api job shipped sensor evaluation",
     "postprocess": f"{CORE} sensor evaluation dataset",
     "lightmap": "errors geometry",
-    "blender": f"{CORE} api job shipped sensor evaluation dataset scenes scene_classes lightmap",
+    "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset scenes scene_classes lightmap",
     "report": f"{CORE} api evaluation dataset",
     "raycast": f"{CORE} api dataset",
     "odometry": f"{CORE} api evaluation dataset report fusion",
     "fusion": f"{CORE} api evaluation dataset report odometry blender shipped",
-    "ui": f"{CORE} api job shipped sensor evaluation dataset scenes blender postprocess",
+    "ui": f"{CORE} api job worker_events shipped sensor evaluation dataset scenes blender postprocess",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"}) + " api"
 MAY_IMPORT |= {

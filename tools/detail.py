@@ -24,6 +24,7 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
 from iclnuim.raycast.depth_check import RayCaster
 from iclnuim.sensor.transfer import srgb_from_light
+from iclnuim.worker_events import Event, FrameDone
 
 from .detail_colour import by_lamp
 
@@ -155,7 +156,12 @@ def race(
 def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
     """All frames of a job, (n, h, w, 3) scene-linear, and the median seconds of one in Cycles, the first left out."""
     times: list[float] = []
-    worker.render_run(job, out, "::", lambda e: times.append(e["cycles"]) if e["event"] == "frame" else None, bool)
+
+    def listen(event: Event) -> None:
+        if isinstance(event, FrameDone):
+            times.append(event.cycles or 0.0)
+
+    worker.render_run(job, out, "::", listen, bool)
     run = read_run(out)
     frames = [read_exr(run.frame_file(n)) for n in run.frame_numbers()]
     rgb = np.stack([np.stack([f[c] for c in "RGB"], -1) for f in frames]).astype(np.float32)

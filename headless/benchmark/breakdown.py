@@ -14,6 +14,7 @@ import bpy
 from iclnuim.blender import frames, output, worker
 from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
+from iclnuim.worker_events import FrameDone
 
 #: The first frames build the BVH and warm the caches.
 WARM_UP = 2
@@ -38,21 +39,24 @@ class Breakdown:
 def measure(job: RenderJob, frames_asked: str) -> Breakdown:
     """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
-        events: list[tuple[float, dict]] = []
+        closed: list[FrameDone] = []
         worker.render_run(
-            job, Path(folder) / "run", frames_asked, lambda e: events.append((time.perf_counter(), e)), lambda: False
+            job,
+            Path(folder) / "run",
+            frames_asked,
+            lambda e: closed.append(e) if isinstance(e, FrameDone) else None,
+            lambda: False,
         )
-        closed = [e["close"] for _, e in events if e["event"] == "frame"]
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
         cycles, starts = _spans(ticks)
-        rays = _rays(job, [e["frame"] for _, e in events if e["event"] == "frame"], Path(folder), ticks)
+        rays = _rays(job, [event.frame for event in closed], Path(folder), ticks)
     frame = statistics.median(b - a for a, b in zip(starts[WARM_UP:], starts[WARM_UP + 1 :], strict=False))
     values = {
         "frame_ms": frame,
         "cycles_ms": statistics.median(cycles[WARM_UP:]),
         "rays_ms": statistics.median(rays),
-        "close_ms": statistics.median(closed[WARM_UP:]),
+        "close_ms": statistics.median(event.close or 0.0 for event in closed[WARM_UP:]),
     }
     values["shading_ms"] = max(0.0, values["cycles_ms"] - values["rays_ms"])
     values["overhead_ms"] = frame - values["cycles_ms"]

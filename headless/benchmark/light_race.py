@@ -18,6 +18,7 @@ from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob, shipped_job
+from iclnuim.worker_events import Event, FrameDone, Note, Ready
 
 from .light_error import Error, carried_difference, error
 
@@ -114,11 +115,11 @@ class Race:
         """Render what is missing; when it began, and when each frame was reported: as the next one was rendered."""
         times: list[float] = []
 
-        def listen(event: dict) -> None:
-            if event["event"] in ("ready", "frame"):
+        def listen(event: Event) -> None:
+            if isinstance(event, Ready | FrameDone):
                 times.append(time.perf_counter())
-            if event["event"] == "note":
-                self.note(event["text"])
+            if isinstance(event, Note):
+                self.note(event.text)
 
         folder.parent.mkdir(parents=True, exist_ok=True)
         worker.render_run(job, folder, numbers, listen, lambda: False)

@@ -9,6 +9,7 @@ from pathlib import Path
 from iclnuim import job as jobs
 from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
+from iclnuim.worker_events import Note
 
 from ..console import Console
 from ..isolation import survived
@@ -38,7 +39,7 @@ def _bake(args: argparse.Namespace, console: Console) -> int:
         raise WorkError("bake needs the bpy package; try: pip install bpy, or `iclnuim doctor`") from None
     job = _job(args.scene).changed(map_size=args.map_size, map_samples=args.map_samples, seed=args.seed)
     job = replace(job, reading=reading_from(args))
-    folder = worker.bake_light(job, lambda event: console.note(event["text"]))
+    folder = worker.bake_light(job, lambda event: console.note(event.text) if isinstance(event, Note) else None)
     recipe = light_map.read_recipe(folder)
     console.result(
         {"folder": str(folder), **recipe}, f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from iclnuim import job as jobs
 from iclnuim import shipped
+from iclnuim import worker_events as events
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
@@ -149,16 +150,16 @@ def render_here(
 
     progress, missing = None, 0
 
-    def emit(event: dict) -> None:
+    def emit(event: events.Event) -> None:
         nonlocal progress, missing
-        if event["event"] == "note":
-            console.note(f"note: {event['text']}")
-        elif event["event"] == "start":
-            missing = event["missing"]
-            console.note(f"{job.sequence}: {missing} of {event['frames']} frames to render, in {out}")
-        elif event["event"] == "ready":
+        if isinstance(event, events.Note):
+            console.note(f"note: {event.text}")
+        elif isinstance(event, events.Started):
+            missing = event.missing
+            console.note(f"{job.sequence}: {missing} of {event.frames} frames to render, in {out}")
+        elif isinstance(event, events.Ready):
             progress = console.progress(missing, job.sequence)
-        elif event["event"] == "frame":
+        elif isinstance(event, events.FrameDone):
             progress.advance()
 
     with stop_on_signals() as stopped:

@@ -5,7 +5,7 @@
 
 JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE}. Commands:
 {"frames": [..]}, also with "sequences": {..} to be made of them (dataset/variants.py), {"bake": true}, {"stop": true}. At the end of
-input, or when the parent is gone, the frame in work is finished and the process ends. Events are listed in headless/README.md.
+input, or when the parent is gone, the frame in work is finished and the process ends. Events are those of worker_events.py.
 Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
 """
 
@@ -28,15 +28,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from iclnuim.blender import worker
+    from iclnuim.worker_events import Event
 
-Emit = Callable[[dict], None]
+    Emit = Callable[[Event], None]
 #: A process whose parent is gone gets this long to finish its frame.
 GRACE_S = 60.0
 #: Signs of life, so that a stopped process can be told from a long frame.
 ALIVE_S = 2.0
 
 
-class Events:
+class EventStream:
     """One JSON object a line on what was standard output; all else that is printed goes to standard error."""
 
     def __init__(self) -> None:
@@ -44,9 +45,9 @@ class Events:
         os.dup2(2, 1)
         self._lock = threading.Lock()
 
-    def __call__(self, event: dict) -> None:
+    def __call__(self, event: Event) -> None:
         with self._lock, suppress(OSError):  # the parent is gone: the watch below ends this process
-            self._stream.write(json.dumps(event) + "\n")
+            self._stream.write(json.dumps(event.to_dict()) + "\n")
 
 
 class Journal:
@@ -55,9 +56,11 @@ class Journal:
     def __init__(self, path: str, emit: Emit) -> None:
         self._file, self._emit = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644), emit
 
-    def __call__(self, event: dict) -> None:
-        if event["event"] == "frame" and not event.get("found"):
-            line = {"frame": event["frame"], "pid": os.getpid(), "time_s": round(time.time(), 3)}
+    def __call__(self, event: Event) -> None:
+        from iclnuim.worker_events import FrameDone
+
+        if isinstance(event, FrameDone) and not event.found:
+            line = {"frame": event.frame, "pid": os.getpid(), "time_s": round(time.time(), 3)}
             with suppress(OSError):  # a full disk: the next frame says so
                 os.write(self._file, json.dumps(line).encode() + b"\n")
         self._emit(event)
@@ -99,82 +102,80 @@ class Commands:
 
 def main(arguments: list[str]) -> int:
     """Serve commands until there are no more."""
-    emit, commands = Events(), Commands()
+    emit, commands = EventStream(), Commands()
+    _load_package()
+    from iclnuim.errors import IclnuimError
+    from iclnuim.worker_events import Failed
+
     try:
         job_file, out = arguments
         content = json.loads(Path(job_file).read_text("utf-8"))
     except (ValueError, OSError) as error:
-        emit({"event": "error", "text": f"expected JOB.json OUT, found {arguments}: {error}", "code": 2})
+        emit(Failed(f"expected JOB.json OUT, found {arguments}: {error}", 2))
         return 2
     options = content if isinstance(content.get("job"), dict) else {"job": content}
     _share_the_machine(options)
     _wake_when_orphaned()
-    _load_package()
-    from iclnuim.errors import IclnuimError
-
     try:
         return _serve(options, Path(out), emit, commands)
     except IclnuimError as error:
-        emit({"event": "error", "text": str(error), "template": error.template, "code": error.exit_code})
+        emit(Failed(str(error), error.exit_code, template=error.template))
         return error.exit_code
     except BaseException as error:
         traceback.print_exc()
         text = f"{type(error).__name__}: {error}; this should not happen, please report it"
-        emit({"event": "error", "text": text, "code": 3, "bug": True})
+        emit(Failed(text, 3, bug=True))
         return 3
 
 
 def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
+    from iclnuim import worker_events as events
     from iclnuim.blender import compat, worker
     from iclnuim.job import RenderJob
 
     job = RenderJob.from_dict(options["job"])
     if job.denoise and not compat.has_denoiser():
-        emit({"event": "note", "text": "this Blender has no OpenImageDenoise: rendering without"})
+        emit(events.Note("this Blender has no OpenImageDenoise: rendering without"))
         job = job.changed(denoise=False)
     emit = Journal(options["journal"], emit) if options.get("journal") else emit
     with worker.Session(job, out, emit, options.get("threads")) as session:
-        emit({"event": "start", "frames": len(session.trajectory), "pid": os.getpid()})
+        emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
         threading.Thread(target=_signs_of_life, args=(emit,), daemon=True).start()
         while (command := commands.next()) is not None:
             begun, stopped = time.perf_counter(), commands.stopped
             if command.get("bake"):
                 rendered, whole = 0, True
-                emit({"event": "baked", "folder": str(session.bake())})
+                emit(events.Baked(str(session.bake())))
             else:
                 rendered, whole = _render(session, command, emit, stopped.is_set)
             seconds = round(time.perf_counter() - begun, 4)
-            emit(
-                {
-                    "event": "chunk" if whole else "stopped",
-                    "rendered": rendered,
-                    "seconds": seconds,
-                    "rss_mb": _rss_mb(),
-                }
-            )
+            emit((events.ChunkDone if whole else events.Stopped)(rendered, seconds, _rss_mb()))
             if not whole:
                 return 130
-    emit({"event": "done"})
+    emit(events.Done())
     return 0
 
 
 def _render(session: worker.Session, command: dict, emit: Emit, should_stop: Callable[[], bool]) -> tuple[int, bool]:
     """Frames, then the sequences made of them; what is wrong with these is said before the first frame."""
     from iclnuim.dataset import variants
+    from iclnuim.worker_events import Missing, Written
 
     wanted, numbers = command.get("sequences"), command["frames"]
     writer = variants.begin_variants(session.run, session.trajectory, numbers, wanted) if wanted else None
     rendered, whole = session.render(numbers, should_stop)
     if writer is not None and whole:
-        emit({"event": "missing", "of": "sequences", "missing": len(writer.missing)})
-        whole = variants.write_unless(writer, lambda n: emit({"event": "written", "frame": n}), should_stop)
+        emit(Missing("sequences", len(writer.missing)))
+        whole = variants.write_unless(writer, lambda n: emit(Written(n)), should_stop)
     return rendered, whole
 
 
 def _signs_of_life(emit: Emit) -> None:
+    from iclnuim.worker_events import Alive
+
     while True:
         time.sleep(ALIVE_S)
-        emit({"event": "alive"})
+        emit(Alive())
 
 
 def _share_the_machine(options: dict) -> None:

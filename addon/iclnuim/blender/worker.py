@@ -1,13 +1,6 @@
 """The frame loop: any trajectory through any scene, one EXR a frame, resumable anywhere.
 
-`render_run` is the same for the command line, the farm and the panel. It says what happens through `emit`, one dictionary an event:
-
-    {"event": "note", "text": ...}
-    {"event": "start", "frames": asked for, "missing": still to be rendered}
-    {"event": "ready"}: the scene stands, frames follow
-    {"event": "frame", "frame": number, "cycles": seconds in Blender, "close": seconds to turn its file into ours},
-        "found": true where another process had finished it meanwhile
-    {"event": "done", "rendered": ..., "seconds": ...} or {"event": "stopped", "rendered": ...}
+`render_run` is the same for the command line, the farm and the panel. It reports through `emit`, see worker_events.py.
 """
 
 from __future__ import annotations
@@ -26,6 +19,7 @@ import bpy
 import numpy as np
 
 from .. import __version__, shipped
+from .. import worker_events as events
 from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ..errors import InputError, WorkError
@@ -33,6 +27,7 @@ from ..formats.files import process_lives, read_bytes, sha256, write_json, write
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..job import RenderJob
+from ..worker_events import Event
 from . import (
     bake,
     camera,
@@ -51,7 +46,7 @@ from . import (
     settings,
 )
 
-Emit = Callable[[dict], None]
+Emit = Callable[[Event], None]
 
 
 def render_run(
@@ -70,7 +65,7 @@ def render_run(
     numbers = checked_frames(frames_asked, len(load_trajectory(job)))
     with Session(job, out, emit) as session:
         missing = session.run.missing(numbers)
-        emit({"event": "start", "frames": len(numbers), "missing": len(missing)})
+        emit(events.Started(frames=len(numbers), missing=len(missing)))
         if not missing:
             return True
         session.run.check_space(len(missing))
@@ -80,7 +75,7 @@ def render_run(
         started = time.perf_counter()
         rendered, whole = session.loop(missing, should_stop)
     seconds = time.perf_counter() - started
-    emit({"event": "done" if whole else "stopped", "rendered": rendered, "seconds": seconds})
+    emit(events.Done(rendered, seconds) if whole else events.Stopped(rendered, seconds))
     return whole
 
 
@@ -118,7 +113,7 @@ class Session:
                 write_json(self.run.path / OBJECTS, table)
             self._use_threads()
             self._ready, self._opened = True, False
-            self.emit({"event": "ready"})
+            self.emit(events.Ready())
 
     def bake(self) -> Path:
         """Find or make the light map; leaves the scene to be built anew."""
@@ -128,7 +123,7 @@ class Session:
     def render(self, numbers: Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
         """Frames of `numbers` rendered now, and whether all of them are there."""
         missing = self.run.missing(checked_frames(numbers, len(self.trajectory)))
-        self.emit({"event": "missing", "of": "frames", "missing": len(missing)})
+        self.emit(events.Missing("frames", len(missing)))
         if missing:
             self.run.check_space(len(missing))
             self.prepare()
@@ -150,7 +145,7 @@ def _note_other_processor(run: RunFolder, emit: Emit) -> None:
     begun = read_run(run.path).recipe.get("machine", {}).get("features")
     if begun is not None and begun != _features():
         text = f"this run was begun on a processor with {' '.join(begun)}, this one has {' '.join(_features())}: its frames will equal"
-        emit({"event": "note", "text": f"{text} those of one kind by tolerance, not to the byte"})
+        emit(events.Note(f"{text} those of one kind by tolerance, not to the byte"))
 
 
 def checked_frames(asked: str | Sequence[int], count: int) -> Sequence[int]:
@@ -181,7 +176,7 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
         notes = scene.open_scene(job.scene, job.reading)
         job, more = own_scene.lit_as_it_can_be(job)
     for text in [*notes, *more]:
-        emit({"event": "note", "text": text})
+        emit(events.Note(text))
     return job
 
 
@@ -189,7 +184,7 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -
     """Open the scene unless that was done, light it, key the camera, fix every setting. With ground truth, the table of objects."""
 
     def note(text: str) -> None:
-        emit({"event": "note", "text": text})
+        emit(events.Note(text))
 
     notes = [] if opened else scene.open_scene(job.scene, job.reading)
     for text in [*notes, *preflight.findings(job.light == "baked")]:
@@ -217,7 +212,7 @@ def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambd
     compat.require_supported_version()
 
     def note(text: str) -> None:
-        emit({"event": "note", "text": text})
+        emit(events.Note(text))
 
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
         for text in [] if opened else scene.open_scene(job.scene, job.reading):
@@ -309,13 +304,12 @@ def _close(
 ) -> None:
     """Blender's raw frame -> the finished file, with ground truth where the camera's pose is given; told at once, not a frame later."""
     begun = time.perf_counter()
-    event = {"event": "frame", "frame": number, "cycles": cycles_seconds}
     if run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
-        return emit({**event, "close": 0.0, "found": True})
+        return emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
     rgb, depth_z_m = frames.read(raw, raw_depth)
     further = {} if T_world_camera is None else ground_truth.read(raw_depth, T_world_camera)
     run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
-    return emit({**event, "close": time.perf_counter() - begun})
+    return emit(events.FrameDone(number, cycles_seconds, time.perf_counter() - begun))
 
 
 def _finish(closing: Future | None) -> None:
