@@ -9,6 +9,6 @@ from iclnuim import checkout
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    checkout.load("iclnuim.tools", "iclnuim scene")
-    checkout.load("iclnuim.blend.builder", "iclnuim scene")
+    checkout.load("iclnuim.tools", "building or comparing a scene")
+    checkout.load("iclnuim.blend.builder", "building or comparing a scene")
     importlib.import_module("iclnuim.blend.builder.command").configure(parser)
