@@ -1,0 +1,73 @@
+"""The parent's end of a worker process: events in, commands out, silence, its end and the last lines of its log."""
+
+import sys
+import textwrap
+import time
+
+import pytest
+from iclnuim.errors import WorkError
+from iclnuim.worker_client import WorkerClient
+from iclnuim.worker_events import Exited, FrameDone, Note
+
+WORKER = textwrap.dedent("""
+    import json, sys
+    options = json.load(open(sys.argv[1]))
+    print("Blender 4.5: a line that is no event")
+    print(json.dumps({"event": "note", "text": options["greeting"]}), flush=True)
+    for line in sys.stdin:
+        command = json.loads(line)
+        if command.get("stop"):
+            break
+        if command.get("crash"):
+            print("first line\\n\\nOIIO DEBUG: chatter", file=sys.stderr)
+            sys.exit("the last line")
+        print(json.dumps({"event": "frame", "frame": command["frames"][0]}), flush=True)
+""")
+
+
+@pytest.fixture
+def client(tmp_path):
+    (tmp_path / "worker.py").write_text(WORKER)
+    command = [sys.executable, str(tmp_path / "worker.py")]
+    client = WorkerClient(command, {"greeting": "hello"}, tmp_path / "out", tmp_path / "worker.log")
+    yield client
+    client.kill()
+    client.close()
+
+
+def until(client, kind):
+    found, end = [], time.monotonic() + 20
+    while time.monotonic() < end and not any(isinstance(event, kind) for event in found):
+        found += client.events()
+        time.sleep(0.01)
+    return found
+
+
+def test_events_arrive_typed_and_other_lines_are_left_out(client):
+    assert until(client, Note) == [Note("hello")]
+    client.send({"frames": [7]})
+    assert until(client, FrameDone) == [FrameDone(7)]
+    assert client.running and client.silent_s < 20 and client.exit_code is None
+    client.stop()
+    assert until(client, Exited) == [Exited(0)]
+    assert client.asked_to_stop and not client.running
+
+
+def test_a_crash_is_told_with_the_last_line_of_the_log(client, tmp_path):
+    client.send({"crash": True})
+    assert until(client, Exited)[-1] == Exited(1, "the last line")
+    assert client.log_end() == "first line | the last line"
+    client.send({"frames": [1]})  # to a process that is gone: nothing happens
+    client.close(keep_log=False)
+    assert list(tmp_path.glob("worker.*")) == [tmp_path / "worker.py"]
+
+
+def test_a_killed_worker_exits_below_zero(client):
+    until(client, Note)
+    client.kill()
+    assert until(client, Exited)[-1].code < 0
+
+
+def test_a_program_that_is_not_there_is_one_line(tmp_path):
+    with pytest.raises(WorkError, match="cannot be started"):
+        WorkerClient(["/no/such/program"], {}, tmp_path, tmp_path / "log.log")
