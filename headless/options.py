@@ -88,7 +88,8 @@ def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None 
 def renamed(parser: argparse._ActionsContainer, old: str, new: str, **how: Any) -> None:
     """Option `old` is still understood as `new`, with a note on standard error; `how` as add_argument has it (type, nargs, ...).
 
-    To be called after `new` was added, with the same `dest` in `how` where `new` has one of its own.
+    To be called after `new` was added, with the same `dest` in `how` where `new` has one of its own, and append=True where it may be
+    given several times.
     """
     dest = how.pop("dest", new.lstrip("-").replace("-", "_"))
     how = {"action": _Renamed, "default": argparse.SUPPRESS, "help": argparse.SUPPRESS, **how}
@@ -98,15 +99,16 @@ def renamed(parser: argparse._ActionsContainer, old: str, new: str, **how: Any) 
 class _Renamed(argparse.Action):
     """Stores the value (True where the option takes none), and says what the option is called now."""
 
-    def __init__(self, option_strings: Sequence[str], dest: str, new: str, **how: Any) -> None:
+    def __init__(self, option_strings: Sequence[str], dest: str, new: str, append: bool = False, **how: Any) -> None:
         super().__init__(option_strings, dest, **how)
-        self.new = new
+        self.new, self.append = new, append
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
     ) -> None:
         Console().note(f"note: {option_string} is now called {self.new}; the old name goes with the next release")
-        setattr(namespace, self.dest, True if self.nargs == 0 else values)
+        value = True if self.nargs == 0 else values
+        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or ()), value] if self.append else value)
 
 
 def option_name(setting: str) -> str:

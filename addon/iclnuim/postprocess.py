@@ -63,18 +63,20 @@ def make_sequence(
     depth_noise: str = "none",
     rgb_noise: str = "none",
     seed: int = 0,
-    dialects: tuple[str, ...] = ("tum",),
+    formats: tuple[str, ...] = ("tum",),
     depth_settings: Settings | None = None,
     rgb_settings: Settings | None = None,
 ) -> WrittenSequence:
     """A sequence from the EXR frames of a run folder, or from a sequence of PNG pairs, with noise; resumes one that was interrupted.
+
+    formats: names in dataset/sequence_formats.py; several go into a folder each.
 
     Raises InputError where `frames` holds neither or `out` holds another sequence, WorkError where a file cannot be written.
     """
     folder = Path(frames)
     source = run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
     settings = SequenceSettings(depth_model(depth_noise, depth_settings), rgb_model(rgb_noise, rgb_settings), seed)
-    return write_sequence(source, Path(out), settings, dialects)
+    return write_sequence(source, Path(out), settings, formats)
 
 
 def frames_from(

@@ -30,8 +30,10 @@ def _words(found: sameness.Sameness) -> str:
     else:
         tolerance = f"{sameness.COLOUR_OF_255:g} of 255, {1000 * sameness.DEPTH_M:g} mm, {100 * sameness.SHARE:g} % of the pixels"
         how = f"{found.files} files compared by tolerance ({found.why}): {tolerance}; worst file {100 * found.largest_share:.2g} %"
-    verdict = (
-        "the same" if found.same else f"{len(found.different)} differ, {len(found.only_in_one)} are in one folder alone"
-    )
-    names = [*found.different, *found.only_in_one][:10]
-    return f"{how}: {verdict}" + (f": {', '.join(names)}" if names else "")
+    if found.same:
+        return f"{how}: the same"
+    differing = [f"{name} ({', '.join(found.channels[name]) or 'no channel'})" for name in found.different]
+    names = [*differing, *(f"{name} (in one folder only)" for name in found.only_in_one)]
+    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
+    counts = f"{len(found.different)} differ, {len(found.only_in_one)} are in one folder only"
+    return f"{how}: {counts}: {', '.join(names[:10])}{more}"

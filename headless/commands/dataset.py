@@ -1,19 +1,19 @@
-"""`iclnuim dataset`: the EXR frames of a run to a sequence, clean or with a sensor's noise, in any dialect."""
+"""`iclnuim dataset`: the EXR frames of a run to a sequence, clean or with a sensor's noise, in any format."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
-from iclnuim.dataset.dialects import DIALECTS
+from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
 from iclnuim.dataset.frames import FrameSource, run_frames
-from iclnuim.dataset.klg import write_klg
-from iclnuim.dataset.rosbag import write_rosbag
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, WrittenSequence
+from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
 
 from ..console import Console
-from ..options import common
+from ..options import common, renamed
 from ..sensor_options import add_sensor_options, sensor_from
 
 
@@ -22,14 +22,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence")
     parser.add_argument("--frames", default="::", metavar="A:B:S", help="as a Python slice (B excluded); default: all")
     add_sensor_options(parser, "none")
-    add_form_options(parser)
+    add_format_options(parser)
     common(parser, "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released")
 
 
-def add_form_options(parser: argparse.ArgumentParser) -> None:
-    """In which forms a sequence is written: shared with `iclnuim noise`."""
-    forms = f"{', '.join(DIALECTS)}; several go into a folder each; default: tum"
-    parser.add_argument("--dialect", action="append", choices=tuple(DIALECTS), metavar="FORM", help=forms)
+def add_format_options(parser: argparse.ArgumentParser) -> None:
+    """In which formats a sequence is written: shared with `iclnuim noise`."""
+    formats = f"{', '.join(FORMATS)}; may be given several times, then each goes into a folder of its own; default: tum"
+    parser.add_argument("--format", action="append", choices=tuple(FORMATS), metavar="FORMAT", help=formats)
+    renamed(parser, "--dialect", "--format", append=True, choices=tuple(FORMATS))
     parser.add_argument(
         "--rosbag", action="store_true", help="also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
     )
@@ -45,11 +46,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def write(source: FrameSource, settings: SequenceSettings, args: argparse.Namespace, console: Console) -> None:
-    """Write the sequence args.out, telling of progress: shared with `iclnuim noise`."""
-    dialects = args.dialect or ("tum",)
-    if (args.klg or args.rosbag) and dialects[0] not in ("tum", "icl-nuim"):
-        raise InputError("the dialect tum or icl-nuim first, to make bags and logs of", found=", ".join(dialects))
-    writer = SequenceWriter(source, {args.out: settings}, dialects)
+    """Write the sequence args.out, reporting progress: shared with `iclnuim noise`."""
+    formats = args.format or ("tum",)
+    if (args.klg or args.rosbag) and formats[0] not in ("tum", "icl-nuim"):
+        raise InputError("the format tum or icl-nuim first, to make bags and logs of", found=", ".join(formats))
+    writer = SequenceWriter(source, {args.out: settings}, formats)
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())
@@ -61,16 +62,18 @@ def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path
     """Bags and logs beside the sequence, made of its images. Those that are there stay."""
     beside = args.out.resolve()
     klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
-    wanted = [(klg, write_klg, ())] * (args.klg or args.rosbag)
-    wanted += [(ros1, write_rosbag, (1,)), (ros2, write_rosbag, (2,))] * args.rosbag
-    missing = [(path, write, ros) for path, write, ros in wanted if not path.exists()]
-    for path, _, _ in wanted:
-        if path.exists():
-            console.note(f"{path} is there already and stays as it is")
-    for path, write, ros in missing:
+    wanted: dict[Path, Callable[[], int]] = {}
+    if args.klg or args.rosbag:
+        wanted[klg] = lambda: write_klg(folder, klg)
+    if args.rosbag:
+        wanted[ros1], wanted[ros2] = lambda: write_rosbag(folder, ros1, 1), lambda: write_rosbag(folder, ros2, 2)
+    there = [path for path in wanted if path.exists()]
+    for path in there:
+        console.note(f"{path} exists already and stays as it is")
+    for path in [path for path in wanted if path not in there]:
         console.note(f"{path} is written")
-        write(folder, path, *ros)
-    return [path for path, _, _ in wanted]
+        wanted[path]()
+    return list(wanted)
 
 
 def _report(written: WrittenSequence, logs: list[Path]) -> tuple[dict, str]:

@@ -1,4 +1,4 @@
-"""`iclnuim inspect`: what is wrong with a sequence that anyone made; `--preview` draws it."""
+"""`iclnuim inspect`: what is wrong with a sequence that somebody has; `--preview` draws it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..options import common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM form, or in the original's")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM's format, or in the original's")
     text = "write preview.png (colour, depth, error) and preview.mp4 (or .gif) into FOLDER"
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
     common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures")
@@ -37,7 +37,7 @@ _WORDS = {
     "duration_s": ("duration", " s"),
     "depth_m": ("depth in metres", ""),
     "depth_missing_share": ("share of pixels without depth", ""),
-    "length_m": ("length of the path", " m"),
+    "length_m": ("length of the trajectory", " m"),
     "max_speed_m_s": ("fastest", " m/s"),
     "depth_fits_poses_mm": ("depth carried by the poses meets depth to", " mm"),
     "depth_fits_mirrored_poses_mm": ("by the poses mirrored in y to", " mm"),

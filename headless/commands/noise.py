@@ -25,7 +25,7 @@ wall1/*.png, wall2/*.png ... of walls of different slope.
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "source", metavar="DIR", help="sequence in TUM form: rgb/ and depth/, lists or not; or `calibrate`"
+        "source", metavar="DIR", help="sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the noisy sequence; or what to calibrate from")
     parser.add_argument(
@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_camera_options(parser)
     add_sensor_options(parser, "none")
-    dataset.add_form_options(parser)
+    dataset.add_format_options(parser)
     common(parser, "iclnuim noise traj3_frei_png noisy --depth-noise paper --rgb-noise paper --seed 1")
     parser.description = f"{parser.description}.{_ABOUT}"
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import queue
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 
+from iclnuim.dataset.frame_pool import FramePool
+from iclnuim.dataset.journal import JournalEntry
 from iclnuim.dataset.run_folder import RunFolder
 from iclnuim.dataset.sequence import SequenceWriter
 
@@ -14,60 +13,50 @@ from iclnuim.dataset.sequence import SequenceWriter
 class SequenceStage:
     """`add(number)` a rendered frame at any time; `complete()` waits for all, then writes lists and recipes.
 
-    Images are made on `threads` threads; journals are written, pairs read back, and raw frames dropped on one more. The first error
-    ends the stage and is raised by `complete` and by `check`.
+    Images are made on `workers` cores; journals are written, pairs read back, and raw frames dropped on the caller's thread, whenever
+    it asks for something. The first error ends the stage and is raised by `close` and by `complete`.
     """
 
     def __init__(
         self,
         writer: SequenceWriter,
         raw: RunFolder,
-        threads: int,
+        workers: int,
         keep_raw: bool,
         on_frame: Callable[[int], None] = lambda number: None,
     ) -> None:
         self._writer, self._raw, self._keep_raw, self._on_frame = writer, raw, keep_raw, on_frame
-        self._pool = ThreadPoolExecutor(threads)
-        self._made: queue.SimpleQueue[Future | None] = queue.SimpleQueue()
-        self._error: BaseException | None = None
+        self._pool = FramePool(writer.make, workers, self._made)
         self._lacking = set(writer.missing)
-        self._thread = threading.Thread(target=self._note_all, daemon=True)
-        self._thread.start()
 
     def add(self, number: int) -> None:
         """A frame whose raw file stands; those whose pairs stand already are dropped."""
         if number in self._lacking:
             self._lacking.remove(number)
-            self._pool.submit(self._writer.make, number).add_done_callback(self._made.put)
-        elif not self._keep_raw and self._writer.stands(number):
-            self._raw.frame_file(number).unlink(missing_ok=True)
+            self._pool.add(number)
+        else:
+            self._drop(number)
 
     @property
     def broken(self) -> bool:
         """Whether an error has ended it."""
-        return self._error is not None
+        self._pool.collect()
+        return self._pool.failed
 
     def close(self) -> None:
         """Finish what was added; raises the first error. Safe to call twice."""
-        self._pool.shutdown(wait=True, cancel_futures=self.broken)
-        self._made.put(None)
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
+        self._pool.close()
 
     def complete(self) -> None:
         """All frames are in: lists and recipes. Raises InputError, WorkError."""
         self.close()
         self._writer.complete()
 
-    def _note_all(self) -> None:
-        while (done := self._made.get()) is not None:
-            if self._error is not None or done.cancelled():
-                continue
-            try:
-                number = self._writer.note(done.result())
-                if not self._keep_raw and self._writer.stands(number):
-                    self._raw.frame_file(number).unlink(missing_ok=True)
-                self._on_frame(number)
-            except BaseException as error:
-                self._error = error
+    def _made(self, entries: list[JournalEntry | None]) -> None:
+        number = self._writer.note(entries)
+        self._drop(number)
+        self._on_frame(number)
+
+    def _drop(self, number: int) -> None:
+        if not self._keep_raw and self._writer.stands(number):
+            self._raw.frame_file(number).unlink(missing_ok=True)

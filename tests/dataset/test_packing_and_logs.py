@@ -7,10 +7,9 @@ import zlib
 
 import numpy as np
 import pytest
+from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
 from iclnuim.dataset.frames import run_frames
-from iclnuim.dataset.klg import write_klg
 from iclnuim.dataset.packing import pack
-from iclnuim.dataset.rosbag import write_rosbag
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, read_rgb8

@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 from iclnuim.dataset.run_folder import load_trajectory, open_run
+from iclnuim.formats.files import write_json
+from iclnuim.formats.png import write_png
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.job import shipped_job
@@ -59,3 +61,39 @@ def test_a_frame_that_only_one_has_is_named(run, capsys):
 def test_a_folder_without_recipe_is_bad_input(run, tmp_path, capsys):
     assert main(["compare", run("a"), str(tmp_path)]) == 2
     assert "expected a run (sequence.json) or a sequence" in capsys.readouterr().err
+
+
+def test_the_channels_that_differ_are_named(run, capsys):
+    a, b = run("a"), run("b", depth_z_m=Z_M + 1e-5)
+    assert told(capsys, a, b)[1]["channels"] == {"exr/000000.exr": ["Z"], "exr/000001.exr": ["Z"]}
+    assert main(["compare", a, b]) == 3
+    assert "2 differ, 0 are in one folder only: exr/000000.exr (Z), exr/000001.exr (Z)" in capsys.readouterr().out
+    assert told(capsys, a, run("c", rgb=RGB * 0.9, features=("sse",)))[1]["channels"]["exr/000000.exr"] == ["RGB"]
+    tinted = told(capsys, a, run("d", rgb=RGB + [0, 0.2, 0]))[1]
+    assert tinted["channels"]["exr/000001.exr"] == ["G"]
+
+
+@pytest.mark.parametrize(("units", "same"), [(1000.0, False), (5000.0, True)])
+def test_depth_is_compared_in_metres_whatever_its_units(tmp_path, capsys, units, same):
+    """Four units apart: 4 mm at 1000 a metre, 0.8 mm at 5000."""
+    for name, value in (("a", 2000), ("b", 2004)):
+        folder = tmp_path / name
+        (folder / "depth").mkdir(parents=True)
+        write_json(folder / "recipe.json", {"source": {"run": {"blender": "4.5"}}})
+        write_json(folder / "camera.json", {**PinholeCamera.parse("8x6").to_dict(), "depth_units_per_metre": units})
+        write_png(folder / "depth/000000.png", np.full((6, 8), value, np.uint16))
+    code, values = told(capsys, str(tmp_path / "a"), str(tmp_path / "b"), "--tolerance")
+    assert values["same"] == same and code == (0 if same else 3)
+    assert values["channels"] == ({} if same else {"depth/000000.png": ["depth"]})
+
+
+def test_sequences_with_instances_and_normals_are_compared_by_tolerance_too(tmp_path, capsys):
+    normal = np.zeros((6, 8, 3), np.uint16) + np.array([32768, 32768, 65535], np.uint16)
+    for name, label in (("a", 3), ("b", 4)):
+        for kind, image in (("instance", np.full((6, 8), label, np.uint16)), ("normal", normal)):
+            (tmp_path / name / kind).mkdir(parents=True)
+            write_png(tmp_path / name / kind / "000000.png", image)
+        write_json(tmp_path / name / "recipe.json", {})
+        write_json(tmp_path / name / "camera.json", PinholeCamera.parse("8x6").to_dict())
+    values = told(capsys, str(tmp_path / "a"), str(tmp_path / "b"), "--tolerance")[1]
+    assert values["channels"] == {"instance/000000.png": ["instance"]}

@@ -50,7 +50,7 @@ def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(
     assert json.loads((out / "camera.json").read_text())["depth_units_per_metre"] == 1000
     _, depth_z_m = image_frames(out).load(1)
     np.testing.assert_allclose(depth_z_m, millimetres / 1000, rtol=1e-6)
-    assert main(["dataset", str(raw), str(tmp_path / "x"), "--depth-units", "1000", "--dialect", "icl-nuim"]) == 2
+    assert main(["dataset", str(raw), str(tmp_path / "x"), "--depth-units", "1000", "--format", "icl-nuim"]) == 2
     assert "5000 depth units a metre" in capsys.readouterr().err
     assert main(["dataset", str(raw), str(tmp_path / "y"), "--depth-units", "nan"]) == 2
 
@@ -75,6 +75,78 @@ def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_pat
     assert "WRONG: " in capsys.readouterr().out
     assert main(["noise", clean, str(tmp_path / "x")]) == 2
     assert "expected a noise" in capsys.readouterr().err
+
+
+RGB_STAMPS = ("1305031102.175304", "1305031102.211214", "1305031102.243211")
+DEPTH_STAMPS = ("1305031102.160407", "1305031102.226738", "1305031102.262886")
+TRUTH = """# ground truth trajectory
+# timestamp tx ty tz qx qy qz qw
+1305031098.6659 1.3563 0.6305 1.6380 0.6132 0.5962 -0.3311 -0.3986
+1305031102.1758 1.3405 0.6266 1.6575 0.6574 0.6126 -0.2949 -0.3248
+1305031102.2758 1.30 .6256 1.6565 0.6579 0.6161 -0.2933 -0.3189
+"""
+
+
+@pytest.fixture
+def freiburg(raw, tmp_path):
+    """Laid out as the sequences of the TUM benchmark: names are stamps, those of depth are others."""
+    own = tmp_path / "fr1"
+    for kind, stamps in (("rgb", RGB_STAMPS), ("depth", DEPTH_STAMPS)):
+        (own / kind).mkdir(parents=True)
+        lines = [f"{stamp} {kind}/{stamp}.png" for stamp in stamps]
+        (own / f"{kind}.txt").write_text("# file: 'rgbd.bag'\n# timestamp filename\n" + "\n".join(lines) + "\n")
+    for number, names in enumerate(zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)):
+        write_png(own / f"rgb/{names[0]}.png", np.full((48, 64, 3), 60 * number + 40, np.uint8))
+        write_png(own / f"depth/{names[1]}.png", np.full((48, 64), 9000 + number, np.uint16))
+    (own / "groundtruth.txt").write_text(TRUTH)
+    return own
+
+
+def data(file):
+    return [line for line in file.read_text().splitlines() if not line.startswith("#")]
+
+
+@pytest.mark.parametrize("associated", [False, True])
+def test_noise_keeps_the_names_and_stamps_of_a_sequence_to_the_character(freiburg, tmp_path, capsys, associated):
+    pairs = [f"{a} rgb/{a}.png {b} depth/{b}.png" for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)]
+    if associated:
+        (freiburg / "associations.txt").write_text("\n".join(pairs) + "\n")
+    out, camera = tmp_path / "out", ["--camera", "64x48", "--units", "5000"]
+    assert main(["noise", str(freiburg), str(out), "--depth-noise", "paper", *camera, "--quiet"]) == 0
+    for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
+        assert data(out / name) == data(freiburg / name)
+    assert data(out / "associations.txt") == pairs
+    assert (out / "groundtruth.txt").read_text() == TRUTH
+    for kind in ("rgb", "depth"):
+        assert sorted(p.name for p in (out / kind).iterdir()) == sorted(p.name for p in (freiburg / kind).iterdir())
+    assert "Camera.fps: 29\n" in (out / "orb_slam3.yaml").read_text()
+    assert list(image_frames(out).stamps_s.values()) == [float(stamp) for stamp in RGB_STAMPS]
+
+
+def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_own(freiburg, tmp_path, capsys):
+    camera = ["--camera", "64x48", "--depth-noise", "paper", "--quiet"]
+    assert main(["noise", str(freiburg), str(tmp_path / "part"), "--frames", "1:", *camera]) == 0
+    assert data(tmp_path / "part/depth.txt") == data(freiburg / "depth.txt")[1:]
+    both = ["--format", "tum", "--format", "euroc"]
+    assert main(["noise", str(freiburg), str(tmp_path / "both"), *camera, *both]) == 0
+    assert (tmp_path / f"both/tum/depth/{DEPTH_STAMPS[0]}.png").is_file()
+    assert (tmp_path / "both/euroc/mav0/cam0/data/1305031102175304000.png").is_file()
+
+
+def test_names_that_could_not_stand_in_another_folder_are_replaced(freiburg, tmp_path, capsys):
+    lines = [f"{a} rgb/{a}.png {b} ../fr1/depth/{b}.png" for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)]
+    (freiburg / "associations.txt").write_text("\n".join(lines))
+    command = ["noise", str(freiburg), str(tmp_path / "deep/out"), "--camera", "64x48", "--rgb-noise", "paper"]
+    assert main([*command, "--quiet"]) == 0
+    assert sorted(p.name for p in (tmp_path / "deep/out/depth").iterdir()) == [f"00000{n}.png" for n in range(3)]
+
+
+def test_the_options_old_name_is_understood_with_a_note(raw, tmp_path, capsys):
+    old = ["--dialect", "tum", "--dialect", "nerf", "--quiet"]
+    assert main(["dataset", str(raw), str(tmp_path / "out"), *old]) == 0
+    assert "--dialect is now called --format" in capsys.readouterr().err
+    assert {"tum", "nerf"} <= {p.name for p in (tmp_path / "out").iterdir()}
+    assert json.loads((tmp_path / "out/recipe.json").read_text())["dialects"] == ["tum", "nerf"]
 
 
 def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys):

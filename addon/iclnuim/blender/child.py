@@ -158,15 +158,15 @@ def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
 
 def _render(session: worker.Session, command: dict, emit: Emit, should_stop: Callable[[], bool]) -> tuple[int, bool]:
     """Frames, then the sequences made of them; what is wrong with these is said before the first frame."""
-    from iclnuim.dataset import variants
+    from iclnuim.dataset.sequence import writer_of
     from iclnuim.worker_events import Missing, Written
 
     wanted, numbers = command.get("sequences"), command["frames"]
-    writer = variants.begin_variants(session.run, session.trajectory, numbers, wanted) if wanted else None
+    writer = writer_of(session.run, session.trajectory, numbers, wanted) if wanted else None
     rendered, whole = session.render(numbers, should_stop)
     if writer is not None and whole:
         emit(Missing("sequences", len(writer.missing)))
-        whole = variants.write_unless(writer, lambda n: emit(Written(n)), should_stop)
+        whole = bool(writer.write(None, lambda n: emit(Written(n)), should_stop))
     return rendered, whole
 
 

@@ -1,1 +1,1 @@
-"""From rendered frames to sequences: the folder of a run, noise, dialects, inspection."""
+"""From rendered frames to sequences: the folder of a run, noise, formats, inspection."""

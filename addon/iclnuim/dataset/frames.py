@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from ..formats.exr import exr_header, read_exr
+from ..formats.exr import read_exr
 from ..formats.files import read_bytes, read_json, sha256
 from ..formats.png import read_depth16, read_rgb8
 from ..formats.trajectories import read_trajectory
@@ -18,8 +18,9 @@ from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
 from .depth_units import metres_from_depth16
 from .ground_truth import TruthImages
-from .images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from .images import EUROC, NERF, ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
 from .run_folder import RunFolder
+from .sequence_formats import PairNames
 
 LoadFrame = Callable[[int], tuple[np.ndarray, np.ndarray]]
 
@@ -30,7 +31,8 @@ class FrameSource:
 
     `load(number)` gives scene-linear light (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
     holds the stamp of every frame there is, also of those not asked for; `truth_of(numbers)` the ground truth to
-    write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them.
+    write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them. `names` and
+    `truth_file`: what the images are called, and the bytes of a ground-truth file in TUM format, where a sequence in that format keeps them.
     """
 
     camera: PinholeCamera
@@ -40,6 +42,8 @@ class FrameSource:
     truth_of: Callable[[tuple[int, ...]], Trajectory | None]
     origin: dict
     truth_images: TruthImages | None = None
+    names: Mapping[int, PairNames] = field(default_factory=dict)
+    truth_file: bytes | None = None
 
 
 def run_frames(folder: Path, frames: str = "::") -> FrameSource:
@@ -85,22 +89,23 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
 
     Raises InputError where a channel is missing, the size is not the camera's, or Z is only half precision.
     """
-    header = exr_header(path)
-    missing = [name for name in "RGBZ" if name not in header.channels]
-    if missing:
-        found = f"no {', '.join(missing)} among {', '.join(header.channels)}"
-        raise InputError("channels R, G, B and Z", path=path, found=found)
-    if (header.width, header.height) != (camera.width, camera.height):
-        expected = f"{camera.width} x {camera.height} as camera.json has it"
-        raise InputError(expected, path=path, found=f"{header.width} x {header.height}")
-    if header.channels["Z"] != "float":
-        raise InputError("Z as 32-bit float", path=path, found="half, which rounds 4 m to 2 mm")
     channels = read_exr(path)
-    return np.stack([channels[c] for c in "RGB"], -1), channels["Z"]
+    missing = [name for name in "RGBZ" if name not in channels]
+    if missing:
+        found = f"no {', '.join(missing)} among {', '.join(channels)}"
+        raise InputError("channels R, G, B and Z", path=path, found=found)
+    depth_z_m = channels["Z"]
+    height, width = depth_z_m.shape
+    if (height, width) != (camera.height, camera.width):
+        expected = f"{camera.width} x {camera.height} as camera.json has it"
+        raise InputError(expected, path=path, found=f"{width} x {height}")
+    if depth_z_m.dtype != np.float32:
+        raise InputError("Z as 32-bit float", path=path, found="half, which rounds 4 m to 2 mm")
+    return np.stack([channels[c] for c in "RGB"], -1), depth_z_m
 
 
 def image_frames(folder: Path, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
-    """The pairs of any TUM-form sequence: rgb/ and depth/ as PNG, with or without lists of them.
+    """The pairs of a sequence that somebody has: rgb/ and depth/ as PNG, with or without lists of them, or EuRoC's or NeRF's layout.
 
     `frames` slices the pairs. Light is the 8-bit colour taken back through the sRGB transfer function. Raises
     InputError where there are no pairs, or the camera is neither given nor beside the images.
@@ -110,19 +115,44 @@ def image_frames(folder: Path, frames: str = "::", camera: SequenceCamera | None
     numbers = tuple(pairs[i].number for i in sorted(frame_slice(frames, len(pairs))))
     camera = camera or read_camera(folder, pairs[0].rgb)
     by_number = {pair.number: pair for pair in pairs}
-    truth = read_truth(folder)
+    truth_path = find_truth(folder)
+    loaded = read_trajectory(truth_path) if truth_path else None
+    truth = loaded.trajectory if loaded else read_truth(folder)
+    is_tum = loaded is not None and loaded.taken.format == "tum"
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
         return _read_pair(by_number[number], camera)
 
     names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
+    kept = _kept_names(folder, pairs)
     origin = {
         "images": folder.resolve().name,
         "depth_units_per_metre": camera.depth_units_per_metre,
         "list_sha256": sha256(names.encode()),
+        "names": "kept" if kept else "by frame number",
     }
     stamps_s = {p.number: p.stamp_s for p in pairs}
-    return FrameSource(camera.pinhole, numbers, stamps_s, load, lambda some: truth, origin)
+    truth_file = read_bytes(truth_path) if truth_path and is_tum else None
+    return FrameSource(
+        camera.pinhole, numbers, stamps_s, load, lambda some: truth, origin, names=kept, truth_file=truth_file
+    )
+
+
+def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, PairNames]:
+    """The names of a sequence's images and stamps by frame number; {} for EuRoC's and NeRF's layouts, and where the names could not
+    stand in another folder: outside of the sequence, not unique, or with blanks.
+    """
+    if (folder / EUROC).is_dir() or (folder / NERF).is_file():
+        return {}
+    try:
+        paths = [[image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)] for p in pairs]
+    except ValueError:
+        return {}
+    every = [path for pair in paths for path in pair]
+    plain = all(path.endswith(".png") and path.split() == [path] and "#" not in path for path in every)
+    if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
+        return {}
+    return {p.number: PairNames(*both, *p.written) for p, both in zip(pairs, paths, strict=True)}
 
 
 def _read_pair(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ NORMAL_ZERO, NORMAL_STEPS = 32768, 32767
 
 
 def image_path(depth_path: str, kind: str) -> str:
-    """Where an image lies, in any dialect, given where its depth image does: `depth/000000.png` -> `normal/000000.png`."""
+    """Where an image lies, in any format, given where its depth image does: `depth/000000.png` -> `normal/000000.png`."""
     return depth_path.replace("depth", kind, 1)
 
 

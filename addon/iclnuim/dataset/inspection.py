@@ -1,4 +1,4 @@
-"""What is wrong with a sequence that anyone made, in plain words."""
+"""What is wrong with a sequence that somebody has, in plain words."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.png import PngHeader, check_png, read_depth16
+from ..geometry import axes
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample, statistics
-from .consistency import PoseFit, pose_fit
 from .depth_units import LARGEST_UNIT
 from .images import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
 
@@ -22,6 +24,9 @@ T = TypeVar("T")
 
 #: Depth images looked into, and the share of a frame's time that a pose may be off.
 _SAMPLES, _SLACK = 24, 0.5
+#: Residuals beyond this are other surfaces, not errors of the pose.
+_SAME_SURFACE_M = 0.3
+_STEP_PX = 6
 
 
 @dataclass
@@ -43,7 +48,7 @@ class Inspection:
 
 
 def inspect_sequence(folder: Path) -> Inspection:
-    """Look through a sequence in TUM form or the original's. Never raises for what is in the files."""
+    """Look through a sequence in TUM's format or the original's. Never raises for what is in the files."""
     folder = Path(folder)
     result = Inspection(folder)
     pairs = result.attempt(find_pairs, folder)
@@ -73,11 +78,11 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     for kind, paths in listed.items():
         there = {image.resolve() for parent in {p.parent for p in paths} for image in parent.glob("*.png")}
         result.figures[f"{kind}_images"] = len(there)
-        _tell(result.wrong, sorted(paths - there), "{} images that the lists name are not there: {}")
-        _tell(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or stand in no list: {{}}")
+        _report(result.wrong, sorted(paths - there), "{} images that the lists name are not there: {}")
+        _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or stand in no list: {{}}")
 
 
-def _tell(where: list[str], paths: list[Path], sentence: str) -> None:
+def _report(where: list[str], paths: list[Path], sentence: str) -> None:
     if paths:
         names = ", ".join(p.name for p in paths[:3]) + (" ..." if len(paths) > 3 else "")
         where.append(sentence.format(len(paths), names))
@@ -215,3 +220,42 @@ def _handedness(
         result.wrong.append(f"{told}, to {mirrored}: they look left-handed; try --from gt.freiburg where they are read")
     elif fit.as_read_m > 0.05:
         result.wrong.append(f"{told}: poses, depth or camera do not belong together")
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """Median distance along z between carried and measured depth, metres: poses as read, and mirrored in y."""
+
+    as_read_m: float
+    mirrored_m: float
+    pairs: int
+
+
+def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) -> PoseFit:
+    """Of each frame against the next of those given, (n,) depth images and poses; NaN where nothing overlaps."""
+    fits = []
+    for T in (poses, axes.mirrored_y(poses)):
+        found = [
+            carried_residual(depths_z_m[i], depths_z_m[i + 1], T[i + 1].inverse() @ T[i], camera, _STEP_PX).ravel()
+            for i in range(len(depths_z_m) - 1)
+        ]
+        every = np.abs(np.concatenate(found)) if found else np.zeros(0)
+        every = every[every < _SAME_SURFACE_M]  # NaN is not
+        fits.append(float(np.median(every)) if every.size > 100 else float("nan"))
+    return PoseFit(fits[0], fits[1], len(depths_z_m) - 1)
+
+
+def carried_residual(
+    depth_a_z_m: np.ndarray, depth_b_z_m: np.ndarray, T_b_a: SE3, camera: PinholeCamera, step_px: int = 1
+) -> np.ndarray:
+    """Measured minus expected z in b of every `step_px`-th row and column of a, metres; NaN where it cannot be told."""
+    points = camera.unproject(depth_a_z_m)[::step_px, ::step_px]
+    shape = points.shape[:2]
+    points = T_b_a.apply(points.reshape(-1, 3))
+    pixels = np.rint(np.nan_to_num(camera.project(points), nan=-1.0).clip(-1, 1e6)).astype(int)
+    inside = (pixels >= 0).all(1) & (pixels[:, 0] < camera.width) & (pixels[:, 1] < camera.height)
+    inside &= depth_a_z_m[::step_px, ::step_px].ravel() > 0
+    residual = np.full(len(points), np.nan)
+    measured = depth_b_z_m[pixels[inside, 1], pixels[inside, 0]]
+    residual[inside] = np.where(measured > 0, measured - points[inside, 2], np.nan)
+    return residual.reshape(shape)

@@ -22,7 +22,7 @@ IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "s
 KEYS = ("kind", *IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
 
 
-def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, dialects: list[str]) -> dict:
+def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, formats: list[str]) -> dict:
     """Make `out` with the recipe of a sequence not yet finished, or take up the one begun there.
 
     Raises InputError where a file is in the way, where other files lie there, or a sequence of another recipe.
@@ -33,7 +33,7 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, dialec
         "source": origin,
         "camera": camera.to_dict(),
         **settings,
-        "dialects": dialects,
+        "dialects": formats,
         "versions": _versions(),
         "source_commit": source_commit(),
         "finished": False,
@@ -53,7 +53,7 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, dialec
 
 
 def finish(folders: tuple[Path, ...], recipe: dict, numbers: tuple[int, ...], invalid: dict[str, int]) -> None:
-    """The recipe with its counts, beside every form of the sequence."""
+    """The recipe with its counts, beside the sequence in every format."""
     frames = {"count": len(numbers), "first": numbers[0], "last": numbers[-1]}
     for folder in folders:
         write_json(

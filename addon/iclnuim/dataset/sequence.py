@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,14 +13,17 @@ from ..errors import WorkError
 from ..formats.files import read_bytes, sha256, writer_died
 from ..formats.png import write_png
 from ..geometry.camera import PinholeCamera
+from ..geometry.trajectory import Trajectory
+from ..sensor.models import depth_model, rgb_model
 from . import ground_truth
-from .crew import Crew, result_of
 from .depth_units import total
-from .dialects import Contents, Dialect, dialect
-from .frames import FrameSource
+from .frame_pool import FramePool, cores
+from .frames import FrameSource, frames_of_run
 from .journal import Journal, JournalEntry
 from .noisy_frame import SequenceSettings, noisy_images
 from .recipe import begin, finish
+from .run_folder import RunFolder
+from .sequence_formats import Contents, SequenceFormat, SequenceFrame, sequence_format
 
 #: The files of a frame by kind of image: rgb, depth, and the kinds of ground truth.
 Places = dict[str, list[Path]]
@@ -38,7 +40,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class WrittenSequence:
-    """Folders (one a dialect), frames made now and found finished, and pixels without depth by kind."""
+    """Folders (one a format), frames made now and found finished, and pixels without depth by kind."""
 
     folders: tuple[Path, ...]
     made: int
@@ -50,57 +52,52 @@ def write_sequence(
     source: FrameSource,
     out: Path,
     settings: SequenceSettings | None = None,
-    dialects: Iterable[str] = ("tum",),
+    formats: Iterable[str] = ("tum",),
     workers: int | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> WrittenSequence:
-    """Write `source` as a sequence into `out`, or go on with the one begun there. As SequenceWriter has it."""
-    writer = SequenceWriter(source, {Path(out): settings or SequenceSettings()}, dialects)
+    """Write `source` as a sequence into `out`, or go on with the one begun there. As SequenceWriter does."""
+    writer = SequenceWriter(source, {Path(out): settings or SequenceSettings()}, formats)
     return writer.write(workers, on_frame)[0]
 
 
 class SequenceWriter:
     """The same frames under one or several settings, folder -> settings (clean and noisy): each frame is read once.
 
-    With several dialects each has a folder of its own below. Frames that stand there whole, by their hash, are skipped.
+    With several formats each has a folder of its own below. Frames that stand there whole, by their hash, are skipped.
     Raises InputError where a folder holds other files or another sequence, WorkError where it cannot be made.
     """
 
     def __init__(
-        self, source: FrameSource, variants: Mapping[Path, SequenceSettings], dialects: Iterable[str] = ("tum",)
+        self, source: FrameSource, variants: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
     ) -> None:
         keep_freed_memory()
-        forms = [dialect(name) for name in dict.fromkeys(dialects)]
+        chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
         self.source = source
-        self.targets = [_target(source, Path(out), settings, forms) for out, settings in variants.items()]
+        self.targets = [_target(source, Path(out), settings, chosen) for out, settings in variants.items()]
         self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
 
     def write(
-        self, workers: int | None = None, on_frame: Callable[[int], None] = lambda number: None
+        self,
+        workers: int | None = None,
+        on_frame: Callable[[int], None] = lambda number: None,
+        should_stop: Callable[[], bool] = lambda: False,
     ) -> list[WrittenSequence]:
-        """Make the missing frames, then lists and recipe of all that are there. `on_frame(number)` after each.
+        """Make the missing frames, then lists and recipe of all that are there; [] where `should_stop()` was true after a frame.
 
-        The first error stops the work; finished frames stay. Raises InputError for a frame that cannot be read,
-        WorkError where one cannot be written.
+        `on_frame(number)` after each. The first error stops the work; finished frames stay. Raises InputError for a frame that cannot
+        be read, WorkError where one cannot be written.
         """
-        with Crew(self.make, min(workers or _cores(), len(self.missing) or 1)) as crew:
-            waiting = {crew.submit(number) for number in self.missing}
-            try:
-                for done in as_completed(waiting.copy()):
-                    waiting.remove(done)
-                    on_frame(self.note(result_of(done)))
-            except BaseException:
-                self._note_finished(waiting)
-                raise
-        return self.complete()
 
-    def _note_finished(self, waiting: set[Future]) -> None:
-        """Frames that were in work when another failed are finished and kept; those that were not begun are not."""
-        for future in waiting:
-            future.cancel()
-        for future in waiting:
-            if not future.cancelled() and future.exception() is None:
-                self.note(future.result())
+        def noted(entries: list[JournalEntry | None]) -> None:
+            on_frame(self.note(entries))
+            if should_stop():
+                pool.stop()
+
+        with FramePool(self.make, min(workers or cores(), len(self.missing) or 1), noted) as pool:
+            for number in self.missing:
+                pool.add(number)
+        return [] if pool.stopped else self.complete()
 
     def make(self, number: int) -> list[JournalEntry | None]:
         """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread, in any process.
@@ -126,6 +123,19 @@ class SequenceWriter:
         return [target.completed(self.source) for target in self.targets]
 
 
+def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
+    """The writer of sequences of frames that may still have to be rendered; folders and recipes are made now.
+
+    `wanted`, as a worker is told: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n}}}.
+    Raises InputError, WorkError.
+    """
+    variants = {
+        Path(folder): SequenceSettings(depth_model(v["depth"]), rgb_model(v["rgb"]), v["seed"])
+        for folder, v in wanted["variants"].items()
+    }
+    return SequenceWriter(frames_of_run(run, truth, numbers), variants, wanted["dialects"])
+
+
 def keep_freed_memory() -> None:
     """Once a large block was freed, glibc keeps what is freed up to that size for the next array instead of giving it
     back to the system and asking anew, page by page: noise takes two thirds of the time. Elsewhere nothing happens.
@@ -139,7 +149,7 @@ class _Target:
 
     out: Path
     settings: SequenceSettings
-    forms: list[Dialect]
+    formats: list[SequenceFormat]
     recipe: dict
     journal: Journal
     places: dict[int, Places]
@@ -159,9 +169,9 @@ class _Target:
         """Text files and recipe, once all frames asked for are there."""
         numbers = tuple(sorted(self.finished.union(source.numbers)))
         contents = _contents(source, numbers, self.settings)
-        folders = _folders(self.out, self.forms)
-        for form, folder in zip(self.forms, folders, strict=True):
-            form.write_texts(folder, contents, form)
+        folders = _folders(self.out, self.formats)
+        for format, folder in zip(self.formats, folders, strict=True):
+            format.write_texts(folder, contents, format)
             if source.truth_images:
                 source.truth_images.write_tables(folder)
         counts = total(self.journal.entries[n].invalid_depth for n in numbers)
@@ -171,27 +181,27 @@ class _Target:
         return WrittenSequence(folders, len(source.numbers) - found, found, counts)
 
 
-def _target(source: FrameSource, out: Path, settings: SequenceSettings, forms: list[Dialect]) -> _Target:
-    for form in forms:
-        form.check(_contents(source, source.numbers, settings))
-    recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in forms])
+def _target(source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]) -> _Target:
+    for format in formats:
+        format.check(_contents(source, source.numbers, settings))
+    recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in formats])
     journal = Journal(out / "frames.jsonl")
-    folders = _folders(out, forms)
+    folders = _folders(out, formats)
     kinds = ground_truth.KINDS if source.truth_images else ()
-    places = {n: _image_files(forms, folders, n, t, kinds) for n, t in source.stamps_s.items()}
+    places = {n: _image_files(formats, folders, _frame(source, n), kinds) for n in source.stamps_s}
     finished = frozenset(n for n in places if _stands(journal, n, places[n]))
     _clear(out)
     _make_folders(places[n] for n in source.numbers)
-    return _Target(out, settings, forms, recipe, journal, places, finished)
+    return _Target(out, settings, formats, recipe, journal, places, finished)
 
 
-def _folders(out: Path, forms: list[Dialect]) -> tuple[Path, ...]:
-    """One dialect lies in `out` itself, several in a folder each."""
-    return (out,) if len(forms) == 1 else tuple(out / form.name for form in forms)
+def _folders(out: Path, formats: list[SequenceFormat]) -> tuple[Path, ...]:
+    """One format lies in `out` itself, several in a folder each."""
+    return (out,) if len(formats) == 1 else tuple(out / format.name for format in formats)
 
 
 def _write_image(files: list[Path], image: np.ndarray) -> str:
-    """The same image under every name (one a dialect); its SHA-256."""
+    """The same image under every name (one a format); its SHA-256."""
     write_png(files[0], image)
     for other in files[1:]:
         other.unlink(missing_ok=True)
@@ -202,14 +212,18 @@ def _write_image(files: list[Path], image: np.ndarray) -> str:
     return sha256(read_bytes(files[0]))
 
 
+def _frame(source: FrameSource, number: int) -> SequenceFrame:
+    return SequenceFrame(number, source.stamps_s[number], source.names.get(number))
+
+
 def _image_files(
-    forms: list[Dialect], folders: tuple[Path, ...], number: int, stamp_s: float, kinds: Iterable[str]
+    formats: list[SequenceFormat], folders: tuple[Path, ...], frame: SequenceFrame, kinds: Iterable[str]
 ) -> Places:
-    """Colour, depth and ground-truth files of a frame, one a dialect."""
-    both = list(zip(forms, folders, strict=True))
-    depth = [(folder, f.depth(number, stamp_s)) for f, folder in both]
+    """Colour, depth and ground-truth files of a frame, one a format."""
+    both = list(zip(formats, folders, strict=True))
+    depth = [(folder, format.depth(frame)) for format, folder in both]
     return {
-        "rgb": [folder / f.rgb(number, stamp_s) for f, folder in both],
+        "rgb": [folder / format.rgb(frame) for format, folder in both],
         "depth": [folder / path for folder, path in depth],
         **{kind: [folder / ground_truth.image_path(path, kind) for folder, path in depth] for kind in kinds},
     }
@@ -248,9 +262,6 @@ def _clear(folder: Path) -> None:
 
 
 def _contents(source: FrameSource, numbers: tuple[int, ...], settings: SequenceSettings) -> Contents:
-    stamps_s = tuple(source.stamps_s[n] for n in numbers)
-    return Contents(source.camera, numbers, stamps_s, source.truth_of(numbers), settings.depth_units_per_metre)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    frames = tuple(_frame(source, n) for n in numbers)
+    truth = source.truth_of(numbers)
+    return Contents(source.camera, frames, truth, settings.depth_units_per_metre, source.truth_file)

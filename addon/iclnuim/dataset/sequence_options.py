@@ -10,8 +10,8 @@ from ..errors import InputError
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
 from ..settings import Choices, Settings, setting
 from .depth_units import UNITS_PER_METRE
-from .dialects import DIALECTS
 from .noisy_frame import SequenceSettings
+from .sequence_formats import FORMATS
 
 
 def _summaries(registry: Mapping[str, Any]) -> Choices:
@@ -20,7 +20,7 @@ def _summaries(registry: Mapping[str, Any]) -> Choices:
 
 
 def _formats() -> Choices:
-    return _summaries({name: form.write_texts for name, form in DIALECTS.items()})
+    return {name: format.description for name, format in FORMATS.items()}
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Files in and out: trajectories of every dialect, EXR, PNG, recipes. Each conversion names the frame it comes from."""
+"""Files in and out: trajectories of every format, EXR, PNG, recipes. Each conversion names the frame it comes from."""

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from decimal import Decimal
 
 import numpy as np
 
@@ -22,14 +23,23 @@ IMAGES = "2 columns: stamp path"
 
 @dataclass(frozen=True)
 class ImageList:
-    """Stamps in seconds, and paths as the file gives them, relative to its folder."""
+    """Stamps in seconds, and paths as the file gives them, relative to its folder.
+
+    written: stamps to the character as the file has them, "" or () where they are no seconds; what is written again keeps them.
+    """
 
     stamps_s: tuple[float, ...]
     paths: tuple[str, ...]
+    written: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if len(self.stamps_s) != len(self.paths):
             raise InputError("as many paths as stamps", found=f"{len(self.paths)} and {len(self.stamps_s)}")
+
+    def stamp_texts(self) -> list[str]:
+        """Seconds as they are written into a list."""
+        written = self.written or ("",) * len(self)
+        return [text or f"{Decimal(repr(stamp_s)):.9f}" for stamp_s, text in zip(self.stamps_s, written, strict=True)]
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -71,13 +81,16 @@ def write_associations(
 ) -> None:
     """In TUM's order with seconds, or in ICL-NUIM's with frame numbers; whole or not at all."""
     if order == "tum":
-        first, second, stamp = pairs.rgb, pairs.depth, _seconds
+        first, second = pairs.rgb, pairs.depth
+        stamps = zip(first.stamp_texts(), second.stamp_texts(), strict=True)
     elif order == "icl-nuim":
-        first, second, stamp = pairs.depth, pairs.rgb, lambda stamp_s: _frame_number(stamp_s, rate_hz)
+        first, second = pairs.depth, pairs.rgb
+        ids = ([_frame_number(stamp_s, rate_hz) for stamp_s in images.stamps_s] for images in (first, second))
+        stamps = zip(*ids, strict=True)
     else:
         raise InputError("the order tum or icl-nuim", found=order)
-    rows = zip(first.stamps_s, first.paths, second.stamps_s, second.paths, strict=True)
-    lines = [f"{stamp(a)} {_plain(one)} {stamp(b)} {_plain(other)}\n" for a, one, b, other in rows]
+    rows = zip(stamps, first.paths, second.paths, strict=True)
+    lines = [f"{a} {_plain(one)} {b} {_plain(other)}\n" for (a, b), one, other in rows]
     atomic_write_text(path, "".join(lines))
 
 
@@ -91,8 +104,8 @@ def read_image_list(path: str | os.PathLike[str]) -> ImageList:
 
 def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
     """`# timestamp filename`, then a line each; whole or not at all."""
-    rows = zip(images.stamps_s, images.paths, strict=True)
-    lines = [f"{_seconds(stamp_s)} {_plain(image)}\n" for stamp_s, image in rows]
+    rows = zip(images.stamp_texts(), images.paths, strict=True)
+    lines = [f"{stamp} {_plain(image)}\n" for stamp, image in rows]
     atomic_write_text(path, "# timestamp filename\n" + "".join(lines))
 
 
@@ -117,7 +130,8 @@ def _image_list(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]],
             expected = f"a stamp in seconds in column {column + 1}"
             raise InputError(expected, path=path, line=number, found=repr(fields[column]))
         stamps_s.append(stamp_s)
-    return ImageList(tuple(stamps_s), tuple(fields[column + 1] for _, fields in rows))
+    paths, written = (tuple(fields[place] for _, fields in rows) for place in (column + 1, column))
+    return ImageList(tuple(stamps_s), paths, written)
 
 
 def _depth_first(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]]) -> bool:
@@ -136,10 +150,6 @@ def _check_increasing(path: str | os.PathLike[str], rows: list[tuple[int, list[s
         row = int(late[0]) + 1
         expected = f"a stamp above the {images.stamps_s[row - 1]:.15g} of line {rows[row - 1][0]}"
         raise InputError(expected, path=path, line=rows[row][0], found=f"{images.stamps_s[row]:.15g}")
-
-
-def _seconds(stamp_s: float) -> str:
-    return f"{stamp_s:.9f}"
 
 
 def _frame_number(stamp_s: float, rate_hz: float) -> str:

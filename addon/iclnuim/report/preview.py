@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset.consistency import carried_residual
 from ..dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from ..dataset.inspection import carried_residual
 from ..errors import InputError, WorkError
 from ..formats.files import atomic_write
 from ..formats.png import read_depth16, read_rgb8, write_png

@@ -1,13 +1,15 @@
-"""ROS 1 and ROS 2 bags of a sequence, through the optional package rosbags; no ROS needed.
+"""A sequence in one file: ROS 1 and ROS 2 bags, through the optional package rosbags (no ROS needed), and .klg logs.
 
-Topics: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info each, and with
+Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info each, and with
 ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Every stamp is 1 s later
 than in the sequence, as ROS 1 takes stamp 0 for none.
 """
 
 from __future__ import annotations
 
+import struct
 import tempfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, WorkError
+from ..formats.files import atomic_write, atomic_write_text
 from ..formats.png import read_depth16, read_rgb8
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -152,3 +155,34 @@ class _Bag:
     @staticmethod
     def _nanoseconds(stamp_s: float) -> int:
         return round((stamp_s + _OFFSET_S) * 1e9)
+
+
+def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:
+    """The pairs of a sequence as one log for ElasticFusion and Kintinuous, its camera beside it; their number. Raises as the readers do.
+
+    Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32 bytes of colour, depth (16 bit,
+    millimetres, zlib), colour (RGB, three bytes a pixel, not compressed: their readers tell by its size). The camera stands in a file of
+    its own, .cal, one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
+    """
+    pairs = find_pairs(Path(folder))
+    camera = read_camera(Path(folder), pairs[0].rgb)
+    per_metre, c = camera.depth_units_per_metre, camera.pinhole
+
+    def write(temporary: Path) -> None:
+        with open(temporary, "wb") as log:
+            log.write(struct.pack("<i", len(pairs)))
+            for pair in pairs:
+                depth = zlib.compress(_millimetres(read_depth16(pair.depth), per_metre).tobytes(), 1)
+                colour = read_rgb8(pair.rgb).tobytes()
+                log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)))
+                log.write(depth)
+                log.write(colour)
+                on_frame(pair.number)
+
+    atomic_write(file, write)
+    atomic_write_text(file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n")
+    return len(pairs)
+
+
+def _millimetres(units: np.ndarray, per_metre: float) -> np.ndarray:
+    return np.rint(units * (1000 / per_metre)).clip(0, 65535).astype("<u2")

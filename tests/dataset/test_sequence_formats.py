@@ -1,22 +1,22 @@
-"""Every dialect against an independent reading of it."""
+"""Every sequence format against an independent reading of it."""
 
 import csv
 import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset.dialects import DIALECTS
 from iclnuim.dataset.frames import image_frames, run_frames
 from iclnuim.dataset.images import find_pairs
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
+from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 
 
 @pytest.fixture
-def all_dialects(run, tmp_path):
-    write_sequence(run_frames(run.path), tmp_path / "out", dialects=tuple(DIALECTS))
+def all_formats(run, tmp_path):
+    write_sequence(run_frames(run.path), tmp_path / "out", formats=tuple(FORMATS))
     return tmp_path / "out"
 
 
@@ -25,7 +25,7 @@ def truth(run):
     return read_trajectory(run.path / "groundtruth.txt", "tum").trajectory
 
 
-def test_the_same_images_lie_in_every_dialect(all_dialects):
+def test_the_same_images_lie_in_every_format(all_formats):
     places = {
         "tum": ("rgb/000002.png", "depth/000002.png"),
         "icl-nuim": ("rgb/2.png", "depth/2.png"),
@@ -33,12 +33,12 @@ def test_the_same_images_lie_in_every_dialect(all_dialects):
         "nerf": ("images/000002.png", "depth/000002.png"),
     }
     for index in (0, 1):
-        assert len({(all_dialects / name / paths[index]).read_bytes() for name, paths in places.items()}) == 1
-    assert all((all_dialects / name / "recipe.json").is_file() for name in places)
+        assert len({(all_formats / name / paths[index]).read_bytes() for name, paths in places.items()}) == 1
+    assert all((all_formats / name / "recipe.json").is_file() for name in places)
 
 
-def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_image_0(all_dialects, truth):
-    folder = all_dialects / "icl-nuim"
+def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_image_0(all_formats, truth):
+    folder = all_formats / "icl-nuim"
     assert (folder / "associations.txt").read_text().splitlines()[1] == "1 depth/1.png 1 rgb/1.png"
     k = np.loadtxt(folder / "calibration.txt")
     assert np.allclose(k, [[48, 0, 31.5], [0, -48, 23.5], [0, 0, 1]])
@@ -56,8 +56,8 @@ def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_
         assert np.allclose(Rotation.from_quat(row[4:]).as_matrix(), S @ relative[:3, :3] @ S, atol=1e-8)
 
 
-def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_dialects, truth):
-    mav = all_dialects / "euroc/mav0"
+def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_formats, truth):
+    mav = all_formats / "euroc/mav0"
     for sensor in ("cam0", "depth0"):
         rows = list(csv.reader((mav / sensor / "data.csv").open()))[1:]
         assert [int(row[0]) for row in rows] == [0, 33333333, 66666667, 100000000]
@@ -68,8 +68,8 @@ def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_dialects, tr
     assert np.allclose(rows[:, 4:], truth.T_world_camera.quat_wxyz, atol=1e-8)
 
 
-def test_nerf_poses_project_as_the_cv_camera_does(all_dialects, truth):
-    content = json.loads((all_dialects / "nerf/transforms.json").read_text())
+def test_nerf_poses_project_as_the_cv_camera_does(all_formats, truth):
+    content = json.loads((all_formats / "nerf/transforms.json").read_text())
     point = np.array([0.3, -0.2, 5.0])  # world
     for i, frame in enumerate(content["frames"]):
         x, y, z, _ = np.linalg.inv(np.array(frame["transform_matrix"])) @ [*point, 1]
@@ -77,22 +77,22 @@ def test_nerf_poses_project_as_the_cv_camera_does(all_dialects, truth):
         v = content["fl_y"] * -y / -z + content["cy"]
         ours = PinholeCamera(64, 48, 48, 48, 31.5, 23.5).project(truth.T_world_camera[i].inverse().apply(point))
         assert np.allclose([u - 0.5, v - 0.5], ours, atol=1e-6)
-        assert (all_dialects / "nerf" / frame["file_path"]).is_file()
-        assert (all_dialects / "nerf" / frame["depth_file_path"]).is_file()
+        assert (all_formats / "nerf" / frame["file_path"]).is_file()
+        assert (all_formats / "nerf" / frame["depth_file_path"]).is_file()
 
 
-def test_orb_slam3_settings_are_read_by_opencv(all_dialects):
+def test_orb_slam3_settings_are_read_by_opencv(all_formats):
     cv2 = pytest.importorskip("cv2")
-    storage = cv2.FileStorage(str(all_dialects / "tum/orb_slam3.yaml"), cv2.FILE_STORAGE_READ)
+    storage = cv2.FileStorage(str(all_formats / "tum/orb_slam3.yaml"), cv2.FILE_STORAGE_READ)
     values = [storage.getNode(f"Camera1.{name}").real() for name in ("fx", "fy", "cx", "cy")]
     assert values == [48, 48, 31.5, 23.5]
     assert storage.getNode("RGBD.DepthMapFactor").real() == 5000
     assert storage.getNode("Camera.type").string() == "PinHole"
 
 
-@pytest.mark.parametrize("name", DIALECTS)
-def test_our_own_reader_takes_back_what_was_written(all_dialects, run, truth, name):
-    source, frames = image_frames(all_dialects / name), run_frames(run.path)
+@pytest.mark.parametrize("name", FORMATS)
+def test_our_own_reader_takes_back_what_was_written(all_formats, run, truth, name):
+    source, frames = image_frames(all_formats / name), run_frames(run.path)
     assert source.numbers == frames.numbers
     assert source.camera.to_dict() == pytest.approx(frames.camera.to_dict())
     assert [source.stamps_s[n] for n in source.numbers] == pytest.approx([frames.stamps_s[n] for n in frames.numbers])
@@ -118,24 +118,24 @@ def test_our_own_reader_takes_back_what_was_written(all_dialects, run, truth, na
         ("euroc/mav0/depth0/sensor.yaml", "intrinsics: [48", "intrinsics: [x", "intrinsics: .fx, fy, cx, cy."),
     ],
 )
-def test_damaged_lists_of_other_forms_are_one_line(all_dialects, file, old, new, message):
-    path = all_dialects / file
+def test_damaged_lists_of_other_forms_are_one_line(all_formats, file, old, new, message):
+    path = all_formats / file
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match=message) as error:
-        image_frames(all_dialects / file.split("/")[0])
+        image_frames(all_formats / file.split("/")[0])
     assert "\n" not in str(error.value)
 
 
-def test_one_dialect_lies_in_the_folder_itself_and_another_is_added_by_a_second_call(run, tmp_path):
-    write_sequence(run_frames(run.path), tmp_path / "out", dialects=("nerf",))
+def test_one_format_lies_in_the_folder_itself_and_another_is_added_by_a_second_call(run, tmp_path):
+    write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",))
     assert (tmp_path / "out/transforms.json").is_file() and (tmp_path / "out/images/000000.png").is_file()
 
 
-def test_what_a_dialect_cannot_say_is_refused_before_anything_is_written(run, tmp_path):
-    with pytest.raises(InputError, match="a dialect among tum, icl-nuim, euroc, nerf"):
-        write_sequence(run_frames(run.path), tmp_path / "out", dialects=("kitti",))
-    with pytest.raises(InputError, match="at least two poses for the dialect nerf"):
-        write_sequence(run_frames(run.path, "0"), tmp_path / "out", dialects=("nerf",))
+def test_what_a_format_cannot_say_is_refused_before_anything_is_written(run, tmp_path):
+    with pytest.raises(InputError, match="a sequence format .tum, icl-nuim, euroc, nerf."):
+        write_sequence(run_frames(run.path), tmp_path / "out", formats=("kitti",))
+    with pytest.raises(InputError, match="at least two poses for the format nerf"):
+        write_sequence(run_frames(run.path, "0"), tmp_path / "out", formats=("nerf",))
     assert not (tmp_path / "out").exists()
 
 
@@ -167,3 +167,9 @@ def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path)
     unchanged = write_sequence(image_frames(clean), tmp_path / "c").folders[0]
     for image in ("rgb/000003.png", "depth/000003.png"):
         assert (clean / image).read_bytes() == (unchanged / image).read_bytes()
+
+
+@pytest.mark.parametrize(("stride", "fps"), [(1, 30), (2, 15)])
+def test_orb_slam3s_settings_have_the_rate_of_the_stamps(run, tmp_path, stride, fps):
+    write_sequence(run_frames(run.path, f"::{stride}"), tmp_path / "out")
+    assert f"\nCamera.fps: {fps}\n" in (tmp_path / "out/orb_slam3.yaml").read_text()

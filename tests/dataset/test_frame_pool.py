@@ -1,4 +1,4 @@
-"""Frames on all cores: processes and threads do the same, and nothing of a crew outlives its parent."""
+"""Frames on all cores: processes and threads do the same, and nothing of a pool outlives its parent."""
 
 import os
 import pickle
@@ -16,11 +16,14 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are f
 ADDON = os.pathsep.join(sys.path)
 START = """
 import os, sys, time
-from iclnuim.dataset.crew import Crew, result_of
+from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.errors import InputError
 def results(work, count):
-    with Crew(work, 3) as crew:
-        return [result_of(f) for f in [crew.submit(n) for n in range(count)]]
+    found = []
+    with FramePool(lambda n: (n, work(n)), 3, found.append) as pool:
+        for n in range(count):
+            pool.add(n)
+    return [result for _, result in sorted(found)]
 """
 
 
@@ -37,7 +40,7 @@ def output(script: str) -> str:
     return out
 
 
-def test_the_work_is_done_in_other_processes_and_comes_back_in_order():
+def test_the_work_is_done_in_other_processes_and_all_of_it_comes_back():
     script = "print(results(lambda n: (n * n, os.getpid() != parent), 20))"
     assert eval(output("parent = os.getpid()\n" + script)) == [(n * n, True) for n in range(20)]
 
@@ -58,6 +61,27 @@ except InputError as error:
     print(error, error.line, error.found)
 """
     assert output(script) == "x.exr:3: expected a frame, found 0; try another 3 0\n"
+
+
+def test_an_error_of_the_work_or_of_what_follows_drops_what_was_not_begun_and_keeps_what_was_done():
+    script = """
+for fails in ("work", "finish"):
+    begun, kept = [], []
+    def finish(n):
+        kept.append(n)
+        if fails == "finish":
+            raise KeyError(n)
+    try:
+        with FramePool(lambda n: 1 / (fails == "finish" or n > 0) and time.sleep(0.1) or n, 2, finish) as pool:
+            for n in range(100):
+                pool.add(n)
+            for _ in range(30):
+                time.sleep(0.05)
+                pool.collect()
+    except (RuntimeError, KeyError) as error:
+        print(type(error).__name__, "ZeroDivisionError" in str(error), pool.failed, len(kept) < 10)
+"""
+    assert output(script) == "RuntimeError True True True\nKeyError False True True\n"
 
 
 def test_an_input_error_survives_pickling():

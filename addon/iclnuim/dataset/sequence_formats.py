@@ -1,0 +1,305 @@
+"""The formats a sequence is written in: where the images lie, and the text files beside them.
+
+A new format is one entry of FORMATS; the command line, the panel and the pages list what stands there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.associations import Associations, ImageList, write_associations, write_image_list
+from ..formats.files import atomic_write, atomic_write_text, write_json
+from ..formats.trajectories import WriteOptions, write_trajectory
+from ..geometry import axes
+from ..geometry.camera import PinholeCamera
+from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory, sample
+from .depth_units import UNITS_PER_METRE
+
+#: Any baseline serves a depth camera: it only sets, with ThDepth, how far points count as near (3 m here).
+_BASELINE_M, _NEAR_M = 0.08, 3.0
+
+
+@dataclass(frozen=True)
+class PairNames:
+    """What a sequence that somebody has calls a pair: paths of both images in its folder, and their stamps as its lists write them
+    ("" where a list has none).
+    """
+
+    rgb: str
+    depth: str
+    rgb_stamp: str = ""
+    depth_stamp: str = ""
+
+
+@dataclass(frozen=True)
+class SequenceFrame:
+    """One pair to be written: the frame's number, its stamp in seconds, and its names where they are to be kept."""
+
+    number: int
+    stamp_s: float
+    names: PairNames | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What the text files say: frames in order, camera, ground truth (None where there is none), and the bytes of a ground-truth file
+    in TUM format that is to be kept as it is.
+    """
+
+    camera: PinholeCamera
+    frames: tuple[SequenceFrame, ...]
+    truth: Trajectory | None
+    depth_units_per_metre: float = UNITS_PER_METRE
+    truth_file: bytes | None = None
+
+    @cached_property
+    def stamps_s(self) -> np.ndarray:
+        """(n,) seconds."""
+        return np.array([frame.stamp_s for frame in self.frames])
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second, by the median step between stamps; the benchmark's for a single frame."""
+        return float(1 / np.median(np.diff(self.stamps_s))) if len(self.frames) > 1 else FRAME_RATE_HZ
+
+
+@dataclass(frozen=True)
+class SequenceFormat:
+    """`rgb` and `depth` give the path of a frame's image; `write_texts` writes all that is no image; `check` raises InputError for
+    contents that the format cannot hold.
+    """
+
+    name: str
+    description: str
+    rgb: Callable[[SequenceFrame], str]
+    depth: Callable[[SequenceFrame], str]
+    write_texts: Callable[[Path, Contents, SequenceFormat], None]
+    check: Callable[[Contents], None] = lambda contents: None
+
+    def lists(self, contents: Contents) -> tuple[ImageList, ImageList]:
+        """Colour and depth images with their stamps."""
+        stamps_s = tuple(frame.stamp_s for frame in contents.frames)
+        rgb, depth = (tuple(map(path, contents.frames)) for path in (self.rgb, self.depth))
+        return ImageList(stamps_s, rgb), ImageList(stamps_s, depth)
+
+
+def sequence_format(name: str) -> SequenceFormat:
+    """Raises InputError for an unknown name."""
+    if name not in FORMATS:
+        raise InputError(f"a sequence format ({', '.join(FORMATS)})", found=name)
+    return FORMATS[name]
+
+
+def _write_tum(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    """rgb.txt, depth.txt, associations.txt, groundtruth.txt, camera.json; settings for ORB-SLAM3. Stamps that are to be kept are written
+    as they were, to the character.
+    """
+    names = [frame.names or PairNames("", "") for frame in contents.frames]
+    rgb, depth = format.lists(contents)
+    rgb = replace(rgb, written=tuple(n.rgb_stamp for n in names))
+    depth = replace(depth, written=tuple(n.depth_stamp for n in names))
+    write_image_list(folder / "rgb.txt", rgb)
+    write_image_list(folder / "depth.txt", depth)
+    write_associations(folder / "associations.txt", Associations(rgb, depth))
+    camera = {**contents.camera.to_dict(), "depth_units_per_metre": contents.depth_units_per_metre}
+    write_json(folder / "camera.json", camera)
+    atomic_write_text(folder / "orb_slam3.yaml", _orb_slam3_settings(contents))
+    kept = contents.truth_file
+    if kept is not None:
+        atomic_write(folder / "groundtruth.txt", lambda temporary: temporary.write_bytes(kept))
+    elif contents.truth is not None:
+        write_trajectory(folder / "groundtruth.txt", contents.truth, "tum")
+
+
+def _orb_slam3_settings(contents: Contents) -> str:
+    """Settings of ORB-SLAM3, YAML as OpenCV reads it, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE SEQUENCE/associations.txt`."""
+    c = contents.camera
+    return f"""%YAML:1.0
+# ORB-SLAM3, RGB-D: rgbd_tum VOCABULARY orb_slam3.yaml SEQUENCE SEQUENCE/associations.txt
+File.version: "1.0"
+
+Camera.type: "PinHole"
+Camera1.fx: {float(c.fx)!r}
+Camera1.fy: {float(c.fy)!r}
+Camera1.cx: {float(c.cx)!r}
+Camera1.cy: {float(c.cy)!r}
+Camera1.k1: 0.0
+Camera1.k2: 0.0
+Camera1.p1: 0.0
+Camera1.p2: 0.0
+Camera.width: {c.width}
+Camera.height: {c.height}
+Camera.fps: {max(1, round(contents.rate_hz))}
+# as in ORB-SLAM3's own settings for TUM sequences
+Camera.RGB: 1
+
+Stereo.ThDepth: {_NEAR_M / _BASELINE_M:.6f}
+Stereo.b: {_BASELINE_M:.6f}
+RGBD.DepthMapFactor: {float(contents.depth_units_per_metre)!r}
+
+ORBextractor.nFeatures: 1000
+ORBextractor.scaleFactor: 1.2
+ORBextractor.nLevels: 8
+ORBextractor.iniThFAST: 20
+ORBextractor.minThFAST: 7
+
+Viewer.KeyFrameSize: 0.05
+Viewer.KeyFrameLineWidth: 1.0
+Viewer.GraphLineWidth: 0.9
+Viewer.PointSize: 2.0
+Viewer.CameraSize: 0.08
+Viewer.CameraLineWidth: 3.0
+Viewer.ViewpointX: 0.0
+Viewer.ViewpointY: -0.7
+Viewer.ViewpointZ: -1.8
+Viewer.ViewpointF: 500.0
+"""
+
+
+def _write_icl_nuim(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    """The original's: depth first with integer ids, left-handed anchored poses without image 0, K with fy negative."""
+    rgb, depth = format.lists(contents)
+    write_associations(folder / "associations.txt", Associations(rgb, depth, "icl-nuim"), "icl-nuim")
+    c = contents.camera
+    rows = ((c.fx, 0, c.cx), (0, -c.fy, c.cy), (0, 0, 1))
+    atomic_write_text(folder / "calibration.txt", "".join(f"{a:.6f} {b:.6f} {d:.6f}\n" for a, b, d in rows))
+    if contents.truth is not None and len(contents.truth) > (contents.truth.stamps_s[0] == 0):
+        write_trajectory(folder / "groundtruth.gt.freiburg", contents.truth, "gt.freiburg", WriteOptions())
+
+
+def _check_icl_nuim(contents: Contents) -> None:
+    if contents.depth_units_per_metre != UNITS_PER_METRE:  # no file of this format could say so
+        found = f"{contents.depth_units_per_metre:g}"
+        raise InputError(f"{UNITS_PER_METRE:g} depth units a metre for the format icl-nuim", found=found)
+    numbers = np.array([frame.number for frame in contents.frames])
+    if np.abs(contents.stamps_s * FRAME_RATE_HZ - numbers).max() > 0.01:
+        expected = f"stamps at frame numbers / {FRAME_RATE_HZ:g} s for the format icl-nuim"
+        raise InputError(expected, found="others", hint="the format tum")
+
+
+def _write_euroc(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    """mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml, and state_groundtruth_estimate0; stamps in ns."""
+    for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
+        names = [(_nanoseconds(frame), f"{_nanoseconds(frame)}.png") for frame in contents.frames]
+        table = "#timestamp [ns],filename\n" + "".join(f"{ns},{name}\n" for ns, name in names)
+        atomic_write_text(folder / "mav0" / sensor / "data.csv", table)
+        atomic_write_text(folder / "mav0" / sensor / "sensor.yaml", _euroc_sensor(contents, what))
+    if contents.truth is not None:
+        state = folder / "mav0" / "state_groundtruth_estimate0"
+        state.mkdir(parents=True, exist_ok=True)
+        write_trajectory(state / "data.csv", contents.truth, "euroc")
+
+
+def _euroc_sensor(contents: Contents, what: str) -> str:
+    """The body frame is the camera's: T_BS is the identity."""
+    c = contents.camera
+    return f"""sensor_type: {what.split()[0]}
+comment: {what}
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+rate_hz: {contents.rate_hz:g}
+resolution: [{c.width}, {c.height}]
+camera_model: pinhole
+intrinsics: [{c.fx:.9g}, {c.fy:.9g}, {c.cx:.9g}, {c.cy:.9g}]
+distortion_model: radial-tangential
+distortion_coefficients: [0.0, 0.0, 0.0, 0.0]
+depth_units_per_metre: {contents.depth_units_per_metre:g}
+"""
+
+
+def _write_nerf(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    """transforms.json: poses of the OpenGL camera (x right, y up, looks along -z) in our z-up world.
+
+    NeRF programs count pixel centres at +0.5, so the principal point lies half a pixel further.
+    """
+    c, truth = contents.camera, _truth_for_nerf(contents)
+    rgb, depth = format.lists(contents)
+    poses = axes.world_blender_from_world_cv(sample(truth, contents.stamps_s)).matrix
+    rows = zip(rgb.paths, depth.paths, poses.tolist(), strict=True)
+    content = {
+        "camera_model": "OPENCV",
+        "w": c.width,
+        "h": c.height,
+        "fl_x": c.fx,
+        "fl_y": c.fy,
+        "cx": c.cx + 0.5,
+        "cy": c.cy + 0.5,
+        "k1": 0.0,
+        "k2": 0.0,
+        "p1": 0.0,
+        "p2": 0.0,
+        "camera_angle_x": float(2 * np.arctan(c.width / (2 * c.fx))),
+        "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
+        "enable_depth_loading": True,
+        "integer_depth_scale": 1 / contents.depth_units_per_metre,
+        # nerfstudio reads depth_file_path, instant-ngp depth_path
+        "frames": [{"file_path": a, "depth_file_path": b, "depth_path": b, "transform_matrix": m} for a, b, m in rows],
+    }
+    write_json(folder / "transforms.json", content)
+
+
+def _truth_for_nerf(contents: Contents) -> Trajectory:
+    if contents.truth is None or len(contents.truth) < 2:
+        raise InputError("at least two poses for the format nerf", found="fewer", hint="the format tum")
+    return contents.truth
+
+
+def _check_nerf(contents: Contents) -> None:
+    _truth_for_nerf(contents)
+
+
+def _nanoseconds(frame: SequenceFrame) -> int:
+    """By the shortest decimal that stands for the stamp: 1305031102.175304 s has no ...303936 ns in it."""
+    return round(Decimal(repr(frame.stamp_s)) * 10**9)
+
+
+_TUM_ABOUT = "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml"
+_ICL_NUIM_ABOUT = "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt"
+_EUROC_ABOUT = "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds"
+_NERF_ABOUT = "images/, depth/ and transforms.json, for nerfstudio and instant-ngp"
+
+#: name -> format
+FORMATS = {
+    f.name: f
+    for f in (
+        SequenceFormat(
+            "tum",
+            _TUM_ABOUT,
+            lambda f: f.names.rgb if f.names else f"rgb/{f.number:06}.png",
+            lambda f: f.names.depth if f.names else f"depth/{f.number:06}.png",
+            _write_tum,
+        ),
+        SequenceFormat(
+            "icl-nuim",
+            _ICL_NUIM_ABOUT,
+            lambda f: f"rgb/{f.number}.png",
+            lambda f: f"depth/{f.number}.png",
+            _write_icl_nuim,
+            _check_icl_nuim,
+        ),
+        SequenceFormat(
+            "euroc",
+            _EUROC_ABOUT,
+            lambda f: f"mav0/cam0/data/{_nanoseconds(f)}.png",
+            lambda f: f"mav0/depth0/data/{_nanoseconds(f)}.png",
+            _write_euroc,
+        ),
+        SequenceFormat(
+            "nerf",
+            _NERF_ABOUT,
+            lambda f: f"images/{f.number:06}.png",
+            lambda f: f"depth/{f.number:06}.png",
+            _write_nerf,
+            _check_nerf,
+        ),
+    )
+}
