@@ -8,29 +8,26 @@ from pathlib import Path
 
 from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
 from iclnuim.dataset.frames import FrameSource, run_frames
-from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, WrittenSequence
-from iclnuim.dataset.sequence_formats import FORMATS
+from iclnuim.dataset.sequence import SequenceWriter, WrittenSequence
 from iclnuim.errors import InputError
 
 from ..console import Console
 from ..options import common, renamed
-from ..sensor_options import add_sensor_options, sensor_from
+from ..sensor_options import add_sensor_options, sequence_options
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence")
     parser.add_argument("--frames", default="::", metavar="A:B:S", help="as a Python slice (B excluded); default: all")
-    add_sensor_options(parser, "none")
-    add_format_options(parser)
+    add_output_options(parser)
     common(parser, "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released")
 
 
-def add_format_options(parser: argparse.ArgumentParser) -> None:
-    """In which formats a sequence is written: shared with `iclnuim noise`."""
-    formats = f"{', '.join(FORMATS)}; may be given several times, then each goes into a folder of its own; default: tum"
-    parser.add_argument("--format", action="append", choices=tuple(FORMATS), metavar="FORMAT", help=formats)
-    renamed(parser, "--dialect", "--format", append=True, choices=tuple(FORMATS))
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """The noise, and in which formats a sequence is written: shared with `iclnuim noise`."""
+    add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
+    renamed(parser, "--dialect", "--format", append=True)
     parser.add_argument(
         "--rosbag", action="store_true", help="also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
     )
@@ -41,16 +38,17 @@ def add_format_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    write(run_frames(args.raw, args.frames), sensor_from(args), args, console)
+    write(run_frames(args.raw, args.frames), args, console)
     return 0
 
 
-def write(source: FrameSource, settings: SequenceSettings, args: argparse.Namespace, console: Console) -> None:
+def write(source: FrameSource, args: argparse.Namespace, console: Console) -> None:
     """Write the sequence args.out, reporting progress: shared with `iclnuim noise`."""
-    formats = args.format or ("tum",)
+    options = sequence_options(args)
+    formats = options.formats
     if (args.klg or args.rosbag) and formats[0] not in ("tum", "icl-nuim"):
         raise InputError("the format tum or icl-nuim first, to make bags and logs of", found=", ".join(formats))
-    writer = SequenceWriter(source, {args.out: settings}, formats)
+    writer = SequenceWriter(source, {args.out: options.sequence_settings()}, formats)
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())

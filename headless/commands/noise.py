@@ -12,7 +12,6 @@ from iclnuim.errors import InputError
 
 from ..console import Console
 from ..options import common
-from ..sensor_options import add_sensor_options, sensor_from
 from ..sequence_camera import add_camera_options, camera_from
 from . import dataset
 
@@ -32,8 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--frames", default="::", metavar="A:B:S", help="as a Python slice over the pairs; default: all"
     )
     add_camera_options(parser)
-    add_sensor_options(parser, "none")
-    dataset.add_format_options(parser)
+    dataset.add_output_options(parser)
     common(parser, "iclnuim noise traj3_frei_png noisy --depth-noise paper --rgb-noise paper --seed 1")
     parser.description = f"{parser.description}.{_ABOUT}"
 
@@ -44,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
     source = image_frames(Path(args.source), args.frames, camera_from(args))
-    dataset.write(source, sensor_from(args), args, console)
+    dataset.write(source, args, console)
     return 0
 
 
