@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from iclnuim import scene_classes as classes
-from iclnuim.dataset.ground_truth import normal16, normal_from16
+from iclnuim.dataset.ground_truth import normal16
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
@@ -33,6 +33,13 @@ def polished():
     material.use_nodes = True
     material.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.05
     return material
+
+
+def normal_from16(image):
+    """As docs/ground_truth.md has it: (h, w, 3), of unit length or zero."""
+    normal = np.where(image.any(-1, keepdims=True), (image.astype(float) - 32768) / 32767, 0.0)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return normal / np.where(length > 0, length, 1.0)
 
 
 @pytest.fixture(scope="module")

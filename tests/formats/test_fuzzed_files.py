@@ -11,9 +11,7 @@ from iclnuim.formats.associations import (
     write_associations,
     write_image_list,
 )
-from iclnuim.formats.raw_depth import read_ray_depth
 from iclnuim.formats.trajectories import FORMATS, read_trajectory, trajectory_text
-from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -41,7 +39,6 @@ WALK = Trajectory.at_rate(SE3.exp(np.cumsum(np.random.default_rng(0).normal(size
 CAMERA = (
     "cam_pos = [91, 465, -292]';\ncam_dir = [0.05, -0.29, 0.96]';\ncam_up = [0.01, 0.96, 0.29]';\ncam_angle = 90;\n"
 )
-TINY = PinholeCamera(5, 4, 5, 5, 2, 1.5)
 
 NAMES = {
     "tum": "a.txt",
@@ -209,15 +206,4 @@ def test_damaged_image_lists_are_read_or_refused(tmp_path):
         assert (np.diff(images.stamps_s) > 0).all() and np.isfinite(images.stamps_s).all()
 
     taken, refused = read_all(path, path.read_bytes(), [3], lambda: read_image_list(path), check)
-    assert taken > 50 and refused > 500
-
-
-def test_damaged_raw_depth_is_read_or_refused(tmp_path):
-    path = tmp_path / "scene_00_0000.depth"
-    data = "\n".join(" ".join(f"{2 + 0.1 * u + v:.4f}" for u in range(5)) for v in range(4)).encode()
-
-    def check(depth_z_m):
-        assert depth_z_m.shape == (4, 5) and np.isfinite(depth_z_m).all() and (depth_z_m >= 0).all()
-
-    taken, refused = read_all(path, data, [4], lambda: read_ray_depth(path, TINY), check)
     assert taken > 50 and refused > 500

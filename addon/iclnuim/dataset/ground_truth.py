@@ -32,13 +32,6 @@ def normal16(normal: np.ndarray) -> np.ndarray:
     return np.where(np.any(normal != 0, -1, keepdims=True), steps, 0).astype(np.uint16)
 
 
-def normal_from16(image: np.ndarray) -> np.ndarray:
-    """The inverse of normal16: (h, w, 3) float64, of unit length or zero."""
-    normal = np.where(image.any(-1, keepdims=True), (image.astype(float) - NORMAL_ZERO) / NORMAL_STEPS, 0.0)
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    return normal / np.where(length > 0, length, 1.0)
-
-
 class TruthImages:
     """The ground truth of a run's frames. Its table may be written after this is made: it is read when it is needed."""
 

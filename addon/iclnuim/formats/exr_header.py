@@ -1,7 +1,7 @@
 """What an EXR file says of itself, read without any library: parts, size, channels, and whether every chunk is there.
 
 Layout: OpenEXR's "File Layout" page. The libraries print to standard error on a broken file, and trust the size that a
-header claims; so every file is looked through here first.
+header claims; so every header is checked here first.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from dataclasses import dataclass
+from typing import BinaryIO
 
 from ..errors import InputError
 from .files import read_bytes
@@ -20,6 +21,7 @@ _ROWS_A_CHUNK = dict(zip(_COMPRESSIONS, (1, 1, 1, 16, 32, 16, 32, 32, 32, 256), 
 _PIXEL_TYPES = ("uint", "half", "float")
 #: A frame beyond these is taken for a broken or hostile header.
 _MAX_SIDE_PX, _MAX_PIXEL_BYTES = 65536, 1 << 30
+_LONGEST_HEADER = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -53,27 +55,21 @@ class ExrHeader:
 
 
 def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
-    """The header of `path`; with `whole`, also that each chunk the header promises lies inside the file.
+    """The header of `path`; with `whole`, also that each chunk the header promises lies inside the file. No pixel is read.
 
     Raises InputError for what is not a flat EXR of half and float channels of one sane size.
     """
-    data = read_bytes(path, "an EXR image") if whole else _beginning(path)
     try:
-        header, end, multipart = _parse(data)
-        if whole:
-            _check_chunks(data, header, end, multipart)
+        with open(path, "rb") as file:
+            header, end, multipart = _parse(file.read(_LONGEST_HEADER))
+            if whole:
+                _check_chunks(file, header, end, multipart)
         return header
     except _Wrong as wrong:
         raise InputError(wrong.expected, path=path, found=wrong.found, hint=wrong.hint) from None
-
-
-def _beginning(path: str | os.PathLike[str], size: int = 1 << 18) -> bytes:
-    """More than any header takes, so that the pixels stay on the disk."""
-    try:
-        with open(path, "rb") as file:
-            return file.read(size)
     except (OSError, ValueError):
-        return read_bytes(path, "an EXR image")  # for its error
+        read_bytes(path, "an EXR image")  # for its error
+        raise
 
 
 class _Wrong(Exception):
@@ -177,13 +173,23 @@ def _size(window: bytes, channels: dict[str, str]) -> tuple[int, int]:
     return width, height
 
 
-def _check_chunks(data: bytes, header: ExrHeader, table: int, multipart: bool) -> None:
+def _check_chunks(file: BinaryIO, header: ExrHeader, table: int, multipart: bool) -> None:
     """Each part's table of offsets follows the headers; a chunk is [part] y size bytes."""
-    lead = 12 if multipart else 8
-    cursor = _Cursor(data, table)
+    lead, end = 12 if multipart else 8, file.seek(0, os.SEEK_END)
     for part in header.parts:
         count = -(-part.height // _ROWS_A_CHUNK[part.compression])
-        for offset in struct.unpack(f"<{count}Q", cursor.take(8 * count)):
-            if not table <= offset <= len(data) - lead:
+        for offset in struct.unpack(f"<{count}Q", _bytes_at(file, table, 8 * count)):
+            if offset < table or offset + lead > end:
                 raise _Wrong(*_CUT)
-            _Cursor(data, offset + lead).take(struct.unpack_from("<i", data, offset + lead - 4)[0])
+            size = struct.unpack("<i", _bytes_at(file, offset + lead - 4, 4))[0]
+            if not 0 <= size <= end - offset - lead:
+                raise _Wrong(*_CUT)
+        table += 8 * count
+
+
+def _bytes_at(file: BinaryIO, place: int, count: int) -> bytes:
+    file.seek(place)
+    data = file.read(count)
+    if len(data) < count:
+        raise _Wrong(*_CUT)
+    return data
