@@ -9,7 +9,7 @@ from pathlib import Path
 
 from iclnuim import shipped
 from iclnuim.blender import output
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.console import Console
 from iclnuim.headless.options import action
@@ -57,7 +57,7 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
             import bpy  # noqa: F401
         import open3d  # noqa: F401
     except ImportError as error:
-        raise WorkError(f"bench detail needs bpy and open3d ({error}); try: pip install bpy open3d-cpu") from None
+        raise blender_missing("bench detail", error) from None
     return _measure(rooms, args, PinholeCamera.parse(args.camera), console)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import re
+import sys
 from collections.abc import Callable
 
 
@@ -72,6 +73,23 @@ class InputError(IclnuimError):
 
 class WorkError(IclnuimError):
     """Work that was well described but could not be done: a render, a write, a worker (exit code 3)."""
+
+
+def blender_missing(what: str, error: ImportError) -> WorkError:
+    """The error of `what` where Blender's Python package bpy could not be imported, with what to do about it in this Python."""
+    if isinstance(error, ModuleNotFoundError) and error.name == "bpy":
+        return WorkError(f"{what} needs Blender's Python package bpy", hint=how_to_get_bpy())
+    return WorkError(
+        f"{what} needs Blender's Python package bpy, which cannot be imported: {error}", hint="iclnuim doctor"
+    )
+
+
+def how_to_get_bpy() -> str:
+    """What to do for bpy in this Python: Python 3.11 has 4.5 LTS, Python 3.13 has 5.2 LTS, other versions have none that we support."""
+    version = {(3, 11): "4.5", (3, 13): "5.2"}.get(sys.version_info[:2])
+    if version:
+        return f"pip install 'bpy=={version}.*'"
+    return f"Python 3.11 or 3.13: there is no bpy for Python {sys.version_info[0]}.{sys.version_info[1]}"
 
 
 def named(text: str, name_of: Callable[[str], str] = str) -> str:

@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, WorkError
+from .errors import InputError, WorkError, how_to_get_bpy
 from .formats.files import write_json
 from .worker_events import Event, Exited, from_dict
 
@@ -36,7 +36,7 @@ def worker_command() -> list[str]:
     blender = shutil.which("blender")
     if blender is None:
         raise WorkError(
-            "there is neither the bpy package nor a blender binary", hint="pip install bpy, or `iclnuim doctor`"
+            "there is neither the bpy package nor a blender binary", hint=f"{how_to_get_bpy()}; or install Blender"
         )
     return _by_blender(blender)
 

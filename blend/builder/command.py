@@ -10,7 +10,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from iclnuim.blender import output
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
 from iclnuim.headless.console import Console
 from iclnuim.headless.options import action, subcommands
@@ -160,8 +160,8 @@ def _blender_room(name: str):
 
     try:
         return importlib.import_module(f"iclnuim.blender.{name}")
-    except ImportError:
-        raise WorkError("scene needs Blender's module; try: pip install bpy") from None
+    except ImportError as error:
+        raise blender_missing("scene", error) from None
 
 
 def _benchmark(name: str):

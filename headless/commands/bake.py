@@ -8,7 +8,7 @@ from pathlib import Path
 
 from iclnuim import job as jobs
 from iclnuim import shipped
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.worker_events import Note
 
 from ..console import Console
@@ -35,8 +35,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
 def _bake(args: argparse.Namespace, console: Console) -> int:
     try:
         from iclnuim.blender import light_map, worker
-    except ImportError:
-        raise WorkError("bake needs the bpy package; try: pip install bpy, or `iclnuim doctor`") from None
+    except ImportError as error:
+        raise blender_missing("bake", error) from None
     job = _job(args.scene).changed(map_size=args.map_size, map_samples=args.map_samples, seed=args.seed)
     job = replace(job, reading=reading_from(args))
     folder = worker.bake_light(job, lambda event: console.note(event.text) if isinstance(event, Note) else None)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from iclnuim import checkout
 from iclnuim import job as jobs
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 
@@ -96,8 +96,8 @@ def _sizes(text: str) -> tuple[int, ...]:
 def _render(args: argparse.Namespace, console: Console) -> int:
     try:
         import bpy  # noqa: F401
-    except ImportError:
-        raise WorkError("bench render needs the bpy package; try: pip install bpy") from None
+    except ImportError as error:
+        raise blender_missing("bench render", error) from None
     return _breakdown(args, console) if args.breakdown else _race(args, console)
 
 

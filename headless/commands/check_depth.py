@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim.blender import output
 from iclnuim.dataset.run_folder import read_run
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
@@ -69,8 +69,8 @@ def _judges(
     with output.blender_output_in(Path(os.devnull)):
         try:
             from iclnuim.blender import model, scene, surface
-        except ImportError:
-            raise WorkError("check-depth needs the bpy package and open3d; try: pip install bpy open3d-cpu") from None
+        except ImportError as error:
+            raise blender_missing("check-depth", error) from None
         scene.open_scene(job.scene, job.reading)
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import output
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.scene_model_files import write_obj, write_ply
 from iclnuim.formats.trajectories import read_trajectory
@@ -94,8 +94,8 @@ def _model(args: argparse.Namespace) -> SceneModel:
     with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
         try:
             from iclnuim.blender import model, objects, scene
-        except ImportError:
-            raise WorkError("surface needs Blender's module; try: pip install bpy") from None
+        except ImportError as error:
+            raise blender_missing("surface", error) from None
         scene.open_scene(args.scene, reading_from(args))
         found = model.scene_model()
         rows = objects.table()["objects"]

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from iclnuim.blender import output
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry import trajectory
 
@@ -42,8 +42,8 @@ def _save(args: argparse.Namespace, console: Console) -> int:
         try:
             import bpy
             from iclnuim.blender import camera_path, scene
-        except ImportError:
-            raise WorkError("trajectory camera needs the bpy package; try: pip install bpy") from None
+        except ImportError as error:
+            raise blender_missing("trajectory camera", error) from None
         scene.open_scene(str(Path(args.scene).resolve()), reading_from(args))
         camera = camera_path.active(bpy.context.scene, args.camera)
         path = camera_path.path(bpy.context.scene, camera if args.camera else None)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import output
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.geometry import trajectory
 from iclnuim.geometry.free_space import FreeSpace
@@ -77,8 +77,8 @@ def _surface(args: argparse.Namespace, console: Console) -> tuple[np.ndarray, np
     with output.blender_output_in(Path(os.devnull)):
         try:
             from iclnuim.blender import scene, surface
-        except ImportError:
-            raise WorkError("--scene needs the bpy package; try: pip install bpy, or `iclnuim doctor`") from None
+        except ImportError as error:
+            raise blender_missing("a trajectory through a scene", error) from None
         file = args.scene if args.scene in shipped.SCENE_NAMES else str(Path(args.scene).resolve())
         notes = scene.open_scene(file, reading_from(args))
         found = surface.triangles()

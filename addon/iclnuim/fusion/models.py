@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, WorkError
+from ..errors import InputError, WorkError, blender_missing
 
 MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 
@@ -46,8 +46,8 @@ def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
     with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
         try:
             from ..blender import scene, surface
-        except ImportError:
-            raise WorkError("a scene as model needs Blender's module; try: pip install bpy, or a mesh file") from None
+        except ImportError as error:
+            raise blender_missing("a scene as the model", error) from None
         scene.open_scene(name)
         found = surface.triangles()
     if not len(found.triangles):
