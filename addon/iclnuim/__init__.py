@@ -23,7 +23,7 @@ __all__ = [
     "make_sequence", "write_sequence", "SequenceSettings", "WrittenSequence", "FrameSource", "frames_from", "image_frames", "run_frames",
     "inspect_sequence", "Inspection", "RgbdSequence",
     # rendering
-    "SCENES", "RenderJob", "read_recipe", "shipped_job",
+    "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose", "RenderedFrame",
     # odometry
     "odometer", "Odometer", "Frame", "OdometryResult", "track", "Tracked", "Tracker", "run_odometers", "OdometryRun", "odometry_table",
     # surfaces
@@ -55,6 +55,7 @@ _MODULES = {
     "odometry.report": "OdometryRun=Run run_odometers=run_together odometry_table=table",
     "odometry.track": "Tracked Tracker track",
     "postprocess": "absolute_trajectory_error frames_from make_sequence noisy_depth noisy_rgb relative_pose_error",
+    "render": "RenderedFrame render_frames render_pose",
     "scenes": "SCENES",
     "sensor.models": "DEPTH_MODELS RGB_MODELS depth_model rgb_model",
 }
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
         noisy_rgb,
         relative_pose_error,
     )
+    from .render import RenderedFrame, render_frames, render_pose
     from .scenes import SCENES
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
 else:

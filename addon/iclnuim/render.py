@@ -1,0 +1,91 @@
+"""Rendering from Python: Blender works in a child process, so that this process needs no bpy and keeps its own state.
+
+One worker on all cores. `iclnuim render` does the same with several workers, a lock on the folder and a restart of workers that crash.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .dataset.frames import read_frame
+from .dataset.run_folder import RunFolder, load_trajectory, read_run
+from .errors import InputError, WorkError
+from .formats.trajectories import write_trajectory
+from .geometry.se3 import SE3
+from .geometry.trajectory import Trajectory, frame_slice
+from .job import RenderJob
+from .worker_client import WorkerClient, worker_command
+from .worker_events import ChunkDone, Event, Exited, Failed
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedFrame:
+    """rgb (h, w, 3): scene-linear, 1 = white. depth_z_m (h, w): planar depth in metres, 0 where there is nothing."""
+
+    rgb: np.ndarray
+    depth_z_m: np.ndarray
+
+
+def render_frames(
+    job: RenderJob,
+    out: str | os.PathLike[str],
+    frames: str = "::",
+    on_event: Callable[[Event], None] = lambda event: None,
+) -> RunFolder:
+    """Render those frames of a job that the run folder `out` lacks, and return the folder (its files: docs/conventions.md).
+
+    frames: a slice A:B:S over the poses of the job's trajectory. on_event hears the worker's events (worker_events.py), FrameDone after each
+    frame. Baked light that is not in the cache is baked first, which takes minutes. Raises InputError for frames that the trajectory does not
+    have, WorkError where Blender is missing, the scene or the folder cannot be used, or the work failed. Finished frames stay, and the same
+    call resumes.
+    """
+    numbers = list(frame_slice(frames, len(load_trajectory(job))))
+    with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
+        inbox: queue.SimpleQueue[tuple[WorkerClient, Event]] = queue.SimpleQueue()
+        log = Path(folder) / "worker.log"
+        worker = WorkerClient(worker_command(), {"job": job.to_dict()}, Path(out).resolve(), log, inbox)
+        try:
+            worker.send({"frames": numbers})
+            while not isinstance(event := inbox.get()[1], ChunkDone):
+                _raise_failure(event)
+                on_event(event)
+            worker.stop()
+        except BaseException:
+            worker.kill()
+            raise
+        finally:
+            worker.close()
+    return read_run(Path(out))
+
+
+def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFrame:
+    """One frame of a scene, a built-in one by name or a file, from a pose of the cv camera (x right, y down, z forward; metres, z up).
+
+    settings: those of RenderJob, such as camera, light, samples. Starting Blender and opening the scene takes seconds: for many poses write a
+    trajectory file and call render_frames. Raises InputError and WorkError as render_frames.
+    """
+    if T_world_camera.shape:
+        raise InputError("a single pose", found=f"poses of shape {T_world_camera.shape}", hint="one of them, T[i]")
+    with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
+        file = Path(folder) / "pose.txt"
+        pose = SE3(T_world_camera.rotation[None], T_world_camera.translation[None])
+        write_trajectory(file, Trajectory(np.zeros(1), pose), "tum")
+        job = RenderJob(sequence="pose", scene=scene, trajectory=str(file), **settings)
+        run = render_frames(job, Path(folder) / "run")
+        rgb, depth_z_m = read_frame(run.frame_file(0), run.camera)
+    return RenderedFrame(rgb.astype(np.float32), depth_z_m)
+
+
+def _raise_failure(event: Event) -> None:
+    if isinstance(event, Failed):
+        raise WorkError(event.text)
+    if isinstance(event, Exited):
+        raise WorkError(f"the render worker ended with code {event.code}" + (f": {event.log}" if event.log else ""))
