@@ -32,7 +32,7 @@ def test_the_examples_run_and_their_results_are_sound(notebook):
     rows = {run.name: run.to_dict() for run in names["runs"]}
     assert rows["icp_rgbd"]["ate_rmse_m"] < rows["centroid"]["ate_rmse_m"]
     assert all(row["lost"] == 0 for row in rows.values())
-    assert 0 < names["frame"].depth_z_m.min() and names["frame"].rgb.shape == (60, 80, 3)
+    assert names["frame"].depth_z_m.min() > 0 and names["frame"].rgb.shape == (60, 80, 3)
 
 
 def test_the_example_of_the_readme_runs(notebook, repository, capsys):
