@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "report": f"{CORE} api evaluation dataset",
     "raycast": f"{CORE} api dataset",
     "odometry": f"{CORE} api evaluation dataset report fusion",
-    "fusion": f"{CORE} api evaluation dataset report odometry blender shipped",
+    "fusion": f"{CORE} api evaluation dataset report odometry raycast blender shipped",
     "ui": f"{CORE} api job worker_events shipped sensor evaluation dataset scenes blender postprocess",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"}) + " api"

@@ -22,7 +22,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
-from iclnuim.raycast.depth_check import RayCaster
+from iclnuim.raycast.caster import RayCaster
 from iclnuim.sensor.transfer import srgb_from_light
 from iclnuim.worker_events import Event, FrameDone
 

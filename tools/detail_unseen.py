@@ -14,7 +14,7 @@ from iclnuim.blender import light_map, light_surfaces, model, output, scene
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.raycast.seen import Onlooker
+from iclnuim.raycast.seen import Visibility
 
 #: Pieces are seen or not as a whole: no edge longer than this.
 PIECE_M = 0.1
@@ -43,12 +43,12 @@ def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on
         whole = model.scene_model()
         uv, has = _map_uv(light) if light else (None, None)
     pieces, origin = whole.cut(PIECE_M)
-    onlooker, poses = Onlooker(pieces), 0
+    visibility, poses = Visibility(pieces), 0
     for kt in shipped.TRAJECTORY_NAMES:
         T = read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory.T_world_camera[::every]
-        onlooker.along(camera, T, on_pose)
+        visibility.along(camera, T, on_pose)
         poses += len(T.translation)
-    seen = onlooker.seen
+    seen = visibility.seen
     triangles = np.zeros(len(whole), bool)
     triangles[origin[seen.any(1)]] = True
     area = np.where(np.abs(pieces.corners_m).max((1, 2)) < _OUTSIDE_M, pieces.area_m2(), 0.0)

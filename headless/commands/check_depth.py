@@ -14,18 +14,19 @@ from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
-from iclnuim.raycast import depth_check, truth_check
+from iclnuim.raycast.caster import RayCaster
+from iclnuim.raycast.checks import DepthErrors, TruthCaster, TruthErrors, compare_depth, depth_summary, truth_summary
 
 from ..console import Console
 from ..isolation import survived
-from ..options import common
+from ..options import common, count, renamed
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` makes it")
-    parser.add_argument(
-        "--most", type=int, default=20, metavar="N", help="frames to look at, spread over the run; default: 20"
-    )
+    frames = "frames to check, spread over the run; default: 20"
+    parser.add_argument("--max-frames", type=count, default=20, metavar="N", help=frames)
+    renamed(parser, "--most", "--max-frames", type=count)
     common(parser, "iclnuim check-depth out/living_room/kt2/raw")
 
 
@@ -36,35 +37,33 @@ def run(args: argparse.Namespace, console: Console) -> int:
 def _check(args: argparse.Namespace, console: Console) -> int:
     frames = read_run(args.folder)
     numbers = frames.frame_numbers()
-    if not numbers or args.most < 1:
-        raise InputError("a run with at least one frame, and --most of at least 1", path=args.folder)
+    if not numbers:
+        raise InputError("a run with at least one frame", path=args.folder)
     picked = sorted(
-        {numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.most, len(numbers))).round().astype(int)}
+        {numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)}
     )
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
-    caster, judge = _judges(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console)
+    caster, truth_caster = _casters(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console)
     progress, errors, truths = console.progress(len(picked), "check-depth"), [], []
     for number in picked:
         channels = read_exr(frames.frame_file(number))
-        errors.append(depth_check.compare(channels["Z"], caster, frames.camera, poses[number]))
-        if judge is not None:
-            truths.append(judge.compare(channels, frames.camera, poses[number]))
+        errors.append(compare_depth(channels["Z"], caster, frames.camera, poses[number]))
+        if truth_caster is not None:
+            truths.append(truth_caster.compare(channels, frames.camera, poses[number]))
         progress.advance()
-    result = depth_check.summary(errors)
-    truth = truth_check.summary(truths) if judge is not None else None
+    result = depth_summary(errors)
+    truth = truth_summary(truths) if truth_caster is not None else None
     values = {"frames": picked, **asdict(result), **(asdict(truth) if truth else {})}
     console.result(values, _table(len(picked), result) + (_truth_table(truth) if truth else ""))
     sound = result.within_01mm_share >= 0.999 and result.median_m < 1e-5
     return 0 if sound and (truth is None or _is_sound(truth)) else 3
 
 
-def _is_sound(truth: truth_check.TruthErrors) -> bool:
+def _is_sound(truth: TruthErrors) -> bool:
     return min(truth.equal_instance_share, truth.normal_within_share) >= 0.999
 
 
-def _judges(
-    job: RenderJob, recipe: dict, console: Console
-) -> tuple[depth_check.RayCaster, truth_check.TruthJudge | None]:
+def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster, TruthCaster | None]:
     """For depth, and for ground truth where the run has it."""
     with output.blender_output_in(Path(os.devnull)):
         try:
@@ -75,12 +74,12 @@ def _judges(
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
         found = surface.triangles()
-        judge = truth_check.TruthJudge(model.scene_model()) if job.ground_truth else None
+        truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
-    return depth_check.RayCaster(found.vertices, found.triangles), judge
+    return RayCaster(found.vertices, found.triangles), truth_caster
 
 
-def _truth_table(e: truth_check.TruthErrors) -> str:
+def _truth_table(e: TruthErrors) -> str:
     return "\n".join(
         (
             "",
@@ -93,7 +92,7 @@ def _truth_table(e: truth_check.TruthErrors) -> str:
     )
 
 
-def _table(frames: int, e: depth_check.DepthErrors) -> str:
+def _table(frames: int, e: DepthErrors) -> str:
     return "\n".join(
         (
             f"frames                       {frames}",

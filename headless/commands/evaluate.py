@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
@@ -16,16 +17,18 @@ from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source, error_text
 
-from .. import surface_evaluation
 from ..console import Console
-from ..options import action, add_settings, settings_from, subcommands
+from ..options import action, add_settings, renamed, settings_from, subcommands
+
+if TYPE_CHECKING:
+    from iclnuim.geometry.se3 import SE3
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
     _configure_ate(actions)
     _configure_rpe(actions)
-    surface_evaluation.configure(actions)
+    _configure_surface(actions)
 
 
 def spelled_out(argv: list[str]) -> list[str]:
@@ -107,3 +110,72 @@ def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None
         save(error_figure(report), args.plot)
     values = report.to_dict()
     console.result(values, error_text(values))
+
+
+def _configure_surface(actions: argparse._SubParsersAction) -> None:
+    example = "iclnuim evaluate surface kt2.ply --model living_room --plot error.png"
+    parser = action(actions, "surface", "distance of a reconstruction from the true surface", example, run_surface)
+    add = parser.add_argument
+    files = "the reconstruction, a mesh or a point cloud (.ply, .obj, .stl, .off, .glb)"
+    add("mesh", type=Path, metavar="MESH", help=files)
+    add("--model", required=True, metavar="MODEL", help="the truth: living_room, office, a .blend, or a mesh file")
+    add("--unit", default="m", metavar="UNIT", help="of MESH: m (default), cm, mm, in, ft or metres as a number")
+    transform = "the 16 numbers of T_model_mesh, row by row; default: none needed"
+    add("--transform", type=Path, metavar="FILE", help=transform)
+    poses = "trajectory that MESH was fused along; with --truth, its first pose is laid on the true one"
+    add("--poses", type=Path, metavar="EST", help=poses)
+    add("--truth", type=Path, metavar="GT", help="ground truth of that trajectory, in the model's world")
+    align = "none (default), or icp: then fitted to the model, as the paper did"
+    add("--align", default="none", metavar="HOW", help=align)
+    add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
+    add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
+    renamed(parser, "--most", "--max-error", type=float)
+
+
+def run_surface(args: argparse.Namespace, console: Console) -> None:
+    from iclnuim.fusion.models import read_model, read_points
+    from iclnuim.fusion.surface_error import TrueSurface
+    from iclnuim.geometry.scene_axes import parse_unit
+
+    if args.align not in ("none", "icp"):
+        raise InputError("an alignment of none or icp", found=args.align)
+    unit_m = parse_unit(args.unit)
+    points, triangles, _ = read_points(args.mesh)
+    points = points if unit_m == 1 else points * unit_m
+    T_model_mesh = _given_transform(args)
+    surface = TrueSurface(*read_model(args.model))
+    if args.align == "icp":
+        T_model_mesh = surface.aligned(points, T_model_mesh)
+    error = surface.error(points, T_model_mesh)
+    if args.plot:
+        from iclnuim.fusion.error_picture import figure
+        from iclnuim.report.charts import save
+
+        save(figure(T_model_mesh.apply(points), triangles, error, args.max_error), args.plot, 100)
+    values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
+    console.result(values, _surface_text(values))
+
+
+def _given_transform(args: argparse.Namespace) -> SE3:
+    """T_model_mesh as far as the options give it."""
+    from iclnuim.formats.trajectories import read_trajectory
+    from iclnuim.fusion.models import read_transform
+    from iclnuim.fusion.surface_error import first_poses_transform
+    from iclnuim.geometry.se3 import SE3
+
+    if args.transform and (args.poses or args.truth) or bool(args.poses) != bool(args.truth):
+        raise InputError("--transform, or --poses and --truth together, or none of them", found="some of them")
+    if args.transform:
+        return read_transform(args.transform)
+    if not args.poses:
+        return SE3.identity()
+    poses, truth = (read_trajectory(path).trajectory for path in (args.poses, args.truth))
+    return first_poses_transform(poses, truth)
+
+
+def _surface_text(values: dict) -> str:
+    d = {name: f"{1e3 * value:.3f}" for name, value in values["distance_m"].items()}
+    lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
+    lines += [f"  {name:<8}{d[name]:>10}" for name in ("mean", "median", "std", "min", "max", "rmse")]
+    lines.append("  " + ", ".join(f"{share:.1%} within {w}" for w, share in values["within"].items()))
+    return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])

@@ -109,17 +109,14 @@ def _model(args: argparse.Namespace) -> SceneModel:
 
 
 def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
-    try:
-        from iclnuim.raycast.seen import Onlooker
+    from iclnuim.raycast.seen import Visibility
 
-        pieces, _ = model.cut(cell_m)
-        onlooker = Onlooker(pieces)
-    except ImportError:
-        raise WorkError("--seen-by needs open3d; try: pip install open3d-cpu") from None
+    pieces, _ = model.cut(cell_m)
+    visibility = Visibility(pieces)
     progress = console.progress(sum(len(T.translation) for T in poses), "surface", "poses")
     for T_world_camera in poses:
-        onlooker.along(camera, T_world_camera, progress.advance)
-    return pieces.chosen(onlooker.seen.any(1))
+        visibility.along(camera, T_world_camera, progress.advance)
+    return pieces.chosen(visibility.seen.any(1))
 
 
 def _report(out: Path, model: SceneModel, whole_m2: float, seen: bool, console: Console) -> None:

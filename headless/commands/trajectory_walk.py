@@ -18,7 +18,7 @@ from iclnuim.geometry import trajectory
 from iclnuim.geometry.free_space import FreeSpace
 from iclnuim.geometry.handheld_recipe import Pace
 from iclnuim.geometry.walk import Stop, Walk, plan
-from iclnuim.raycast.surface_distance import SurfaceDistance
+from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.viewpoints import chosen
 
 from ..console import Console
@@ -60,9 +60,9 @@ def _walk(args: argparse.Namespace, console: Console) -> int:
     from .trajectory_make import tum_text
 
     vertices, triangles = _surface(args, console)
-    measure = SurfaceDistance(vertices, triangles)
-    stops = _stops(args, vertices, measure, console)
-    space = FreeSpace.between(*_around(np.array([s.position_m for s in stops])), measure)
+    caster = RayCaster(vertices, triangles)
+    stops = _stops(args, vertices, caster, console)
+    space = FreeSpace.between(*_around(np.array([s.position_m for s in stops])), caster.distance)
     pace = Pace(args.speed, 40.0, 0.9)
     walk = plan(stops, space, args.clearance, Path(args.scene).name, pace, args.seed, args.shake)
     name = (args.out or Path()) / Path(args.scene).stem
@@ -100,11 +100,11 @@ def _busy_part(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
 
 
-def _stops(args: argparse.Namespace, vertices: np.ndarray, measure: SurfaceDistance, console: Console) -> list[Stop]:
+def _stops(args: argparse.Namespace, vertices: np.ndarray, caster: RayCaster, console: Console) -> list[Stop]:
     texts = args.viewpoints
     if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
-        space = FreeSpace.between(*_busy_part(vertices), measure)
-        stops = chosen(space, measure, int(auto.group(1) or 6), args.clearance, args.seed)
+        space = FreeSpace.between(*_busy_part(vertices), caster.distance)
+        stops = chosen(space, caster, int(auto.group(1) or 6), args.clearance, args.seed)
         for stop in stops:
             console.note(f"viewpoint {_point(stop.position_m)}:{_point(stop.look_at_m)}")
         return stops

@@ -85,9 +85,9 @@ def awkward_scene(tmp_path_factory):
 def judge_of_open_scene():
     """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in the camera's frame."""
     from iclnuim.blender import model
-    from iclnuim.raycast.truth_check import TruthJudge
+    from iclnuim.raycast.checks import TruthCaster
 
-    return TruthJudge(model.scene_model())
+    return TruthCaster(model.scene_model())
 
 
 def angle_deg(a, b):
@@ -115,7 +115,7 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth
     poses = read_trajectory(truth_run / "groundtruth.txt", "tum").trajectory.T_world_camera
     for number in (0, 6):
         frame = read_exr(run.frame_file(number))
-        z, ids, normals = judge.look(run.camera, poses[number])
+        z, ids, normals = judge.frame(run.camera, poses[number])
         seen = z > 0
         same_place = seen & (np.abs(frame["Z"] - z) < 1e-4)  # an outline may fall to either side
         assert same_place[seen].mean() > 0.999
@@ -229,7 +229,7 @@ def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(room
     number = len(poses) // 2
     frames.render(number, tmp_path / "f.exr")
     found = ground_truth.read(tmp_path / "f.exr", poses[number])
-    z, ids, normals = judge.look(job.camera, poses[number])
+    z, ids, normals = judge.frame(job.camera, poses[number])
     seen = z > 0
     depth_z_m = frames.read(tmp_path / "f.exr", tmp_path / "f.exr")[1]
     same_place = seen & (np.abs(depth_z_m - z) < 1e-4)

@@ -17,7 +17,7 @@ from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.fusion.models import read_mesh  # noqa: E402
 from iclnuim.fusion.shading import picture  # noqa: E402
-from iclnuim.fusion.surface_error import Judge  # noqa: E402
+from iclnuim.fusion.surface_error import TrueSurface  # noqa: E402
 
 #: A box, 2 x 2 x 1 m, seen from inside.
 BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], float)
@@ -47,34 +47,34 @@ def on_the_box(rng, n=20_000):
 
 def test_points_on_the_surface_are_at_zero_and_others_at_their_distance():
     rng = np.random.default_rng(3)
-    judge, points = Judge(BOX, SIDES), on_the_box(rng)
-    assert judge.error(points).distances_m.max() < 1e-6
+    surface, points = TrueSurface(BOX, SIDES), on_the_box(rng)
+    assert surface.error(points).distances_m.max() < 1e-6
     lifted = np.column_stack([rng.uniform(-0.4, 0.4, (1000, 2)), np.full(1000, 0.2)])
-    np.testing.assert_allclose(judge.error(lifted).distances_m, 0.2, atol=1e-6)
+    np.testing.assert_allclose(surface.error(lifted).distances_m, 0.2, atol=1e-6)
     outside = np.array([[2.0, 2.0, 0.5]])
-    assert judge.error(outside).distances_m[0] == pytest.approx(np.sqrt(2), abs=1e-6)
+    assert surface.error(outside).distances_m[0] == pytest.approx(np.sqrt(2), abs=1e-6)
 
 
 def test_the_fit_finds_the_motion_back():
-    points, T = on_the_box(np.random.default_rng(4)), SE3.exp(np.array([0.02, -0.03, 0.01, 0.02, 0.01, -0.03])).matrix
-    moved = points @ T[:3, :3].T + T[:3, 3]
-    judge = Judge(BOX, SIDES)
-    found = judge.refined(moved, np.eye(4))
-    np.testing.assert_allclose(found @ T, np.eye(4), atol=1e-4)
-    assert judge.error(moved, found).statistics.mean < 1e-4
+    points, T = on_the_box(np.random.default_rng(4)), SE3.exp(np.array([0.02, -0.03, 0.01, 0.02, 0.01, -0.03]))
+    moved = T.apply(points)
+    surface = TrueSurface(BOX, SIDES)
+    found = surface.aligned(moved, SE3.identity())
+    np.testing.assert_allclose((found @ T).matrix, np.eye(4), atol=1e-4)
+    assert surface.error(moved, found).statistics.mean < 1e-4
 
 
 def test_a_plane_alone_cannot_be_fitted():
-    judge = Judge(BOX[:4], np.array([[0, 1, 3], [0, 3, 2]]))
-    with pytest.raises(InputError, match="fix a motion"):
-        judge.refined(np.random.default_rng(1).uniform(0, 1, (100, 3)) * (0, 1, 1) - (1, 0, 0), np.eye(4))
+    surface = TrueSurface(BOX[:4], np.array([[0, 1, 3], [0, 3, 2]]))
+    with pytest.raises(InputError, match="determine a motion"):
+        surface.aligned(np.random.default_rng(1).uniform(0, 1, (100, 3)) * (0, 1, 1) - (1, 0, 0), SE3.identity())
 
 
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
         ("mesh.txt", "x", "a mesh"),
-        ("mesh.ply", "ply\nnonsense", "triangles"),
+        ("mesh.ply", "ply\nnonsense", "PLY"),
         ("mesh.ply", None, "nothing of that name"),
     ],
 )
@@ -83,6 +83,52 @@ def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=match):
         read_mesh(tmp_path / name)
+
+
+ROOM = np.vstack([BOX, BOX[[0, 1, 3, 2]] * (0.2, 0.3, 0.4) + (0.9, 0.4, 0)])
+#: The box with a slanted panel in one corner, so that no reflection of it is itself.
+ROOM_SIDES = np.vstack([SIDES, [[8, 9, 10], [8, 10, 11]]])
+
+
+def in_the_room(rng, n=5000):
+    corners = ROOM[ROOM_SIDES[rng.integers(0, len(ROOM_SIDES), n)]] + (5, 2, 0)
+    return np.einsum("ni,nij->nj", rng.dirichlet((1, 1, 1), n), corners) + rng.normal(0, 0.001, (n, 3))
+
+
+@pytest.mark.parametrize(
+    ("unit", "words", "factor"),
+    [
+        ("mm", "millimetres", 1000),
+        ("cm", "centimetres", 100),
+        ("in", "inches", 1 / 0.0254),
+        ("ft", "feet", 1 / 0.3048),
+        ("1000", "units of 1000 m", 0.001),
+    ],
+)
+def test_another_unit_is_named(unit, words, factor):
+    surface, points = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES), in_the_room(np.random.default_rng(1))
+    (warning,) = surface.error(factor * points).warnings
+    assert f"seems to be in {words}, not in metres" in warning and f"set its unit to {unit}" in warning
+    away = factor * (points + (50, 0, 0))
+    assert "times as large as the model" in surface.error(away).warnings[0] or unit in surface.error(away).warnings[0]
+    assert surface.error(points).warnings == ()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mirrored_reconstruction_is_named(axis):
+    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(2)) - (5, 2, 0)
+    flipped = points * np.where(np.arange(3) == axis, -1, 1)
+    (warning,) = surface.error(flipped).warnings
+    assert "is mirrored" in warning and "check the handedness" in warning
+    assert surface.error(points).warnings == ()
+
+
+def test_a_bad_but_honest_reconstruction_is_given_no_other_unit_and_no_reflection():
+    rng = np.random.default_rng(3)
+    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(rng) - (5, 2, 0)
+    assert surface.error(points + rng.normal(0, 0.1, points.shape)).warnings == ()
+    assert surface.error(points + (0.3, 0.2, 0.1)).warnings == ()
+    assert surface.error(points[points[:, 0] < -0.5] + (0.05, 0, 0)).warnings == ()
 
 
 def test_a_picture_looks_into_the_room_from_outside():
@@ -154,6 +200,42 @@ def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_
         judged = icl("evaluate", "surface", "own.ply", "--model", "model.ply", "--json", *options, cwd=tmp_path)
         errors.append(json.loads(judged.stdout)["distance_m"]["mean"])
     assert errors[0] < 0.001 < 0.05 < errors[1]
+
+
+def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path):
+    points = in_the_room(np.random.default_rng(5)) - (5, 2, 0)
+    write_ply(tmp_path / "model.ply", ROOM.astype(np.float32), ROOM_SIDES.astype(np.int32))
+    write_ply(tmp_path / "cloud.ply", points.astype(np.float32))
+    write_ply(tmp_path / "mm.ply", 1000 * points.astype(np.float32))
+    write_ply(tmp_path / "mirrored.ply", points.astype(np.float32) * (-1, 1, 1))
+    found = {}
+    for name, *options in (
+        ("cloud.ply", "--plot", "error.png"),
+        ("mm.ply",),
+        ("mm.ply", "--unit", "mm"),
+        ("mirrored.ply",),
+    ):
+        done = icl("evaluate", "surface", name, "--model", "model.ply", "--json", *options, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found[name, *options[:1]] = json.loads(done.stdout)
+    assert found["cloud.ply", "--plot"]["distance_m"]["mean"] < 0.001 and (tmp_path / "error.png").stat().st_size > 1000
+    assert found["mm.ply",]["warnings"][0].endswith("set its unit to mm")
+    assert found["mm.ply", "--unit"]["distance_m"]["mean"] < 0.001 and found["mm.ply", "--unit"]["warnings"] == []
+    assert "mirrored" in found["mirrored.ply",]["warnings"][0]
+    assert (
+        "warning: the reconstruction is mirrored"
+        in icl("evaluate", "surface", "mirrored.ply", "--model", "model.ply", cwd=tmp_path).stdout
+    )
+
+
+@pytest.mark.parametrize(
+    ("points", "match"), [([], "with points, found none"), ([[0, 0, float("nan")]], "NaN or infinity in 1 of 1")]
+)
+def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, match):
+    write_ply(tmp_path / "cloud.ply", np.array(points, np.float32).reshape(-1, 3))
+    write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
+    done = icl("evaluate", "surface", "cloud.ply", "--model", "model.ply", cwd=tmp_path)
+    assert done.returncode == 2 and match in done.stderr and len(done.stderr.strip().splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, v
     from iclnuim.blend.builder import build_scene
     from iclnuim.blender import surface
     from iclnuim.formats.trajectories import read_trajectory
-    from iclnuim.raycast.depth_check import RayCaster
+    from iclnuim.raycast.caster import RayCaster
 
     camera = PinholeCamera.parse("160x120")
     poses = read_trajectory(repository / f"trajectories/{room}/kt2.txt").trajectory.T_world_camera

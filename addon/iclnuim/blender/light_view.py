@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ..geometry.points import farthest_points
 from ..lightmap.surfaces import Surfaces
 from .light_points import Target, batches, kept
 
@@ -33,7 +34,7 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
     share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
     free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
-    return _spread(free, count)
+    return free if len(free) <= count else farthest_points(free, count)
 
 
 def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator) -> np.ndarray:
@@ -62,17 +63,6 @@ def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: n
         if backs > _BACKS * _RAYS:
             return 0
     return fronts
-
-
-def _spread(places: np.ndarray, count: int) -> np.ndarray:
-    """The first place, then always the one farthest from those taken."""
-    if len(places) <= count:
-        return places
-    taken, distance = [0], np.linalg.norm(places - places[0], axis=1)
-    while len(taken) < count:
-        taken.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(places - places[taken[-1]], axis=1))
-    return places[taken]
 
 
 def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int, rounds: int = 3) -> np.ndarray:

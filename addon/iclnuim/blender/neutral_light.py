@@ -6,6 +6,8 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ..geometry.points import farthest_points
+
 #: Places tried, and sight lines from each.
 _PLACES, _RAYS = 400, 48
 #: Less of a place's sight lines than this reach the sky: then it needs lamps.
@@ -77,7 +79,7 @@ def _light_inside(scene: bpy.types.Scene) -> int:
     shut_in = free & (seen[:, 0] < _SHUT_IN)
     if shut_in.sum() < 0.5 * max(free.sum(), 1):
         return 0
-    chosen = _spread(places[shut_in], _LAMPS)
+    chosen = farthest_points(places[shut_in], _LAMPS, first=int(places[shut_in][:, 2].argmax()))
     size = high - low
     watts = _W_PER_M2 * 2 * float(size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
     for place in chosen:
@@ -103,16 +105,6 @@ def _look_round(depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndar
             backs += normal.dot(Vector(ray)) > 0
             nearest = min(nearest, (location - origin).length)
     return sky / len(rays), backs / len(rays), nearest
-
-
-def _spread(places: np.ndarray, count: int) -> np.ndarray:
-    """The highest place, then always the one farthest from those taken."""
-    taken = [int(places[:, 2].argmax())]
-    distance = np.linalg.norm(places - places[taken[0]], axis=1)
-    while len(taken) < min(count, len(places)):
-        taken.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(places - places[taken[-1]], axis=1))
-    return places[taken]
 
 
 def _lamp(scene: bpy.types.Scene, place: np.ndarray, watts: float) -> None:

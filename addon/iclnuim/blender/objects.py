@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from .. import scene_classes as classes
-from ..geometry.boxes import upright_box
+from ..geometry.points import upright_box
 from . import light_surfaces
 
 SCHEMA_VERSION = 1

@@ -1,43 +1,27 @@
-"""Pictures of a mesh: rays from a camera outside, walls that turn their back left out, lit from the camera."""
+"""Pictures of a mesh: rays from a camera outside, back faces left out, lit from the camera."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError, WorkError
+from ..raycast.caster import RayCaster
 
-#: How many surfaces that turn their back a ray may pass.
+#: How many back faces a ray may pass.
 _PASSES = 12
 _BACKGROUND = 255
-
-
-def ray_scene(points: np.ndarray, triangles: np.ndarray):
-    """Open3D's RaycastingScene of one mesh. Raises InputError for an empty mesh, WorkError where Open3D is missing."""
-    if not len(triangles):
-        raise InputError("a mesh with triangles", found="none")
-    try:
-        import open3d
-    except ImportError:
-        raise WorkError("this needs Open3D; try: pip install open3d-cpu") from None
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(points, np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
-    )
-    return scene
 
 
 def picture(
     points: np.ndarray, triangles: np.ndarray, colours: np.ndarray | None, width: int = 960, height: int = 720
 ) -> np.ndarray:
     """(height, width, 3) uint8: from above and aside, z up, as one looks into a doll's house. colours (n, 3) 0..255."""
-    scene = ray_scene(points, triangles)
+    caster = RayCaster(points, triangles)
     low, high = np.percentile(points, (1, 99), axis=0)
-    rays = _rays((low + high) / 2, float(np.linalg.norm(high - low)), width, height)
-    hit, uv, normal = _front_hits(scene, rays)
+    origin, rays = _rays((low + high) / 2, float(np.linalg.norm(high - low)), width, height)
+    hit, uv, normal = _front_hits(caster, origin, rays)
     image = np.full((len(rays), 3), _BACKGROUND, np.float32)
     seen = hit >= 0
-    facing = np.abs((normal[seen] * rays[seen, 3:]).sum(axis=1))
+    facing = np.abs((normal[seen] * rays[seen]).sum(axis=1))
     corners = triangles[hit[seen]]
     if colours is None or not colours.shape[1]:
         colour = np.full((len(corners), 3), 200.0)
@@ -49,8 +33,8 @@ def picture(
     return np.clip(image, 0, 255).astype(np.uint8).reshape(height, width, 3)
 
 
-def _rays(centre: np.ndarray, size: float, width: int, height: int) -> np.ndarray:
-    """(width height, 6): origins and unit directions of a camera that looks down on the centre at 40 degrees, field of view 40."""
+def _rays(centre: np.ndarray, size: float, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+    """Origin (3,) and unit directions (width height, 3) of a camera that looks down on the centre at 40 degrees, field of view 40."""
     back = np.array([-0.55, -0.55, 0.0]) / np.hypot(0.55, 0.55) * np.cos(np.radians(40))
     back[2] = np.sin(np.radians(40))
     right = np.cross([0, 0, 1.0], back)
@@ -62,30 +46,22 @@ def _rays(centre: np.ndarray, size: float, width: int, height: int) -> np.ndarra
     direction = -back + x[None, :, None] * right + y[:, None, None] * up
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     origin = centre + back * size * 0.5 / np.tan(np.radians(20)) * 0.95
-    rays = np.empty((height * width, 6), np.float32)
-    rays[:, :3], rays[:, 3:] = origin, direction.reshape(-1, 3)
-    return rays
+    return origin.astype(np.float32), direction.reshape(-1, 3).astype(np.float32)
 
 
-def _front_hits(scene, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _front_hits(caster: RayCaster, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(triangle or -1, barycentric uv, normal) of the first surface that each ray meets from the front."""
-    import open3d
-
-    rays = rays.copy()
     hit, uv, normal = np.full(len(rays), -1), np.zeros((len(rays), 2), np.float32), np.zeros((len(rays), 3), np.float32)
-    open_rays = np.arange(len(rays))
+    origins, remaining = np.repeat(origin[None], len(rays), axis=0), np.arange(len(rays))
     for _ in range(_PASSES):
-        if not len(open_rays):
+        if not len(remaining):
             break
-        answer = scene.cast_rays(open3d.core.Tensor(rays[open_rays]))
-        distance = answer["t_hit"].numpy()
-        n = answer["primitive_normals"].numpy()
-        met = np.isfinite(distance)
-        front = met & ((n * rays[open_rays, 3:]).sum(axis=1) < 0)
-        found = open_rays[front]
-        hit[found] = answer["primitive_ids"].numpy()[front]
-        uv[found], normal[found] = answer["primitive_uvs"].numpy()[front], n[front]
+        hits = caster.cast(origins[remaining], rays[remaining])
+        met = hits.triangle >= 0
+        front = met & ((hits.normal * rays[remaining]).sum(axis=1) < 0)
+        found = remaining[front]
+        hit[found], uv[found], normal[found] = hits.triangle[front], hits.uv[front], hits.normal[front]
         behind = met & ~front
-        open_rays = open_rays[behind]
-        rays[open_rays, :3] += rays[open_rays, 3:] * (distance[behind, None] + 1e-4)
+        remaining = remaining[behind]
+        origins[remaining] += rays[remaining] * (hits.distance[behind, None] + 1e-4)
     return hit, uv, normal

@@ -8,19 +8,32 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.statistics import ErrorStatistics
+from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
-from .shading import ray_scene
+from ..geometry.trajectory import Trajectory
+from ..raycast.caster import RayCaster
 
 #: Shares of the vertices within these distances are reported.
 WITHIN_M = (0.001, 0.005, 0.01, 0.05)
+#: Units, in metres, in which reconstructions arrive by mistake -> what the unit is called where one is set.
+OTHER_UNITS_M = {unit_m: name for name, unit_m in UNITS_M.items() if name != "m"} | {0.1: "0.1", 1000.0: "1000"}
+#: Below this share of the model's size a mean distance raises no question.
+_UNSUSPICIOUS = 0.002
+#: A reconstruction in metres is this large beside its model: a part of it, or all of it with some outliers.
+_MIN_RATIO, _MAX_RATIO = 0.04, 1.6
+#: A reflection has to bring the mean distance below this share to be named.
+_FAR_BETTER = 0.25
+#: Vertices that the checks look at.
+_SAMPLE = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceError:
-    """distances_m (n,): of each vertex to the nearest triangle of the model, after T_model_mesh (4, 4)."""
+    """distances_m (n,): of each vertex to the nearest triangle of the model, after T_model_mesh. warnings: sentences."""
 
     distances_m: np.ndarray
-    T_model_mesh: np.ndarray
+    T_model_mesh: SE3
+    warnings: tuple[str, ...] = ()
 
     @property
     def statistics(self) -> ErrorStatistics:
@@ -32,56 +45,125 @@ class SurfaceError:
             "vertices": len(self.distances_m),
             "distance_m": self.statistics.to_dict(),
             "within": within,
-            "T_model_mesh": self.T_model_mesh.tolist(),
+            "T_model_mesh": self.T_model_mesh.matrix.tolist(),
+            "warnings": list(self.warnings),
         }
 
 
-class Judge:
-    """The true surface: points (n, 3) in metres, triangles (m, 3)."""
+class TrueSurface:
+    """What reconstructions are compared with: points (n, 3) in metres and triangles (m, 3).
+
+    Raises InputError for no triangles, WorkError where open3d is missing.
+    """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray) -> None:
-        self._scene = ray_scene(points, triangles)
+        self._caster, self._corners = RayCaster(points, triangles), points[np.unique(triangles)]
 
-    def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3) nearest points of the surface, and the unit normals (n, 3) of their triangles."""
-        import open3d
+    def error(self, points: np.ndarray, T_model_mesh: SE3 | None = None) -> SurfaceError:
+        """Of a reconstruction's vertices (n, 3) in metres, with warnings where its unit or handedness seems to be another."""
+        T = SE3.identity() if T_model_mesh is None else T_model_mesh
+        distances_m = self._distances_m(T.apply(points))
+        return SurfaceError(distances_m, T, self._warnings(points, T, float(distances_m.mean())))
 
-        found = self._scene.compute_closest_points(open3d.core.Tensor(np.ascontiguousarray(points, np.float32)))
-        return found["points"].numpy(), found["primitive_normals"].numpy()
-
-    def error(self, points: np.ndarray, T_model_mesh: np.ndarray | None = None) -> SurfaceError:
-        """Of a mesh's vertices (n, 3)."""
-        T = np.eye(4) if T_model_mesh is None else T_model_mesh
-        moved = points @ T[:3, :3].T + T[:3, 3]
-        # float32, as the nearest points are: what lies on the surface is then 0 and not half a micrometre
-        moved = moved.astype(np.float32)
-        return SurfaceError(np.linalg.norm(moved - self.closest(moved)[0], axis=1).astype(float), T)
-
-    def refined(self, points: np.ndarray, T_model_mesh: np.ndarray, rounds: int = 30) -> np.ndarray:
+    def aligned(self, points: np.ndarray, T_model_mesh: SE3, rounds: int = 30) -> SE3:
         """T_model_mesh after point-to-plane ICP on 50 000 vertices; those within three medians (at least 0.5 mm) count.
 
-        Raises InputError where the surfaces do not fix a motion.
+        Raises InputError where the surfaces do not determine a motion.
         """
         T, some = T_model_mesh, points[:: max(1, len(points) // 50_000)]
         for _ in range(rounds):
-            moved = some @ T[:3, :3].T + T[:3, 3]
-            near, normals = self.closest(moved)
-            away = ((moved - near) * normals).sum(axis=1)
-            distance = np.linalg.norm(moved - near, axis=1)
-            use = distance <= max(5e-4, 3 * np.median(distance))
-            step = _step(moved[use], normals[use], away[use])
-            T = SE3.exp(step).matrix @ T
+            moved = T.apply(some)
+            near, normals = self._caster.closest(moved)
+            away_m = ((moved - near) * normals).sum(axis=1)
+            distance_m = np.linalg.norm(moved - near, axis=1)
+            use = distance_m <= max(5e-4, 3 * np.median(distance_m))
+            step = _icp_step(moved[use], normals[use], away_m[use])
+            T = SE3.exp(step) @ T
             if np.abs(step).max() < 1e-7:
                 break
         return T
 
+    def _distances_m(self, moved: np.ndarray) -> np.ndarray:
+        # float32, as the nearest points are: what lies on the surface is then 0 and not half a micrometre
+        moved = moved.astype(np.float32)
+        return np.linalg.norm(moved - self._caster.closest(moved)[0], axis=1).astype(float)
 
-def _step(points: np.ndarray, normals: np.ndarray, away_m: np.ndarray) -> np.ndarray:
-    """The twist (6,), applied from the left, that brings points onto their planes."""
+    def _mean_m(self, moved: np.ndarray) -> float:
+        return float(self._distances_m(moved).mean())
+
+    def _warnings(self, points: np.ndarray, T: SE3, mean_m: float) -> tuple[str, ...]:
+        low, high = _reach(self._corners)
+        size_m = float(np.linalg.norm(high - low))
+        if mean_m <= _UNSUSPICIOUS * size_m:
+            return ()
+        some = points[:: max(1, len(points) // _SAMPLE)]
+        found = self._unit_warning(some, T, size_m) or self._mirror_warning(T.apply(some), (low + high) / 2)
+        return (found,) if found else ()
+
+    def _unit_warning(self, points: np.ndarray, T: SE3, size_m: float) -> str:
+        """Its size cannot be that of the model or of a part of it in metres: the unit in which it fits, or is as large."""
+        ratio = float(np.linalg.norm(np.subtract(*_reach(points)))) / size_m
+        if _MIN_RATIO < ratio < _MAX_RATIO:
+            return ""
+        given_m = self._mean_m(T.apply(points))
+        possible = [unit_m for unit_m in OTHER_UNITS_M if _MIN_RATIO < ratio * unit_m < _MAX_RATIO]
+        means_m = {unit_m: self._mean_m(T.apply(points * unit_m)) for unit_m in possible}
+        best = min(possible, key=means_m.__getitem__, default=1.0)
+        if best in means_m and means_m[best] < 0.05 * size_m:
+            better = f"its mean distance is then {1e3 * means_m[best]:.3g} mm instead of {1e3 * given_m:.3g} mm"
+            name = unit_name(best)
+            return f"the reconstruction seems to be in {name}, not in metres: {better}; set its unit to {OTHER_UNITS_M[best]}"
+        alike = [OTHER_UNITS_M[unit_m] for unit_m in possible if ratio * unit_m > 0.5]
+        advice = f"set its unit to {alike[0]}" if alike else "check its unit"
+        return f"the reconstruction is {ratio:.3g} times as large as the model, which is in metres; {advice}"
+
+    def _mirror_warning(self, moved: np.ndarray, centre: np.ndarray) -> str:
+        """A reflection, about the model's centre or its origin, and then fitted, lies far nearer than the best rigid fit."""
+        given_m = self._fitted_mean_m(moved)
+        flipped = {(axis, about): moved.copy() for axis in range(3) for about in (0.0, 1.0)}
+        for (axis, about), points in flipped.items():
+            points[:, axis] = 2 * about * centre[axis] - points[:, axis]
+        best = sorted(flipped, key=lambda which: self._mean_m(flipped[which]))[:2]
+        mean_m, name = min((self._fitted_mean_m(flipped[which]), "xyz"[which[0]]) for which in best)
+        if mean_m >= _FAR_BETTER * given_m:
+            return ""
+        return (
+            f"the reconstruction is mirrored: with {name} flipped its mean distance is {1e3 * mean_m:.3g} mm instead of "
+            f"{1e3 * given_m:.3g} mm; flip {name} of its vertices, or check the handedness of the poses it was made with"
+        )
+
+    def _fitted_mean_m(self, moved: np.ndarray) -> float:
+        """Mean distance as it lies or after ICP, whichever is less."""
+        mean_m = self._mean_m(moved)
+        try:
+            return min(mean_m, self._mean_m(self.aligned(moved, SE3.identity()).apply(moved)))
+        except InputError:
+            return mean_m
+
+
+def first_poses_transform(poses: Trajectory, truth: Trajectory, max_difference_s: float = 0.02) -> SE3:
+    """T_model_mesh of a mesh fused along `poses`: lays the first of them on the pose of `truth` at its time.
+
+    Raises InputError where the truth has no pose within max_difference_s.
+    """
+    start_s = poses.stamps_s[0]
+    nearest = int(np.abs(truth.stamps_s - start_s).argmin())
+    if abs(truth.stamps_s[nearest] - start_s) > max_difference_s:
+        raise InputError(f"a pose at {start_s:.3f} s", found=f"{truth.stamps_s[nearest]:.3f} s at best")
+    return truth.T_world_camera[nearest] @ poses.T_world_camera[0].inverse()
+
+
+def _reach(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) and (3,): the box of nearly all points."""
+    low, high = np.percentile(points, (1, 99), axis=0)
+    return low, high
+
+
+def _icp_step(points: np.ndarray, normals: np.ndarray, away_m: np.ndarray) -> np.ndarray:
+    """The twist (6,), applied from the left, that brings points onto their planes: one Gauss-Newton step."""
     J = np.hstack([normals, np.cross(points, normals)])
     A = J.T @ J
     if len(J) < 6 or np.linalg.cond(A) > 1e10:
-        raise InputError(
-            "surfaces that fix a motion", found=f"{len(J)} vertices on planes that leave it open", hint="--align none"
-        )
+        found = f"{len(J)} vertices on planes that leave it undetermined"
+        raise InputError("surfaces that determine a motion", found=found, hint="no alignment")
     return np.linalg.solve(A, -J.T @ away_m)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -140,7 +141,7 @@ class SE3:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, index: object) -> SE3:
+    def __getitem__(self, index: Any) -> SE3:
         """Indexing over the leading shape."""
         if not self.shape:
             raise IndexError("a single pose has no leading shape to index")

@@ -148,21 +148,14 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
 def frame_slice(text: str, count: int) -> range:
     """`A:B:S` as a Python slice over `count` frames (B excluded, any part may be left out), or one frame's number."""
     parts = text.strip().split(":")
-    numbers: list[int | None] | None
     try:
         numbers = [int(p) if p.strip() else None for p in parts]
-    except ValueError:
-        numbers = None
-    if (
-        not numbers
-        or len(numbers) > 3
-        or (len(numbers) == 1 and numbers[0] is None)
-        or (len(numbers) == 3 and numbers[2] == 0)
-    ):
-        raise InputError("frames as A:B:S (a Python slice) or one number", found=text)
-    if len(numbers) == 1:
-        numbers = [numbers[0], numbers[0] + 1 or None]
-    picked = range(count)[slice(*numbers)]
+        if len(numbers) == 1:
+            first = int(parts[0])
+            numbers = [first, first + 1 or None]
+        picked = range(count)[slice(*numbers)]
+    except (ValueError, TypeError):  # no number, a step of 0, or more than three parts
+        raise InputError("frames as A:B:S (a Python slice) or one number", found=text) from None
     picked = picked if picked.step > 0 else picked[::-1]
     if len(picked) == 0:
         raise InputError(f"at least one of the frames 0..{count - 1}", found=text)

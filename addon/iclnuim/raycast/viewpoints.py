@@ -6,8 +6,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.free_space import FreeSpace
+from ..geometry.points import farthest_points
 from ..geometry.walk import Stop
-from .surface_distance import SurfaceDistance
+from .caster import RayCaster
 
 _CANDIDATES, _RAYS = 3000, 64
 #: Places above a floor that eyes and cameras are held at.
@@ -16,7 +17,7 @@ _EYES_M = (1.0, 1.8)
 _BACKS, _ENCLOSED = 0.1, 0.9
 
 
-def chosen(space: FreeSpace, measure: SurfaceDistance, count: int, clear_m: float, seed: int) -> list[Stop]:
+def chosen(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int) -> list[Stop]:
     """`count` stops in an order with short ways. Raises InputError where there is no room for them."""
     if not 2 <= count <= 100:
         raise InputError("2 to 100 viewpoints", found=count)
@@ -27,34 +28,33 @@ def chosen(space: FreeSpace, measure: SurfaceDistance, count: int, clear_m: floa
     places = space.low_m + space.cell_m * cells
     rays = rng.normal(size=(_RAYS, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    places = _inside(places, measure, rays)
+    places = _inside(places, caster, rays)
     if len(places) < count:
         raise InputError(f"room for {count} viewpoints", found=f"{len(places)} free places", hint="giving --viewpoints")
-    places = _in_order(_spread(places, count))
-    return [Stop(_tuple(p), _tuple(_gaze(p, places, measure, rays))) for p in places]
+    places = _in_order(farthest_points(places, count))
+    return [Stop(_tuple(p), _tuple(_gaze(p, places, caster, rays))) for p in places]
 
 
-def _inside(places: np.ndarray, measure: SurfaceDistance, rays: np.ndarray) -> np.ndarray:
+def _inside(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
     """Those in rooms; at eye height above what lies below, where there are enough of them."""
     if not len(places):
         return places
-    distance, back = measure.look(places, rays)
+    distance, back = _look(caster, places, rays)
     fronts = (np.isfinite(distance) & ~back).mean(1)
     free = (back.mean(1) < _BACKS) & (fronts > 0)
     free &= fronts >= _ENCLOSED * fronts[free].max(initial=0.0)
     places = places[free]
-    below = measure.look(places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0] if len(places) else np.zeros(0)
+    below = _look(caster, places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0] if len(places) else np.zeros(0)
     standing = (below > _EYES_M[0]) & (below < _EYES_M[1])
     return places[standing] if standing.sum() >= 50 else places
 
 
-def _spread(places: np.ndarray, count: int) -> np.ndarray:
-    taken = [0]
-    distance = np.linalg.norm(places - places[0], axis=1)
-    while len(taken) < count:
-        taken.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(places - places[taken[-1]], axis=1))
-    return places[taken]
+def _look(caster: RayCaster, places: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From places (n, 3) along unit directions (d, 3): distance (n, d), inf where nothing is met, and whether a back was met (n, d)."""
+    shape = (len(places), len(directions), 3)
+    hits = caster.cast(np.broadcast_to(places[:, None], shape), np.broadcast_to(directions, shape))
+    distance = hits.distance.astype(float)
+    return distance, np.isfinite(distance) & ((hits.normal * directions).sum(-1) > 0)
 
 
 def _in_order(places: np.ndarray) -> np.ndarray:
@@ -66,11 +66,11 @@ def _in_order(places: np.ndarray) -> np.ndarray:
     return places[order]
 
 
-def _gaze(place: np.ndarray, places: np.ndarray, measure: SurfaceDistance, rays: np.ndarray) -> np.ndarray:
+def _gaze(place: np.ndarray, places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
     """A point ahead, across the room: towards the middle of all viewpoints, or where it is far, a little down."""
     middle = places.mean(0) - place
     level = rays[np.abs(rays[:, 2]) < 0.3]
-    far = np.minimum(measure.look(place[None], level)[0][0], 10.0)
+    far = np.minimum(_look(caster, place[None], level)[0][0], 10.0)
     towards = level @ (middle / max(float(np.linalg.norm(middle)), 1e-6))
     ahead = level[int((far * (1.2 + towards)).argmax())]
     return place + 2.0 * np.array([ahead[0], ahead[1], 0.0]) / np.hypot(*ahead[:2]) + [0.0, 0.0, -0.25]

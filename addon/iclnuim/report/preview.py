@@ -137,7 +137,7 @@ def _film(out: Path, frames: list[np.ndarray]) -> Path:
     height, width = frames[0].shape[:2]
 
     def write(temporary: Path) -> None:
-        writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter_fourcc(*"mp4v"), _FILM_HZ, (width, height))
+        writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), _FILM_HZ, (width, height))
         for frame in frames:
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
         writer.release()

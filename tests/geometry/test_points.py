@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.geometry.boxes import upright_box
+from iclnuim.geometry.points import upright_box
 
 
 def about_z(yaw):

@@ -1,4 +1,4 @@
-"""The smallest upright box about points. Numpy only; metres."""
+"""Sets of points: the smallest upright box about them, and some of them far apart. Numpy only; metres."""
 
 from __future__ import annotations
 
@@ -40,6 +40,16 @@ def upright_box(points_m: np.ndarray) -> Box:
         R, size = R @ _about_z(-np.pi / 2), size[[1, 0, 2]]
     own = points_m @ R
     return Box(SE3(R, R @ ((own.min(0) + own.max(0)) / 2)), size)
+
+
+def farthest_points(points: np.ndarray, count: int, first: int = 0) -> np.ndarray:
+    """(count, 3) of points (n, 3), or all n where there are fewer: `first`, then always the one farthest from those chosen."""
+    chosen = [first]
+    distance = np.linalg.norm(points - points[first], axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
 
 
 def _about_z(yaw: float) -> np.ndarray:

@@ -1,0 +1,131 @@
+"""Rendered depth, instances and normals against an independent judge: Embree casts the same rays at the same triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..dataset.ground_truth import INSTANCE, NORMAL
+from ..formats.scene_model import SceneModel
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from .caster import RayCaster
+
+#: A pixel lies on an edge where depth seen this far beside its centre does not continue the plane seen at the centre...
+EDGE_OFFSET_PX = 0.1
+#: ... to this share of its depth.
+EDGE_TOLERANCE = 1e-4
+#: Where depth differs by more than this, pixel and ray met different surfaces: an outline.
+_SAME_PLACE_M = 1e-4
+#: What normals are promised to.
+PROMISED_DEG = 0.1
+
+
+@dataclass(frozen=True)
+class DepthErrors:
+    """|Z - Z of the rays| in metres over the pixels that are not on an edge; `edge_share` and `lost_share` are shares of all pixels.
+
+    `lost` pixels see a surface in one of the two only.
+    """
+
+    pixels: int
+    median_m: float
+    p999_m: float
+    max_m: float
+    within_01mm_share: float
+    edge_share: float
+    lost_share: float
+
+
+@dataclass(frozen=True)
+class TruthErrors:
+    """Over pixels off outlines: shares of equal instances and of normals within PROMISED_DEG; angles in degrees. outline_share: of all pixels."""
+
+    equal_instance_share: float
+    normal_median_deg: float
+    normal_p999_deg: float
+    normal_within_share: float
+    outline_share: float
+
+
+def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
+    """(h, w) signed error in metres; NaN on edges, +-inf where one of the two sees nothing."""
+    truth = caster.depth(camera, T_world_camera)
+    error = depth_z_m.astype(float) - truth
+    error[(depth_z_m > 0) != (truth > 0)] = np.inf
+    error[_edges(caster, camera, T_world_camera, truth)] = np.nan
+    return error
+
+
+def _edges(caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, centre: np.ndarray) -> np.ndarray:
+    """(h, w) bool. On a plane 1/Z is linear in the image: its second difference over a tenth of a pixel vanishes."""
+    found, nothing_around = np.zeros(centre.shape, bool), np.ones(centre.shape, bool)
+    for u, v in ((EDGE_OFFSET_PX, 0.0), (0.0, EDGE_OFFSET_PX)):
+        sides = [caster.depth(camera, T_world_camera, (sign * u, sign * v)) for sign in (1, -1)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bend = np.abs(centre / sides[0] + centre / sides[1] - 2.0)
+        found |= ~(bend < EDGE_TOLERANCE)
+        nothing_around &= (sides[0] == 0) & (sides[1] == 0)
+    return found & ((centre > 0) | ~nothing_around)
+
+
+def depth_summary(errors: list[np.ndarray]) -> DepthErrors:
+    """Statistics over the images of `compare_depth`."""
+    every = np.concatenate([e.ravel() for e in errors])
+    inner = np.abs(every[~np.isnan(every)])
+    finite = inner[np.isfinite(inner)]
+    p50, p999 = np.percentile(finite, (50, 99.9)) if len(finite) else (np.nan, np.nan)
+    return DepthErrors(
+        pixels=len(every),
+        median_m=float(p50),
+        p999_m=float(p999),
+        max_m=float(finite.max(initial=0.0)),
+        within_01mm_share=float((inner <= 1e-4).mean()) if len(inner) else float("nan"),
+        edge_share=float(np.isnan(every).mean()),
+        lost_share=float(np.isinf(every).mean()),
+    )
+
+
+class TruthCaster:
+    """Rays at a scene model that return what ground-truth frames hold; normals are interpolated over the triangles met."""
+
+    def __init__(self, model: SceneModel) -> None:
+        self._model, self._caster = model, RayCaster.of_model(model)
+
+    def frame(self, camera: PinholeCamera, T_world_camera: SE3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(h, w) planar Z in metres, 0 where nothing is met; (h, w) instance; (h, w, 3) unit normal, cv camera's frame, of the side that is seen."""
+        rays = camera.rays() @ T_world_camera.rotation.T
+        hits = self._caster.cast(T_world_camera.translation, rays)
+        seen, triangle = hits.triangle >= 0, np.maximum(hits.triangle, 0)
+        u, v = np.moveaxis(hits.uv.astype(float), -1, 0)
+        normal = np.einsum("hwk,hwkc->hwc", np.stack([1 - u - v, u, v], -1), self._model.normals[triangle])
+        a, b, c = np.moveaxis(self._model.corners_m[triangle], -2, 0)
+        behind = np.einsum("hwc,hwc->hw", np.cross(b - a, c - a), rays) > 0
+        normal = np.where(behind[..., None], -normal, normal) @ T_world_camera.rotation
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+        return np.where(seen, hits.distance, 0), np.where(seen, self._model.instance[triangle], 0), normal
+
+    def compare(
+        self, frame: dict[str, np.ndarray], camera: PinholeCamera, T_world_camera: SE3
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Off outlines, of a frame's channels: (n,) whether instances are equal, (n,) degrees between normals; and the share of outlines."""
+        depth_z_m, instance, normal = self.frame(camera, T_world_camera)
+        same = (depth_z_m > 0) & (np.abs(frame["Z"] - depth_z_m) < _SAME_PLACE_M)
+        found = np.stack([frame[name] for name in NORMAL], -1).astype(float)
+        chord = np.linalg.norm(found - normal, axis=-1)[same]
+        return (frame[INSTANCE] == instance)[same], np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1))), 1 - same.mean()
+
+
+def truth_summary(found: list[tuple[np.ndarray, np.ndarray, float]]) -> TruthErrors:
+    """Over all frames that `TruthCaster.compare` was asked about."""
+    equal, degrees = (np.concatenate([f[k] for f in found]) for k in (0, 1))
+    if not len(equal):
+        return TruthErrors(0.0, 180.0, 180.0, 0.0, 1.0)
+    return TruthErrors(
+        float(equal.mean()),
+        float(np.median(degrees)),
+        float(np.percentile(degrees, 99.9)),
+        float((degrees < PROMISED_DEG).mean()),
+        float(np.mean([f[2] for f in found])),
+    )
