@@ -83,13 +83,10 @@ KNOWN_GLOBALS = {
 KNOWN_TO_NAME_OPTIONS = {
     "blender": "preflight scene_paths settings worker",
     "dataset": "images inspection run_folder",
-    "evaluation": "align pairs stretches",
     "formats": "checks freiburg loaded trajectories tum",
-    "fusion": "surface_error",
     "geometry": "free_space walk",
     "odometry": "drawing",
     "raycast": "viewpoints",
-    "report": "trajectory_report",
     "ui": "work",
     "": "shipped",
 }
