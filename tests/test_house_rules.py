@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "raycast": f"{CORE} api dataset",
     "odometry": f"{CORE} api evaluation dataset report fusion",
     "fusion": f"{CORE} api evaluation dataset report odometry raycast blender shipped",
-    "ui": f"{CORE} api job worker_events shipped sensor evaluation dataset scenes blender postprocess",
+    "ui": f"{CORE} api job worker_client worker_events shipped sensor evaluation dataset scenes blender postprocess",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"}) + " api"
 MAY_IMPORT |= {

@@ -33,6 +33,7 @@ class Machine:
     def has(self, name: str, text: str) -> Path:
         path = self.bin / name if "/" not in name else self.home / name
         path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)  # it may be a link to the machine's own tool
         path.write_text(text)
         path.chmod(0o755)
         return path
