@@ -76,12 +76,12 @@ def given_settings(
 
 def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
     """`base` with the settings that options name. Raises InputError, naming the option, for a value that does not fit."""
-    keys = {n: _key(s) for n, s in declared(type(base)).items()}
+    options = {n: s.option for n, s in declared(type(base)).items() if s.option}
     given = given_settings(args, type(base), only)
     try:
         return replace(base, **given)
     except InputError as error:
-        setting = keys.get(error.setting or "", error.setting)
+        setting = options.get(error.setting or "", error.setting)
         raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None
 
 
@@ -112,7 +112,9 @@ class _Renamed(argparse.Action):
 
 
 def option_name(setting: str) -> str:
-    """What the command line calls a setting, for error messages."""
+    """What the command line calls a setting, for error messages; an option stays."""
+    if setting.startswith("--"):
+        return setting
     declaration = find(setting)
     return declaration.option if declaration and declaration.option else "--" + setting.replace("_", "-")
 

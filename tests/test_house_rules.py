@@ -68,7 +68,7 @@ KNOWN_CIRCLES = (
     {"headless.commands.trajectory_make", "headless.commands.trajectory_walk"},
 )
 #: Modules that still import against the way. An entry goes with its imports.
-KNOWN_AGAINST_THE_WAY = {"headless.farm.record", "headless.farm.slurm_task"}
+KNOWN_AGAINST_THE_WAY: set[str] = set()
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}
 #: Modules that still keep state in a global. An entry goes with its global.

@@ -207,14 +207,13 @@ class Settings:
 
 
 def find(name: str) -> Setting | None:
-    """The declaration of a setting by its name, in any group that is loaded; None where there is none."""
-    groups = list(Settings.__subclasses__())
+    """The declaration of a setting by its name, among the groups that are loaded; None where there is none, or where several differ."""
+    groups, found = list(Settings.__subclasses__()), []
     while groups:
         group = groups.pop(0)
-        if name in declared(group):
-            return declared(group)[name]
         groups += group.__subclasses__()
-    return None
+        found += [declared(group)[name]] if name in declared(group) else []
+    return found[0] if len({(s.option, s.label) for s in found}) == 1 else None
 
 
 def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:

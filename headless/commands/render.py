@@ -8,7 +8,7 @@ from pathlib import Path
 from ..console import Console
 from ..farm.execute import execute
 from ..options import common
-from ..run_options import add_farm_options, add_run_options, plan_from, with_farm_options
+from .run_options import add_farm_options, add_run_options, plan_from, with_farm_options
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

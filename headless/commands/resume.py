@@ -9,7 +9,7 @@ from ..console import Console
 from ..farm.execute import execute
 from ..farm.run_plan import find_run, read_plan
 from ..options import common
-from ..run_options import add_farm_options, with_farm_options
+from .run_options import add_farm_options, with_farm_options
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -15,7 +15,7 @@ from ..farm.chunks import numbers_from
 from ..farm.rendering import report, stop_on_signals
 from ..farm.run_plan import RunPlan
 from ..options import action, subcommands
-from ..run_options import add_run_options, plan_from
+from .run_options import add_run_options, plan_from
 
 HELP = {
     "light": "first: the run folder with its recipe, and the light in the cache",

@@ -15,10 +15,10 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.headless.commands import make, render
+from iclnuim.headless.commands.run_options import plan_from, with_farm_options
 from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
 from iclnuim.headless.farm.slurm_settings import SlurmSettings, minutes, read_settings
-from iclnuim.headless.run_options import plan_from, with_farm_options
 from iclnuim.job import shipped_job
 
 TINY = ("--camera", "16x12", "--frames", "0:10")

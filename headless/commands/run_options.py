@@ -14,11 +14,11 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
 
-from .farm.run_plan import FarmSettings, RunPlan
-from .farm.slurm_settings import SlurmSettings, read_settings
-from .options import add_settings, given_settings, renamed, settings_from
-from .scene_options import KINDS, add_scene_options, reading_from
-from .sensor_options import add_sensor_options, sequence_options
+from ..farm.run_plan import FarmSettings, RunPlan
+from ..farm.slurm_settings import SlurmSettings, read_settings
+from ..options import add_settings, given_settings, renamed, settings_from
+from ..scene_options import KINDS, add_scene_options, reading_from
+from ..sensor_options import add_sensor_options, sequence_options
 
 _OUT = {
     "render": "folder of the run; default: out/SEQUENCE/raw",
