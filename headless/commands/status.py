@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from iclnuim.dataset.journal import read_entries
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
@@ -15,7 +16,6 @@ from iclnuim.job import RenderJob
 
 from ..console import Console
 from ..farm import slurm_queue
-from ..farm.progress import noted
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import common
 
@@ -59,7 +59,7 @@ def state(folder: Path, frames: str | None) -> dict:
         numbers: Sequence[int] = plan.numbers
     else:
         numbers = list(frame_slice(frames or "::", len(load_trajectory(job))))
-    made = noted(run.path).intersection(numbers)
+    made = _in_sequences(run.path).intersection(numbers)
     return _values(run.path, job.sequence, numbers, made, run.missing([n for n in numbers if n not in made]))
 
 
@@ -67,6 +67,13 @@ def _run_in(folder: Path) -> RunFolder | None:
     """The render run in a folder, or in its raw/."""
     places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
     return read_run(places[0]) if places else None
+
+
+def _in_sequences(raw: Path) -> set[int]:
+    """Frames that the journals of both sequences beside raw/ name."""
+    if raw.name != "raw":
+        return set()
+    return set.intersection(*(set(read_entries(raw.parent / name / "frames.jsonl")) for name in ("clean", "noisy")))
 
 
 def _recorded(folder: Path) -> RunPlan | None:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import SequenceSettings
+from iclnuim.dataset.sequence import SequenceSettings, standing_frames
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
@@ -18,7 +19,6 @@ from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 from iclnuim.settings import Settings, refuse_unknown, setting
 
-from . import progress
 from .chunks import numbers_from, numbers_text
 from .slurm_settings import SlurmSettings, read_settings
 
@@ -56,7 +56,10 @@ class FarmSettings(Settings):
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Frames `numbers` of `job` into the run folder `raw`, and with `sequences` the sequences clean/ and noisy/ beside it."""
+    """Frames `numbers` of `job` into the run folder `raw`, and with `sequences` the sequences clean/ and noisy/ beside it.
+
+    working_folder: where the command was given; a user's own noise model may lie there.
+    """
 
     job: RenderJob
     raw: Path
@@ -65,6 +68,7 @@ class RunPlan:
     keep_raw: bool = True
     farm: FarmSettings = field(default_factory=FarmSettings)
     slurm: SlurmSettings = field(default_factory=SlurmSettings)
+    working_folder: str = field(default_factory=lambda: str(Path.cwd()))
 
     @property
     def command(self) -> str:
@@ -94,15 +98,18 @@ class RunPlan:
         """Frames that are neither finished nor turned into pairs, as the folder alone says."""
         if not (self.raw / "sequence.json").is_file():
             return list(self.numbers)
-        made = progress.standing(self.raw, self.numbers) if self.sequences is not None else set()
-        return read_run(self.raw).missing([n for n in self.numbers if n not in made])
+        run, made = read_run(self.raw), set()
+        if self.sequences is not None:
+            source = frames_of_run(run, load_trajectory(self.job), list(self.numbers))
+            made = standing_frames(source, self.variants(), self.formats)
+        return run.missing([n for n in self.numbers if n not in made])
 
     def to_dict(self) -> dict[str, Any]:
         """The record; without the run folder, which may be moved."""
         return {
             "schema_version": SCHEMA_VERSION,
             "command": self.command,
-            "working_folder": str(Path.cwd()),
+            "working_folder": self.working_folder,
             "job": self.job.to_dict(),
             "frames": numbers_text(self.numbers),
             "sequences": None if self.sequences is None else self.sequences.to_dict(),
@@ -134,6 +141,7 @@ class RunPlan:
             content["keep_raw"],
             FarmSettings.from_dict(content["farm"]),
             SlurmSettings.from_dict(content["slurm"]),
+            content["working_folder"],
         )
 
     def write_record(self) -> None:
@@ -199,4 +207,5 @@ def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
             engine=options["engine"], workers=options["workers"], worker_timeout_s=options["stuck_after"]
         ),
         slurm.changed(**given),
+        record["working_folder"],
     )

@@ -11,6 +11,7 @@ import pytest
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
@@ -290,3 +291,15 @@ def test_status_says_why_nothing_goes_on(pretended, job, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "1 missing" in said and "in Slurm's queue: nothing" in said
     assert "the last task that failed: 12_1_0_log.err: no space left" in said
+
+
+def test_pairs_in_other_formats_stand_too(job, tmp_path):
+    raw = tmp_path / "o/raw"
+    begun(job, raw, range(3))
+    options = SequenceOptions(depth_noise="kinect2012", formats=("tum", "euroc"))
+    plan = RunPlan(job, raw, (0, 1, 2), options, keep_raw=False)
+    assert tasks.dataset(plan, lambda number: None) == 3
+    assert plan.missing() == [] and list((raw / "exr").iterdir()) == []
+    assert (raw.parent / "noisy/euroc/mav0/cam0").is_dir() and (raw.parent / "clean/tum/rgb.txt").is_file()
+    next((raw.parent / "clean/euroc").rglob("*.png")).unlink()
+    assert len(plan.missing()) == 1
