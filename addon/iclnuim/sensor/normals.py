@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
-from .bands import bands
+from .sampling import bands
 
 
 @dataclass(frozen=True)
