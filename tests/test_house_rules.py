@@ -82,8 +82,6 @@ KNOWN_GLOBALS = {
 #: Files of the library whose messages still name options of the command line. An entry goes with its options.
 KNOWN_TO_NAME_OPTIONS = {
     "blender": "preflight scene_paths settings worker",
-    "dataset": "images inspection run_folder",
-    "formats": "checks freiburg loaded trajectories tum",
     "geometry": "free_space walk",
     "odometry": "drawing",
     "raycast": "viewpoints",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
-from iclnuim.dataset.recipe import read_recipe
+from iclnuim.dataset.recipe import read_recipe, refuse_other
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
 
@@ -236,8 +236,4 @@ def _refuse_other_job(plan: RunPlan) -> None:
     there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
     settled = {"light", "samples"} if (there.get("light"), asked["light"]) == ("path", "baked") else set()
     names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
-    different = [f"{k} {there.get(k)} there, {asked[k]} asked" for k in sorted(names) if there.get(k) != asked[k]]
-    if different:
-        raise InputError(
-            "the run that was begun there", path=plan.raw, found="; ".join(different), hint="another {out}"
-        )
+    refuse_other("run", plan.raw, *({k: job.get(k) for k in names} for job in (there, asked)), hint="another {out}")

@@ -24,10 +24,9 @@ class JournalEntry:
     def to_line(self) -> str:
         """JSON; the last item only where there is any."""
         content = asdict(self)
-        return (
-            json.dumps(content if self.truth_sha256 else {k: v for k, v in content.items() if k != "truth_sha256"})
-            + "\n"
-        )
+        if not self.truth_sha256:
+            del content["truth_sha256"]
+        return json.dumps(content) + "\n"
 
 
 def read_entries(path: Path) -> dict[int, JournalEntry]:
