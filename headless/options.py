@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_picture
-from iclnuim.settings import Setting, Settings, declared, find
+from iclnuim.settings import Setting, Settings, declared, find, plain
 
 from .console import Console
 
@@ -32,14 +32,11 @@ def add_settings(
 
 def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> None:
     unit = f" ({s.unit})" if s.unit else ""
-    shown = " ".join(
-        f"{d:g}" if isinstance(d, float) else str(d) for d in (default if s.length is not None else [default])
-    )
     text = f"{s.help}{unit}".replace("%", "%%")
     if s.kind is bool and s.default is False:
         parser.add_argument(s.option, action="store_true", default=None, help=text)
         return
-    text += "" if default is None else f"; default: {shown}".replace("%", "%%")
+    text += "" if default is None else f"; default: {plain(default)}".replace("%", "%%")
     if s.kind is bool:
         parser.add_argument(s.option, action=argparse.BooleanOptionalAction, default=None, help=text)
         return

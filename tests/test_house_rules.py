@@ -86,7 +86,6 @@ KNOWN_TO_NAME_OPTIONS = {
     "odometry": "drawing",
     "raycast": "viewpoints",
     "ui": "work",
-    "": "shipped",
 }
 
 
