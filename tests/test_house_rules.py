@@ -44,7 +44,7 @@ MAY_IMPORT = {
     "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset scenes scene_classes lightmap",
     "report": f"{CORE} api evaluation dataset",
     "raycast": f"{CORE} api dataset",
-    "odometry": f"{CORE} api evaluation dataset report fusion",
+    "odometry": f"{CORE} api evaluation dataset report",
     "fusion": f"{CORE} api evaluation dataset report odometry raycast blender shipped",
     "ui": f"{CORE} api job worker_client worker_events shipped sensor evaluation dataset scenes blender postprocess",
 }
@@ -68,7 +68,7 @@ KNOWN_CIRCLES = (
     {"headless.commands.trajectory_make", "headless.commands.trajectory_walk"},
 )
 #: Modules that still import against the way. An entry goes with its imports.
-KNOWN_AGAINST_THE_WAY: set[str] = set()
+KNOWN_AGAINST_THE_WAY = {"headless.farm.record", "headless.farm.slurm_task"}
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}
 #: Modules that still keep state in a global. An entry goes with its global.
@@ -82,10 +82,12 @@ KNOWN_GLOBALS = {
 #: Files of the library whose messages still name options of the command line. An entry goes with its options.
 KNOWN_TO_NAME_OPTIONS = {
     "blender": "preflight scene_paths settings worker",
+    "dataset": "images inspection run_folder",
+    "formats": "checks freiburg loaded trajectories tum",
     "geometry": "free_space walk",
-    "odometry": "drawing",
     "raycast": "viewpoints",
     "ui": "work",
+    "": "shipped",
 }
 
 

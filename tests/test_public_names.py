@@ -46,10 +46,13 @@ def test_importing_the_package_and_listing_its_names_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    ("blocked", "said"),
-    [("iclnuim.odometry", "not part of the Blender extension"), ("numba", "needs numba; try: pip install")],
+    ("blocked", "name", "said"),
+    [
+        ("iclnuim.odometry", "odometer", "not part of the Blender extension"),
+        ("numba", "fuse_sequence", "needs numba; try: pip install"),
+    ],
 )
-def test_a_name_whose_module_is_missing_is_an_import_error_in_one_line(blocked, said):
+def test_a_name_whose_module_is_missing_is_an_import_error_in_one_line(blocked, name, said):
     program = (
         "import sys\n"
         "class Missing:\n"
@@ -58,7 +61,7 @@ def test_a_name_whose_module_is_missing_is_an_import_error_in_one_line(blocked, 
         "sys.meta_path.insert(0, Missing())\n"
         "import iclnuim\n"
         "try:\n"
-        "    iclnuim.odometer\n"
+        f"    iclnuim.{name}\n"
         "except ImportError as error:\n"
         "    print(error)\n"
     )

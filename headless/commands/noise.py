@@ -12,7 +12,7 @@ from iclnuim.errors import InputError
 
 from ..console import Console
 from ..options import common
-from ..sequence_camera import add_camera_options, camera_from
+from ..sequence_options import add_camera_options, camera_from
 from . import dataset
 
 _ABOUT = """

@@ -8,8 +8,12 @@ from iclnuim.dataset.depth_units import depth16_from_metres
 from iclnuim.formats.png import write_png
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim.errors import WorkError  # noqa: E402
+from iclnuim.headless import sequence_options  # noqa: E402
 from iclnuim.headless.cli import main  # noqa: E402
-from iclnuim.odometry.frames import Sequence  # noqa: E402
+from iclnuim.headless.commands import bench_odometry  # noqa: E402
+from iclnuim.odometry.registry import NAMES, ODOMETERS, odometer  # noqa: E402
+from iclnuim.odometry.run import Sequence  # noqa: E402
 
 
 @pytest.fixture
@@ -108,3 +112,50 @@ def test_a_camera_that_nothing_tells_is_named_and_one_may_be_given(stretch, tmp_
     assert "camera is taken" not in capsys.readouterr().err
     assert main(["odometry", "icp", str(stretch), "--camera", "320x240"]) == 3
     assert "size: 640x480 instead of 320x240" in capsys.readouterr().err
+
+
+def test_all_methods_are_written_to_a_folder_and_drawn_in_one_figure(stretch, tmp_path, capsys):
+    out, picture = tmp_path / "est", tmp_path / "all.png"
+    options = ("--first", "3", "-o", str(out), "--plot", str(picture))
+    assert main(["odometry", "--all", str(stretch), *options]) == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(f"{name}.txt" for name in ODOMETERS)
+    assert picture.stat().st_size > 10_000
+    table = capsys.readouterr().out
+    assert all(f"\n{name} " in table for name in ODOMETERS)
+
+
+def test_old_words_are_understood_with_a_note(stretch, capsys):
+    assert main(["odometry", "icp", str(stretch), "--first", "2", "--reference", "kept"]) == 0
+    assert "kept is now called keyframe" in capsys.readouterr().err
+    assert main(["odometry", "icp", str(stretch), "--first", "2", "--reference", "own"]) == 0
+    assert "own is now called default" in capsys.readouterr().err
+    assert main(["odometry", "peer:other", str(stretch)]) == 2
+    assert "peer: is now called baseline:" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [("odometry", "icp"), ("bench", "odometry"), ("fuse", "-o", "x.ply")])
+@pytest.mark.parametrize("module", ["numba", "cv2"])
+def test_a_missing_package_is_one_line_that_names_the_command(stretch, command, module, monkeypatch, capsys):
+    monkeypatch.setattr(sequence_options, "find_spec", lambda name: None if name == module else object())
+    assert main([*command, str(stretch)]) == 3
+    line = capsys.readouterr().err
+    assert f"needs {module}; try: pip install " in line and len(line.splitlines()) == 1
+
+
+def test_a_comparison_leaves_out_what_is_not_installed_and_says_so(stretch, capsys, monkeypatch):
+    def without_open3d(name, preset="best"):
+        if "open3d" in name:
+            raise WorkError(f"{name} needs open3d; try: pip install open3d-cpu")
+        return odometer(name, preset)
+
+    monkeypatch.setattr(bench_odometry, "odometer", without_open3d)
+    assert main(["bench", "odometry", str(stretch), "--first", "3", "--only", "p"]) == 0
+    out, err = capsys.readouterr()
+    assert "left out: baseline:open3d-plane needs open3d; try: pip install open3d-cpu" in err
+    assert "icp_rgbd" in out and "open3d" not in out
+    assert err.index("the benchmark's camera is taken") < err.index("frames")
+
+
+def test_the_page_lists_every_odometer(repository):
+    page = (repository / "docs/odometry.md").read_text()
+    assert all(f"`{name}`" in page for name in NAMES)

@@ -103,7 +103,7 @@ def _colour(image, u, v, colour):
 
 
 @njit(cache=True, parallel=True)
-def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, most, rows, n):
+def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, n):
     """Running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
 
     Along z, from `trunc` before the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight
@@ -145,6 +145,6 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, most, rows, n):
                 at = line * 8 + k
                 w = float(weight[at])
                 tsdf[at] = (tsdf[at] * w + more * min(distance, trunc)) / (w + more)
-                weight[at] = np.uint16(min(w + more, most))
+                weight[at] = np.uint16(min(w + more, max_weight))
                 if coloured and distance < trunc:
                     _colour(image, u, v, colour[at])

@@ -1,7 +1,11 @@
 """Marching cubes over blocks, compiled: triangles by the keys of the edges that they touch, then vertices by key.
 
-A cube belongs to the block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, with (i, j, k) the
-voxel that it leaves, counted from a corner below all blocks, and n = 2^19; so a vertex that several cubes share has one key.
+W. Lorensen, H. Cline, "Marching cubes", SIGGRAPH 1987. The 256 cases are computed: on each face, every run of inside corners
+is cut off by one line, so two cubes that share a face always agree, and the surface has no holes where a face is ambiguous.
+
+Corner n of a cube stands at (n >> 2, n >> 1 & 1, n & 1); edge 3 n + axis leaves corner n towards +axis. A cube belongs to the
+block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, with (i, j, k) the voxel that it leaves, counted
+from a corner below all blocks, and n = 2^19; so a vertex that several cubes share has one key.
 """
 
 from __future__ import annotations
@@ -9,18 +13,62 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from .cube_cases import table
 from .grid import row_of
 
-COUNT, EDGES = table()
 SIDE = 1 << 19
+#: Corners around each face, counter-clockwise as seen from outside.
+FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+def edge(one: int, two: int) -> int:
+    """The edge between two neighbouring corners."""
+    return 3 * min(one, two) + {4: 0, 2: 1, 1: 2}[one ^ two]
+
+
+def loops(case: int) -> list[list[int]]:
+    """Closed loops of crossed edges that cut off the inside corners (bits of `case`)."""
+    following = {}
+    for face in FACES:
+        inside = [bool(case >> corner & 1) for corner in face]
+        for i in range(4):
+            if inside[i] or not inside[(i + 1) % 4]:
+                continue
+            run = next(n for n in range(1, 4) if not inside[(i + 1 + n) % 4])
+            entered, left = edge(face[i], face[(i + 1) % 4]), edge(face[(i + run) % 4], face[(i + run + 1) % 4])
+            following[entered] = left
+    found = []
+    while following:
+        loop = [next(iter(following))]
+        while following[loop[-1]] != loop[0]:
+            loop.append(following.pop(loop[-1]))
+        del following[loop[-1]]
+        found.append(loop)
+    return found
+
+
+def triangles(case: int) -> list[tuple[int, int, int]]:
+    """Fans over the loops; normals point away from the inside."""
+    return [(loop[0], loop[i], loop[i + 1]) for loop in loops(case) for i in range(1, len(loop) - 1)]
+
+
+def case_table() -> tuple[np.ndarray, np.ndarray]:
+    """(count (256,), edges (256, max, 3)) int8: the triangles of each case and the edges that they touch."""
+    cases = [triangles(case) for case in range(256)]
+    count = np.array([len(c) for c in cases], np.int8)
+    edges = np.zeros((256, count.max(), 3), np.int8)
+    for case, found in enumerate(cases):
+        edges[case, : len(found)] = np.array(found, np.int8).reshape(-1, 3)
+    return count, edges
+
+
+COUNT, EDGES = case_table()
 
 
 @njit(cache=True)
-def _cubes(grid, row, least, leaves, edges, count, low, keys):
+def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
     """The triangles of a block's cubes; written to keys (n, 3) if it has any rows. Returns how many.
 
-    A cube counts where all its corners were seen `least` times, and one of them lies in a row that leaves.
+    A cube counts where all its corners were seen min_weight times, and one of them lies in a row that leaves.
     """
     a0, b0, c0 = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
     near = np.empty(8, np.int64)
@@ -34,7 +82,7 @@ def _cubes(grid, row, least, leaves, edges, count, low, keys):
             x, y, z = i + (n >> 2), j + (n >> 1 & 1), k + (n & 1)
             other = near[(x >> 3) * 4 + (y >> 3) * 2 + (z >> 3)]
             place = (x & 7) * 64 + (y & 7) * 8 + (z & 7)
-            if other == 0 or grid.weight[other, place] < least:
+            if other == 0 or grid.weight[other, place] < min_weight:
                 whole = False
                 break
             mine = mine or leaves[other]
@@ -55,19 +103,19 @@ def _cubes(grid, row, least, leaves, edges, count, low, keys):
 
 
 @njit(cache=True, parallel=True)
-def count_triangles(grid, rows, least, leaves, edges, count, low, totals):
+def count_triangles(grid, rows, min_weight, leaves, edges, count, low, totals):
     """totals (rows,): of each block."""
     none = np.empty((0, 3), np.int64)
     for r in prange(rows.shape[0]):
-        totals[r] = _cubes(grid, rows[r], least, leaves, edges, count, low, none)
+        totals[r] = _cubes(grid, rows[r], min_weight, leaves, edges, count, low, none)
 
 
 @njit(cache=True, parallel=True)
-def list_triangles(grid, rows, least, leaves, edges, count, low, start, keys):
+def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys):
     """keys (n, 3): those of block r from start[r] to start[r + 1]."""
     for r in prange(rows.shape[0]):
         if start[r] < start[r + 1]:
-            _cubes(grid, rows[r], least, leaves, edges, count, low, keys[start[r] : start[r + 1]])
+            _cubes(grid, rows[r], min_weight, leaves, edges, count, low, keys[start[r] : start[r + 1]])
 
 
 @njit(cache=True, parallel=True)

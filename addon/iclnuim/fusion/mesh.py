@@ -31,16 +31,12 @@ class Mesh:
             np.concatenate([part.colours for part in parts]),
         )
 
-    def moved(self, T: np.ndarray) -> Mesh:
-        """By a rigid (4, 4)."""
-        return Mesh((self.points @ T[:3, :3].T + T[:3, 3]).astype(np.float32), self.triangles, self.colours)
 
-
-def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: float = 0.25) -> Mesh:
+def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float = 0.25) -> Mesh:
     """Marching cubes over all blocks, or over the cubes that have a corner in the rows where `leaves` (rows,) is true.
 
     So what is meshed when it leaves and what is meshed later meet without a gap and without an overlap. Only cubes whose
-    corners were all seen `least_weight` times; views count less where they are slanted, and behind the surface.
+    corners were all seen `min_weight` times; views count less where they are slanted, and behind the surface.
     """
     grid, rows = volume.grid, volume.rows()
     if leaves is None:
@@ -50,7 +46,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, least_weight: floa
     if not len(rows):
         return Mesh.joined([])
     low = grid.place[rows].min(axis=0).astype(np.int64)
-    common = (max(1.0, least_weight * UNIT), leaves, marching.EDGES, marching.COUNT, low)
+    common = (max(1.0, min_weight * UNIT), leaves, marching.EDGES, marching.COUNT, low)
     totals = np.zeros(len(rows), np.int64)
     marching.count_triangles(grid, rows, *common, totals)
     start = np.concatenate([[0], np.cumsum(totals)])

@@ -13,48 +13,17 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
 from . import fusing, tracing
 from .grid import Grid
+from .settings import VolumeSettings
 
 #: Pixels that share one range of depths in a raycast; every how many pixels the blocks of a depth image are looked up.
 TILE, STRIDE = 8, 2
 
 
-@dataclass(frozen=True)
-class VolumeSettings:
-    """Metres. window_blocks: side of the window in blocks of 8 voxels, a power of two; channels of colour: 0, 1 or 3.
-
-    The truncation and the voxel (4.5 m in 512) are the paper's (VI-C); most_blocks bounds the memory. A frame counts from
-    truncation_m before its surface to as far behind it. Behind the rim of a thing its front so grows walls of that depth,
-    where nothing was seen, and slanted views of curved things shrink them. With a smaller behind_m distances are taken along
-    the normal, slanted views weigh less, and the weight falls to 0 that far behind the surface.
-    """
-
-    voxel_m: float = 4.5 / 512
-    truncation_m: float = 0.045
-    behind_m: float = 0.045
-    window_blocks: int = 256
-    most_weight: int = 255
-    most_blocks: int = 120_000
-    far_m: float = 8.0
-    channels: int = 3
-
-    def __post_init__(self) -> None:
-        if not (0 < self.voxel_m < 1 and self.truncation_m >= 2 * self.voxel_m):
-            found = f"{self.voxel_m:g} and {self.truncation_m:g}"
-            raise InputError("voxels of 0..1 m and a truncation of at least two of them", found=found)
-        if not 2 * self.voxel_m <= self.behind_m <= self.truncation_m:
-            raise InputError("two voxels or more behind the surface, no more than the truncation", found=self.behind_m)
-        if self.window_blocks < 4 or self.window_blocks & (self.window_blocks - 1):
-            raise InputError("a window of 4, 8, 16 ... blocks", found=self.window_blocks)
-        if self.most_blocks < 1 or not 1 <= self.most_weight <= 4000 or self.channels not in (0, 1, 3):
-            raise InputError("at least 1 block, a weight of 1..4000, and 0, 1 or 3 channels", found=self)
-        if not self.far_m > 0:
-            raise InputError("a farthest depth above 0 m", found=self.far_m)
-
-
-#: paper: the cyclic 4.5 m of Kintinuous; best: 18 m, more than the rooms have.
-PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings(behind_m=0.020)}
+class BlockLimitError(InputError):
+    """One frame needs more blocks than max_blocks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +37,7 @@ class View:
     normals_camera: np.ndarray
     colour: np.ndarray
     camera: PinholeCamera
-    T_world_camera: np.ndarray
-
-    @property
-    def points_world(self) -> np.ndarray:
-        """(h, w, 3)."""
-        return self.camera.unproject(self.depth_z_m) @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3]
+    T_world_camera: SE3
 
 
 class Volume:
@@ -83,7 +47,7 @@ class Volume:
         self, settings: VolumeSettings | None = None, leaving: Callable[[Volume, np.ndarray], None] | None = None
     ) -> None:
         self.settings = s = settings or VolumeSettings()
-        rows = s.most_blocks + 1
+        rows = s.max_blocks + 1
         # Zeroed pages are handed out when first written, so the bound costs nothing until it is used.
         self.grid = Grid(
             np.zeros(3, np.int64),
@@ -94,59 +58,54 @@ class Volume:
             np.zeros((rows, 512 if s.channels else 1, s.channels + 1), np.uint16),
         )
         self._free = np.arange(rows - 1, 0, -1, dtype=np.int32)
-        self._n_free = s.most_blocks
+        self._n_free = s.max_blocks
         self._stamp, self._rows = np.zeros(rows, np.int32), np.zeros(rows, np.int32)
         self._leaving, self._placed = leaving, False
-        self.frames = self.most_used = self._tick = 0
+        self.frames = self.max_used = self._tick = 0
 
     @property
     def blocks(self) -> int:
         """Held at present."""
-        return self.settings.most_blocks - self._n_free
+        return self.settings.max_blocks - self._n_free
 
     @property
     def bytes_used(self) -> int:
         """At the fullest moment: voxels and the index."""
         g = self.grid
         per_block = sum(a[0].nbytes for a in (g.place, g.tsdf, g.weight, g.colour)) + 12
-        return self.most_used * per_block + g.index.nbytes
+        return self.max_used * per_block + g.index.nbytes
 
     def integrate(
         self,
         depth_m: np.ndarray,
         camera: PinholeCamera,
-        T_world_camera: np.ndarray,
+        T_world_camera: SE3,
         image: np.ndarray | None = None,
     ) -> None:
         """Fuse planar depth (h, w); 0, NaN and negative are missing. image: (h, w, channels), 0..255.
 
-        Raises InputError for wrong sizes or a pose that is none, and where one frame needs more than `most_blocks`.
+        Raises InputError for wrong sizes or a pose that is none, BlockLimitError where one frame needs more than max_blocks.
         """
-        depth, T = np.asarray(depth_m, np.float32), _pose(T_world_camera)
+        depth, T = np.asarray(depth_m, np.float32), _checked_pose(T_world_camera)
         if depth.shape != (camera.height, camera.width):
             raise InputError(f"depth of {camera.width}x{camera.height} as the camera has it", found=depth.shape[::-1])
         image = self._checked(image, depth.shape)
-        inverse, K = self._inverse(depth), _intrinsics(camera)
-        self.follow(T[:3, 3])
+        inverse, K, s = self._inverse(depth), _intrinsics(camera), self.settings
+        self.follow(T.translation)
         n = self._touched(inverse, K, T)
         if n is None:
-            self._make_room(T[:3, 3])
+            self._make_room(T.translation)
             n = self._touched(inverse, K, T)
         if n is None:
-            s = self.settings
-            raise InputError(
-                f"a frame within {s.most_blocks} blocks", found="more", hint="larger voxels or more blocks"
-            )
-        (R, t), s = _parts(_inverted(T)), self.settings
-        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.most_weight * fusing.UNIT)
-        fusing.fuse(self.grid, inverse, image, K, R, t, *rule, self._rows, n)
+            hint = "larger voxels or more blocks"
+            raise BlockLimitError(f"a frame within {s.max_blocks} blocks", found="more", hint=hint)
+        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.max_weight * fusing.UNIT)
+        fusing.fuse(self.grid, inverse, image, K, *_parts(T.inverse()), *rule, self._rows, n)
         self.frames += 1
 
-    def raycast(
-        self, camera: PinholeCamera, T_world_camera: np.ndarray, normals: bool = True, colour: bool = True
-    ) -> View:
+    def raycast(self, camera: PinholeCamera, T_world_camera: SE3, normals: bool = True, colour: bool = True) -> View:
         """The surface as the camera would see it: trilinear zero crossing, normals from the gradient."""
-        T, shape = _pose(T_world_camera), (camera.height, camera.width)
+        T, shape = _checked_pose(T_world_camera), (camera.height, camera.width)
         view = View(
             np.full(shape, np.nan, np.float32),
             np.full((*shape, 3) if normals else (0, 0, 3), np.nan, np.float32),
@@ -180,15 +139,15 @@ class Volume:
         place = self.grid.place[rows]
         return rows[np.lexsort((place[:, 2], place[:, 1], place[:, 0]))].astype(np.int32)
 
-    def _ranges(self, camera: PinholeCamera, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _ranges(self, camera: PinholeCamera, T: SE3) -> tuple[np.ndarray, np.ndarray]:
         """Between which depths there are blocks, for tiles of the image; no deeper than far_m."""
         shape = (-(-camera.height // TILE), -(-camera.width // TILE))
         near, far = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
-        K, (R, t) = _intrinsics(camera), _parts(_inverted(T))
-        tracing.ranges(self.grid, self.most_used, K, R, t, self.settings.voxel_m, TILE, near, far)
+        K, voxel_m = _intrinsics(camera), self.settings.voxel_m
+        tracing.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), voxel_m, TILE, near, far)
         return near, np.minimum(far, np.float32(self.settings.far_m))
 
-    def _touched(self, inverse: np.ndarray, K: np.ndarray, T: np.ndarray) -> int | None:
+    def _touched(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
         """How many rows are listed in self._rows; None where the memory does not suffice."""
         s = self.settings
         self._tick += 1
@@ -196,7 +155,7 @@ class Volume:
         n, self._n_free, lost = fusing.touch(
             self.grid, inverse, K, *_parts(T), s.voxel_m, s.truncation_m, STRIDE, *state
         )
-        self.most_used = max(self.most_used, self.blocks)
+        self.max_used = max(self.max_used, self.blocks)
         return None if lost else n
 
     def _make_room(self, centre_m: np.ndarray) -> None:
@@ -239,18 +198,12 @@ def _intrinsics(camera: PinholeCamera) -> np.ndarray:
     return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
 
 
-def _parts(T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
+def _parts(T: SE3) -> tuple[np.ndarray, np.ndarray]:
+    return np.ascontiguousarray(T.rotation), np.ascontiguousarray(T.translation)
 
 
-def _inverted(T: np.ndarray) -> np.ndarray:
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = T[:3, :3].T, -T[:3, :3].T @ T[:3, 3]
-    return result
-
-
-def _pose(T_world_camera: np.ndarray) -> np.ndarray:
-    T = np.asarray(T_world_camera, float)
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-4):
-        raise InputError("a rigid 4x4 pose T_world_camera of finite numbers", found=T.shape)
+def _checked_pose(T: SE3) -> SE3:
+    R = T.rotation
+    if T.shape or not np.isfinite(T.matrix).all() or not np.allclose(R @ R.T, np.eye(3), atol=1e-4):
+        raise InputError("a rigid pose T_world_camera of finite numbers", found=T)
     return T

@@ -1,1 +1,1 @@
-"""Camera motion from colour and depth: odometers behind one protocol, and adapters to other people's."""
+"""Camera motion from colour and depth: odometers behind one protocol, and adapters to third-party ones."""

@@ -73,7 +73,7 @@ def normals(z, k, s, out):
 
 
 @njit(cache=True)
-def bright_points(k, grey, z, least_gradient, most_depth, across, down, sparse, points, greys, J, tiles):
+def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse, points, greys, J, tiles):
     """Lists of the pixels with slope (central differences) and depth: point (n, 3), grey level, J (n, 6) of the inverse
     compositional residual, and which of across x down tiles, row by row. Returns n.
 
@@ -81,12 +81,12 @@ def bright_points(k, grey, z, least_gradient, most_depth, across, down, sparse, 
     """
     h, w = z.shape
     fx, fy, cx, cy = k
-    n, least = 0, least_gradient * least_gradient
+    n, least = 0, min_gradient * min_gradient
     for v in range(1, h - 1):
         for u in range(1 + (v & 1) * sparse, w - 1, 1 + sparse):
             a, b = (grey[v, u + 1] - grey[v, u - 1]) / 2, (grey[v + 1, u] - grey[v - 1, u]) / 2
             d = z[v, u]
-            if a * a + b * b < least or not d > 0 or d > most_depth:
+            if a * a + b * b < least or not d > 0 or d > max_depth:
                 continue
             x, y = (u - cx) / fx * d, (v - cy) / fy * d
             p, q = a * fx / d, b * fy / d
@@ -100,7 +100,7 @@ def bright_points(k, grey, z, least_gradient, most_depth, across, down, sparse, 
 
 
 @njit(cache=True)
-def grey_residuals(T, k, points, greys, grey, z, most_dz, residual, J, mean, tiles, factor, parallax):
+def grey_residuals(T, k, points, greys, grey, z, max_dz, residual, J, mean, tiles, factor, parallax):
     """residual = grey(warped) - greys, bilinear; NaN outside, without depth, or behind another surface.
 
     T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, a tile's inverse depth is that
@@ -123,7 +123,7 @@ def grey_residuals(T, k, points, greys, grey, z, most_dz, residual, J, mean, til
             continue
         row, column = int(b + 0.5), int(a + 0.5)
         found = z[row, column]
-        if not found > 0 or abs(found - found_z) > most_dz:
+        if not found > 0 or abs(found - found_z) > max_dz:
             continue
         i, j = int(b), int(a)
         s, t = a - j, b - i
@@ -165,14 +165,14 @@ def flat_points(k, z, normals, stride, points, directions):
 
 
 @njit(cache=True)
-def plane_residuals(T, k, points, directions, z, normals, most_distance, least_cosine, residual, J, residual1, J1):
+def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosine, residual, J, residual1, J1):
     """Projective association: residual = n . (p0 - T p1) in metres, NaN without a partner; T is T_reference_current.
 
     z and normals are the reference's.
     """
     h, w = z.shape
     fx, fy, cx, cy = k
-    farthest = most_distance * most_distance
+    farthest = max_distance * max_distance
     for n in range(len(points)):
         x, y, d = points[n, 0], points[n, 1], points[n, 2]
         residual[n] = np.nan
@@ -196,7 +196,7 @@ def plane_residuals(T, k, points, directions, z, normals, most_distance, least_c
         mx = T[0, 0] * ox + T[0, 1] * oy + T[0, 2] * oz
         my = T[1, 0] * ox + T[1, 1] * oy + T[1, 2] * oz
         mz = T[2, 0] * ox + T[2, 1] * oy + T[2, 2] * oz
-        if nx * mx + ny * my + nz * mz < least_cosine:
+        if nx * mx + ny * my + nz * mz < min_cosine:
             continue
         residual[n] = nx * dx + ny * dy + nz * dz
         J[n, 0], J[n, 1], J[n, 2] = nx, ny, nz

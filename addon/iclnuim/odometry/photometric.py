@@ -1,4 +1,11 @@
-"""The photometric term on one pyramid level, for every odometer that has one."""
+"""The photometric term on one pyramid level, with a depth factor for each tile of the image.
+
+Glass and mirrors have depth, and what is seen in them lies elsewhere: its parallax biases a photometric odometer (a window
+that fills a third of the view halves the motion found). So every tile's inverse depth is a second unknown, a factor near 1,
+eliminated from the equations of motion (Schur complement). At first its prior is loose, and the motion is that of a
+monocular camera; then the prior is firm in tiles where the factor came out near 1, and stays loose where it did not
+(Geman, McClure 1987).
+"""
 
 from __future__ import annotations
 
@@ -6,121 +13,181 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.se3 import SE3
 from . import kernels
-from .minimise import Descent, Linearise
 from .pyramid import Level
-from .system import System, inverted
-from .tiles import ACROSS, DOWN, Tiles
+from .solver import Limits, Pass, Stop, System
 
 NONE = np.empty(0)
 #: Grey levels (standard deviation) below which an image is black, white or covered.
-LEAST_CONTRAST = 1.0
+MIN_CONTRAST = 1.0
+#: Of the warped image with the reference. Unrelated images have 0.00 to 0.04 after alignment (smooth ones to 0.2), the
+#: official frames 0.99.
+MIN_CORRELATION = 0.25
+#: With fewer pixels a correlation tells nothing.
+MIN_PIXELS = 30
+#: Tiles of the image.
+ACROSS, DOWN = 16, 12
+#: Standard deviations of a tile's factor: loose at first, firm where depth holds.
+LOOSE, FIRM = 1.0, 0.05
+#: So many of a tile's pixels share one error.
+TILE_SPREAD = 25.0
+#: A factor changes by no more than this in an iteration.
+MAX_CHANGE = 0.5
+#: Mean square (grey levels) that gradients and interpolation leave at least.
+MIN_ERROR = 16.0
 
 
-def flat(*frames: list[Level]) -> bool:
-    """Whether one of the pyramids holds nothing to align by light."""
-    return any(float(levels[-1].grey.std()) < LEAST_CONTRAST for levels in frames)
+def no_contrast(*frames: list[Level]) -> bool:
+    """Whether one of the pyramids holds nothing to align by intensity."""
+    return any(float(levels[-1].grey.std()) < MIN_CONTRAST for levels in frames)
 
 
 @dataclass(frozen=True)
-class Light:
-    """What a photometric term uses: grey levels a pixel, metres. nu > 0: Student-t weights; tiles: see there."""
+class PhotometricSettings:
+    """Of the term and of an odometer that has nothing else. Tuples run from fine to coarse; gradients in grey levels a pixel.
 
-    least_gradient: float = 0.0
-    most_dz_m: float = 0.05
-    most_depth_m: float = 1e9
-    nu: float = 0.0
-    both: bool = False
-    spread: float = 0.0
-    tiles: bool = False
+    The defaults are Steinbruecker 2011 as Kintinuous runs it; what differs in `best`, and why, is in docs/odometry.md.
+    """
+
+    iterations: tuple[int, ...] = (10, 7, 7, 7)  # at most, on each level; 0: not used
+    min_gradients: tuple[float, ...] = (12, 5, 3, 1)
+    max_depth_m: float = 6.0
+    max_dz_m: float = 0.07  # between warped and measured depth: an occlusion above
+    nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
+    scale_once: bool = (
+        False  # the scale of Student's t is estimated once on all levels but the coarsest (Kerl 2013); not with tiles
+    )
+    mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
+    spread: float = 0.0  # so many pixels share one error (fitted on kt2); 0: no noise model
+    tiles: bool = False  # a depth factor a tile; coarse levels then find the rotation alone
+    median_depth: bool = False  # depth pyramid by 3x3 median (Kerl 2013) instead of means
+    stop: Stop = Stop()
+    limits: Limits = Limits(min_inliers=0.001)
+    reference: str = "frame"
+
+
+class Tiles:
+    """factor (ACROSS * DOWN,) of inverse depth, row by row, in one alignment on one level."""
+
+    def __init__(self) -> None:
+        self.factor = np.ones(ACROSS * DOWN)
+        self._equations: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._T = SE3.identity()
+
+    def follow(self, T: SE3) -> None:
+        """Update the factors, now that the pose went from that of the last equations to T."""
+        if self._equations is not None:
+            slopes, stiff, rest = self._equations
+            change = (rest - slopes @ (T @ self._T.inverse()).log()) / stiff
+            self.factor = np.clip(self.factor + np.clip(change, -MAX_CHANGE, MAX_CHANGE), 0.0, 2.5)
+        self._T = T
+
+    def eliminated(self, sums: np.ndarray, firm: bool) -> System:
+        """Equations of motion alone, from kernels.tile_sums() (tiles, 42). Their count: pixels whose depth is an inlier."""
+        system = System.of_sums(sums[:, :34].sum(axis=0))
+        slopes, own, right = sums[:, 34:40], sums[:, 40], sums[:, 41]
+        off, unit = self.factor - 1.0, TILE_SPREAD * max(system.error, MIN_ERROR)
+        weights = self._weights(unit / np.maximum(own, 1e-12)) if firm else np.ones(len(off))
+        prior = weights * (unit * (FIRM if firm else LOOSE) ** -2)
+        stiff, rest = own + prior + 1e-12, right - prior * off
+        self._equations = slopes, stiff, rest
+        share = slopes / stiff[:, None]
+        count = float(weights @ sums[:, 29])
+        return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ rest, count=count)
+
+    def _weights(self, variance: np.ndarray) -> np.ndarray:
+        """(tiles,) 0..1: where the factor, known to `variance`, is that of most tiles. While the priors are loose all can
+        share one factor, as one camera without depth knows no scale; motion and factors then find back together.
+        """
+        informed = variance < LOOSE**2
+        common = float(np.median(self.factor[informed])) if informed.any() else 1.0
+        off = self.factor / max(common, FIRM) - 1.0
+        return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2
 
 
 class PhotometricTerm:
-    """Equations in grey levels. sigma is kept between calls; each_time re-estimates it, else the first one does.
+    """Equations in grey levels on level n. sigma is kept between calls; scale_once: the first one estimates it.
 
-    sparse: every second pixel, as on the black fields of a chessboard; neighbours share their error anyway.
+    With tiles: every second pixel, as on the black fields of a chessboard; neighbours share their error anyway.
     """
 
     def __init__(
         self,
         reference: Level,
         current: Level,
-        light: Light,
-        each_time: bool = True,
+        settings: PhotometricSettings,
+        n: int,
+        scale_once: bool = False,
         tiles: Tiles | None = None,
-        sparse: bool = False,
     ) -> None:
-        self.current, self.light, self.each_time, self.sigma = current, light, each_time, 5.0
-        self.tiles, self.firm = tiles, False
-        size = reference.grey.size
+        self.current, self.settings, self.scale_once, self.sigma = current, settings, scale_once, 5.0
+        self.tiles = tiles
+        size, sparse = reference.grey.size, tiles is not None
         self.pixels = size // 2 if sparse else size
         points, greys, J = (np.empty((size, *d), np.float32) for d in ((3,), (), (6,)))
         tile = np.empty(size, np.int16)
-        n = kernels.bright_points(
-            reference.k,
-            reference.grey,
-            reference.depth_z_m,
-            light.least_gradient,
-            light.most_depth_m,
-            ACROSS,
-            DOWN,
-            sparse,
-            points,
-            greys,
-            J,
-            tile,
-        )
-        self.points, self.greys, self.J, self.tile = points[:n], greys[:n], J[:n], tile[:n]
-        self.residual, self.mean = np.empty(n, np.float32), np.empty((n if light.both else 0, 6), np.float32)
-        self.parallax = np.empty(n if tiles else 0, np.float32)
+        rule = (settings.min_gradients[n], settings.max_depth_m, ACROSS, DOWN, sparse)
+        count = kernels.gradient_points(reference.k, reference.grey, reference.depth_z_m, *rule, points, greys, J, tile)
+        self.points, self.greys, self.J, self.tile = points[:count], greys[:count], J[:count], tile[:count]
+        self.residual = np.empty(count, np.float32)
+        self.mean = np.empty((count if settings.mean_gradient else 0, 6), np.float32)
+        self.parallax = np.empty(count if tiles else 0, np.float32)
         self.sums = np.empty((ACROSS * DOWN, 42))
 
-    def firmly(self, T: np.ndarray, iteration: int) -> System:
-        """As a call, with depth believed where the tiles' light agrees with it."""
-        self.firm = True
-        return self(T, iteration)
+    def firm(self, T: SE3, iteration: int) -> System:
+        """As a call, with a firm prior on depth in the tiles whose intensities agree with it."""
+        return self(T, iteration, firm=True)
 
-    def __call__(self, T: np.ndarray, iteration: int) -> System:
-        level, nu = self.current, self.light.nu
+    def __call__(self, T: SE3, iteration: int, firm: bool = False) -> System:
+        level, nu = self.current, self.settings.nu
         if self.tiles:
             self.tiles.follow(T)
-        kernels.grey_residuals(
-            inverted(T),
-            level.k,
-            self.points,
-            self.greys,
-            level.grey,
-            level.depth_z_m,
-            self.light.most_dz_m,
-            self.residual,
-            self.J,
-            self.mean,
-            self.tile,
-            self.tiles.factor if self.tiles else NONE,
-            self.parallax,
-        )
-        if nu > 0 and (iteration == 0 or self.each_time):
+        factor = self.tiles.factor if self.tiles else NONE
+        seen = (self.points, self.greys, level.grey, level.depth_z_m, self.settings.max_dz_m)
+        found = (self.residual, self.J, self.mean, self.tile, factor, self.parallax)
+        kernels.grey_residuals(T.inverse().matrix, level.k, *seen, *found)
+        if nu > 0 and (iteration == 0 or not self.scale_once):
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 20), 1e-3)
-        return self._system(self.mean if self.light.both else self.J).as_information(self.light.spread)
-
-    def _system(self, J: np.ndarray) -> System:
+        J = self.mean if self.settings.mean_gradient else self.J
         if self.tiles:
-            nu = self.light.nu
             kernels.tile_sums(self.points, J, self.parallax, self.residual, self.sigma, nu, self.tile, self.sums)
-            return self.tiles.eliminated(self.sums, self.firm)
-        return System.of_sums(kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, self.light.nu))
+            system = self.tiles.eliminated(self.sums, firm)
+        else:
+            system = System.of_sums(kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, nu))
+        return system.as_information(self.settings.spread)
+
+    def unrelated(self) -> str:
+        """Why these cannot be two images of one place, after the last call; empty where they can: their correlation.
+
+        Unrelated images too have a least residual, and a motion that leads there. From some 5000 pixels.
+        """
+        step = len(self.residual) // 5000 + 1
+        residual, grey = self.residual[::step], self.greys[::step]
+        seen = np.isfinite(residual)
+        if np.count_nonzero(seen) < MIN_PIXELS:
+            return ""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found = np.corrcoef(grey[seen], grey[seen] + residual[seen])[0, 1]
+        return "" if found >= MIN_CORRELATION else f"image: unrelated to the reference, correlation {found:.2f}"
 
 
-def steps(
-    reference: Level, current: Level, light: Light, descent: Descent, finest: bool, each_time: bool = True
-) -> list[tuple[Linearise, Descent, int]]:
-    """What descend() does on a level. With `light.tiles` the coarse levels find the rotation, which all layers of a view
-    share, and the finest goes down twice: with the tiles' depth loose, then believed where it can be.
+def photometric_passes(
+    reference: list[Level], current: list[Level], settings: PhotometricSettings, schedule: list[tuple[int, int]]
+) -> tuple[list[Pass], PhotometricTerm]:
+    """What solve() does on the levels of `schedule`, (level, iterations) from coarse to fine, and the finest term.
+
+    With `settings.tiles` the coarse levels find the rotation, which all layers of a view share, and the finest has two
+    passes: with the tiles' depth loose, then firm.
     """
-    if not light.tiles or not finest:
-        term = PhotometricTerm(reference, current, light, each_time)
-        return [(term, replace(descent, turning=light.tiles), term.pixels)]
-    term = PhotometricTerm(reference, current, light, each_time, Tiles(), sparse=True)
-    # factors that settle, and then their prior, may raise the error for a step
-    free = replace(descent, undo=False, least_decrease=-np.inf)
-    return [(term, free, term.pixels), (term.firmly, free, term.pixels)]
+    s, passes = settings, []
+    for n, iterations in schedule:
+        if s.tiles and n == schedule[-1][0]:
+            term = PhotometricTerm(reference[n], current[n], s, n, tiles=Tiles())
+            # factors that settle, and then their prior, may raise the error for a step
+            stop = Stop(s.stop.min_step)
+            passes += [Pass(linearise, iterations, term.pixels, stop) for linearise in (term, term.firm)]
+        else:
+            term = PhotometricTerm(reference[n], current[n], s, n, s.scale_once and not s.tiles and n != schedule[0][0])
+            passes.append(Pass(term, iterations, term.pixels, s.stop, rotation_only=s.tiles))
+    return passes, term

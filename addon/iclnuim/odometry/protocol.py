@@ -1,22 +1,24 @@
-"""What an odometer takes and returns: the one protocol that ours and the peers' adapters share."""
+"""What an odometer takes and returns: the protocol that the built-in odometers, the baselines and anyone's own share."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any, Protocol
 
 import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
 
-#: A frame with less depth than this share of its pixels cannot be tracked.
-LEAST_DEPTH_SHARE = 0.02
+#: A frame with depth in less than this share of its pixels is not tracked.
+MIN_DEPTH_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar metres with 0 = missing, the moment."""
+    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar metres with 0 = missing, and the time stamp."""
 
     grey: np.ndarray
     depth_z_m: np.ndarray
@@ -43,45 +45,59 @@ class Frame:
             h, w = self.depth_z_m.shape
             return f"size: {w}x{h} instead of {camera.width}x{camera.height}"
         share = np.count_nonzero(self.depth_z_m[::2, ::2] > 0) / self.depth_z_m[::2, ::2].size
-        return f"depth: only {share:.1%} of the pixels have any" if share < LEAST_DEPTH_SHARE else ""
+        return f"depth: only {share:.1%} of the pixels have any" if share < MIN_DEPTH_SHARE else ""
+
+
+class Status(Enum):
+    """OK and DEGENERATE have a pose; DEGENERATE is under-constrained in some direction. FAILED has none: the frame is lost."""
+
+    OK = "ok"
+    DEGENERATE = "degenerate"
+    FAILED = "failed"
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One alignment. T_reference_camera (4, 4); residual in the method's unit (grey levels or metres).
+    """One alignment. Everything but the pose may be left out; `failure(reason)` makes one without a pose.
 
-    information (6, 6) belongs to a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue
-    is that of the centred, length-scaled translation block, as a share of its trace (1/3 at best); weakest_sigma_m the
-    standard deviation in the direction known least (NaN where the preset has no noise model); `held` counts the
-    directions in which the guess was believed more than the images. A failure has converged = False and a reason; its
-    pose is not to be believed.
+    residual: root mean square in the method's unit (grey levels or metres); inliers: share of the pixels used.
+    information (6, 6): of a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue: of the
+    centred, length-scaled translation block, as a share of its trace (1/3 at best). largest_sigma_m: standard deviation
+    in the least certain direction, NaN without a noise model. under_constrained: in how many directions the
+    constant-velocity prediction outweighs the images. converged: false where the iterations were used up.
     """
 
-    T_reference_camera: np.ndarray
-    converged: bool
+    T_reference_camera: SE3
+    status: Status = Status.OK
+    converged: bool = True
     iterations: int = 0
     residual: float = float("nan")
     inliers: float = 0.0
     information: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
     smallest_eigenvalue: float = float("nan")
-    weakest_sigma_m: float = float("nan")
-    degenerate: bool = False
-    held: int = 0
+    largest_sigma_m: float = float("nan")
+    under_constrained: int = 0
     seconds: float = 0.0
     reason: str = ""
 
 
 def failure(reason: str) -> Result:
-    return Result(np.eye(4), False, reason=reason)
+    """No pose was found; `reason` reads `part: what`, such as `image: no contrast`."""
+    return Result(SE3.identity(), Status.FAILED, False, reason=reason)
 
 
 class Odometer(Protocol):
-    """prepare() once a frame, align() once a pair; both depend on nothing but their arguments."""
+    """prepare() runs once a frame, align() once a pair; both depend on nothing but their arguments.
+
+    `reference`: what a frame is best aligned against: "frame" (the one before), "keyframe" or "entropy". Whoever renders a
+    model for an odometer hands a whole Frame to prepare(), unless it is a `PyramidOdometer`, which names what it reads.
+    """
 
     name: str
-    #: what it is best compared with: "frame" (the one before) or "kept"
     reference: str
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any: ...
 
-    def align(self, reference: Any, current: Any, guess: np.ndarray) -> Result: ...
+    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+        """T_reference_camera of `current` against `reference` (both from prepare()), starting from `guess`."""
+        ...

@@ -1,4 +1,4 @@
-"""Image pyramids with the camera of each level: 2x2 means, so that K keeps to pixel centres."""
+"""Image pyramids with the camera of each level (2x2 means, so that K keeps to pixel centres), and odometers on them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from ..geometry.camera import PinholeCamera
 from . import kernels
 from .protocol import Frame
 
+#: No level is made of an image with fewer rows or columns than this.
+MIN_SIDE = 32
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -25,6 +28,7 @@ class Level:
 
     @cached_property
     def k(self) -> np.ndarray:
+        """(4,): fx, fy, cx, cy."""
         c = self.camera
         return np.array([c.fx, c.fy, c.cx, c.cy])
 
@@ -36,18 +40,37 @@ class Level:
         return normals
 
 
+class PyramidOdometer:
+    """An odometer whose prepare() makes a list of Level, fine to coarse, and what it reads of them.
+
+    iterations: at most so many on each level, fine to coarse; 0: the level is not read. reads_normals, reads_grey: what a
+    rendered reference needs to hold.
+    """
+
+    reads_normals = reads_grey = False
+
+    def __init__(self, iterations: tuple[int, ...], reference: str) -> None:
+        self.iterations, self.reference = iterations, reference
+        self.finest = next(n for n, count in enumerate(iterations) if count)
+
+    def schedule(self, levels: list[Level]) -> list[tuple[int, int]]:
+        """(level, iterations) from coarse to fine; of images too small for any, the coarsest there is."""
+        used = [(n, self.iterations[n]) for n in reversed(range(len(levels))) if self.iterations[n]]
+        return used or [(len(levels) - 1, self.iterations[self.finest])]
+
+
 def pyramid(
-    frame: Frame, camera: PinholeCamera, levels: int, *, depth: str = "mean", normal_step: int = 1
+    frame: Frame, camera: PinholeCamera, levels: int, *, median_depth: bool = False, normal_step: int = 1
 ) -> list[Level]:
-    """Fine to coarse. depth: "mean" of what belongs together, or "median-pick" (3x3 median, every second pixel)."""
+    """Fine to coarse. Depth is halved by means of what belongs together, or by a 3x3 median and every second pixel."""
     grey, z = frame.grey, frame.depth_z_m
     result = [Level(grey, z, camera, normal_step)]
     for _ in range(levels - 1):
-        if min(camera.width, camera.height) < 32:
+        if min(camera.width, camera.height) < MIN_SIDE:
             break
         camera = camera.halved()
         grey = _halved(kernels.halve_grey, grey)
-        z = _median_picked(z) if depth == "median-pick" else _halved(kernels.halve_depth, z)
+        z = _median_picked(z) if median_depth else _halved(kernels.halve_depth, z)
         result.append(Level(grey, z, camera, normal_step))
     return result
 

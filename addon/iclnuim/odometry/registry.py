@@ -1,39 +1,52 @@
-"""Odometers by name and preset."""
+"""Odometers by name and preset. An odometer of one's own is a module with PRESETS and a class, and a line here."""
 
 from __future__ import annotations
 
-from ..errors import InputError
-from ..geometry.camera import PinholeCamera
-from . import dvo, icp, icp_rgbd, peers, rgbd
-from .protocol import Odometer
-from .reference import OWN, Reference
+from importlib import import_module
 
-OURS = {
-    "rgbd": (rgbd.Rgbd, rgbd.PRESETS),
-    "dvo": (dvo.Dvo, dvo.PRESETS),
-    "icp": (icp.Icp, icp.PRESETS),
-    "icp_rgbd": (icp_rgbd.IcpRgbd, icp_rgbd.PRESETS),
+from ..errors import InputError, WorkError
+from .protocol import Odometer
+
+#: name -> (module, class, what it aligns); importing this list loads neither numba nor OpenCV
+ODOMETERS = {
+    "rgbd": ("rgbd", "Rgbd", "intensities"),
+    "dvo": ("dvo", "Dvo", "intensities, Student-t weights"),
+    "icp": ("icp", "Icp", "points to planes"),
+    "icp_rgbd": ("icp_rgbd", "IcpRgbd", "both"),
+}
+#: third-party odometers: name -> (class in baselines.py, the package's own name, its import name)
+BASELINES = {
+    "baseline:opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
+    "baseline:opencv-icp": ("OpencvOdometer", "ICPOdometry", "cv2.rgbd"),
+    "baseline:opencv-rgbd-icp": ("OpencvOdometer", "RgbdICPOdometry", "cv2.rgbd"),
+    "baseline:open3d-plane": ("Open3dOdometer", "PointToPlane", "open3d"),
+    "baseline:open3d-intensity": ("Open3dOdometer", "Intensity", "open3d"),
+}
+NAMES = (*ODOMETERS, *BASELINES)
+#: import name -> what pip installs
+PACKAGES = {
+    "numba": "numba",
+    "cv2": "opencv-contrib-python-headless",
+    "cv2.rgbd": "'opencv-contrib-python-headless==4.11.*'",
+    "open3d": "open3d-cpu",
 }
 
 
 def odometer(name: str, preset: str = "best") -> Odometer:
-    """Raises InputError for an unknown name or preset, WorkError where a peer's package is missing."""
-    if name in peers.NAMES:
-        return (peers.OpencvPeer if "opencv" in name else peers.Open3dPeer)(name)
-    if name not in OURS:
-        raise InputError(f"an odometer ({', '.join((*OURS, *peers.NAMES))})", found=name)
-    kind, presets = OURS[name]
-    if preset not in presets:
-        raise InputError(f"a preset of {name} ({', '.join(presets)})", found=preset)
-    return kind(presets[preset])
-
-
-def reference(name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> Reference:
-    """What to align against: `own` (what the odometer asks for), `frame`, `kept`, `entropy`, `model`; else an InputError."""
-    if name in ("own", *OWN):
-        return OWN[odometer.reference if name == "own" else name]()
-    if name != "model":
-        raise InputError("a reference (own, frame, kept, entropy, model)", found=name)
-    from ..fusion.reference import ModelReference
-
-    return ModelReference(odometer, camera, preset)
+    """Raises InputError for an unknown name or preset, WorkError where a package is missing."""
+    if name in BASELINES:
+        kind, method, package = BASELINES[name]
+        try:
+            return getattr(import_module(".baselines", __package__), kind)(name, method)
+        except (ImportError, AttributeError):
+            raise WorkError(f"{name} needs {package}; try: pip install {PACKAGES[package]}") from None
+    if name not in ODOMETERS:
+        raise InputError(f"an odometer ({', '.join(NAMES)})", found=name)
+    module, kind, _ = ODOMETERS[name]
+    try:
+        found = import_module(f".{module}", __package__)
+    except ModuleNotFoundError as error:
+        raise WorkError(f"{name} needs {error.name}; try: pip install {PACKAGES[error.name or '']}") from None
+    if preset not in found.PRESETS:
+        raise InputError(f"a preset of {name} ({', '.join(found.PRESETS)})", found=preset)
+    return getattr(found, kind)(found.PRESETS[preset])

@@ -5,69 +5,47 @@ Photometric error of the whole image, plain least squares, as Kintinuous runs it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
 from ..geometry.camera import PinholeCamera
-from .minimise import Descent, Limits, descend
-from .photometric import Light, flat, steps
-from .protocol import Frame, Result, failure
-from .pyramid import Level, pyramid
-
-
-@dataclass(frozen=True)
-class RgbdSettings:
-    """Iterations and least gradients (grey levels a pixel) from fine to coarse; depth and steps in metres."""
-
-    iterations: tuple[int, ...] = (10, 7, 7, 7)
-    least_gradients: tuple[float, ...] = (12, 5, 3, 1)
-    most_depth_m: float = 6.0
-    most_dz_m: float = 0.07
-    largest_step_m: float = 0.3
-    nu: float = 0.0
-    both: bool = False
-    spread: float = 0.0
-    smallest_step: float = 0.0
-    least_inliers: float = 0.001
-    tiles: bool = False
-    prior_m: float = 0.0
-    reference: str = "frame"
-
+from ..geometry.se3 import SE3
+from .photometric import PhotometricSettings, no_contrast, photometric_passes
+from .protocol import Frame, Result, Status, failure
+from .pyramid import Level, PyramidOdometer, pyramid
+from .solver import Limits, Stop, solve
 
 PRESETS = {
-    "paper": RgbdSettings(),
-    "best": RgbdSettings(
+    "paper": PhotometricSettings(),
+    "best": PhotometricSettings(
         iterations=(0, 4, 2, 2),
-        least_gradients=(12, 2, 3, 2),
-        most_depth_m=13.0,
+        min_gradients=(12, 2, 3, 2),
+        max_depth_m=13.0,
         nu=5.0,
-        both=True,
+        mean_gradient=True,
         spread=75.0,
         tiles=True,
-        prior_m=0.03,
-        smallest_step=2e-5,
-        reference="kept",
+        stop=Stop(min_step=2e-5),
+        limits=Limits(min_inliers=0.001, prior_m=0.03),
+        reference="keyframe",
     ),
 }
 
 
-class Rgbd:
-    name = "rgbd"
+class Rgbd(PyramidOdometer):
+    """Also the machinery of DVO, which has other settings."""
 
-    def __init__(self, settings: RgbdSettings) -> None:
-        self.settings, self.reference = settings, settings.reference
+    name, reads_grey = "rgbd", True
+
+    def __init__(self, settings: PhotometricSettings) -> None:
+        super().__init__(settings.iterations, settings.reference)
+        self.settings = settings
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
-        return pyramid(frame, camera, len(self.settings.iterations))
+        return pyramid(frame, camera, len(self.iterations), median_depth=self.settings.median_depth)
 
-    def align(self, reference: list[Level], current: list[Level], guess: np.ndarray) -> Result:
-        if flat(reference, current):
+    def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
+        if no_contrast(reference, current):
             return failure("image: no contrast")
-        s, levels = self.settings, []
-        chosen = [n for n in reversed(range(len(reference))) if s.iterations[n]]
-        for n in chosen:
-            light = Light(s.least_gradients[n], s.most_dz_m, s.most_depth_m, s.nu, s.both, s.spread, s.tiles)
-            descent = Descent(s.iterations[n], -np.inf, s.smallest_step)
-            levels += steps(reference[n], current[n], light, descent, n == chosen[-1])
-        return descend(levels, guess, Limits(s.largest_step_m, s.least_inliers, prior_m=s.prior_m))
+        passes, finest = photometric_passes(reference, current, self.settings, self.schedule(reference))
+        result = solve(passes, guess, self.settings.limits)
+        if result.status is not Status.FAILED and (reason := finest.unrelated()):
+            return failure(reason)
+        return result

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
-from .noise_model import NoiseModel, parameter
-from .normals import surface_normals
+from .parameters import NoiseSettings, parameter
 from .randomness import gaussian
 from .sampling import as_depth, pixel_grid, sample_within_surface
+from .surface import surface_normals
 
 _NGUYEN = "C. V. Nguyen, S. Izadi, D. Lovell: Modeling Kinect sensor noise ..., 3DIMPVT 2012"
 _REDWOOD = (
@@ -20,7 +20,7 @@ _REDWOOD = (
 
 
 @dataclass(frozen=True)
-class NoDepthNoise(NoiseModel):
+class NoDepthNoise(NoiseSettings):
     """Depth as rendered."""
 
     name = "none"
@@ -31,7 +31,7 @@ class NoDepthNoise(NoiseModel):
 
 
 @dataclass(frozen=True)
-class Kinect2012DepthNoise(NoiseModel):
+class Kinect2012DepthNoise(NoiseSettings):
     """Axial sigma a + b (z - c)^2 + d / sqrt(z) t^2 / (pi/2 - t)^2, lateral sigma e + f t / (pi/2 - t).
 
     t is the angle between normal and camera ray.
@@ -39,26 +39,17 @@ class Kinect2012DepthNoise(NoiseModel):
 
     name = "kinect2012"
 
-    axial_m: float = parameter(0.0012, "a", unit="m", low=0.0, source=_NGUYEN)
-    axial_per_m: float = parameter(0.0019, "b", unit="1/m", low=0.0, source=_NGUYEN)
-    axial_nearest_m: float = parameter(0.4, "c", unit="m", low=0.0, source=_NGUYEN)
-    axial_angle: float = parameter(0.0001, "d", unit="m^(3/2)", low=0.0, source=_NGUYEN)
-    lateral_px: float = parameter(0.8, "e", unit="px", low=0.0, source=_NGUYEN)
-    lateral_angle_px: float = parameter(0.035, "f", unit="px", low=0.0, source=_NGUYEN)
+    axial_m: float = parameter(0.0012, "m", _NGUYEN)
+    axial_per_m: float = parameter(0.0019, "1/m", _NGUYEN)
+    axial_nearest_m: float = parameter(0.4, "m", _NGUYEN)
+    axial_angle: float = parameter(0.0001, "m^(3/2)", _NGUYEN)
+    lateral_px: float = parameter(0.8, "px", _NGUYEN)
+    lateral_angle_px: float = parameter(0.035, "px", _NGUYEN)
     missing_angle_deg: float = parameter(
-        82.0,
-        "pixels seen more obliquely go missing, as the formulas grow without end",
-        unit="degrees",
-        low=0.0,
-        high=89.9,
-        source="limit as in the model released",
+        82.0, "degrees", "the formulas grow without end; limit as in the model released", 0, 89.9
     )
     edge_share: float = parameter(
-        0.1,
-        "neighbours that differ by more are another surface",
-        unit="share of depth",
-        low=1e-6,
-        source="own choice",
+        0.1, "share of depth", "neighbours differing by more are another surface; own choice", 1e-6
     )
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
@@ -88,23 +79,19 @@ class Kinect2012DepthNoise(NoiseModel):
 
 
 @dataclass(frozen=True)
-class RedwoodDepthNoise(NoiseModel):
+class RedwoodDepthNoise(NoiseSettings):
     """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to 1/8 step."""
 
     name = "redwood"
 
-    sigma_s_px: float = parameter(0.25, "shift in u and v", unit="px", low=0.0, source=_REDWOOD)
-    snap_px: float = parameter(
-        2, "rows and columns are cut to multiples of it", unit="px", low=1.0, high=64.0, source=_REDWOOD
-    )
-    far_m: float = parameter(10.0, "nothing is measured from here on", unit="m", low=1e-3, source=_REDWOOD)
-    disparity_m: float = parameter(
-        35.130, "disparity times depth", unit="m x disparity steps", low=1e-6, source=_REDWOOD
-    )
-    sigma_d: float = parameter(0.027778, "disparity noise", unit="disparity steps", low=0.0, source=_REDWOOD)
-    steps: float = parameter(8.0, "rounding of disparity", unit="per disparity step", low=1e-3, source=_REDWOOD)
-    map_first_m: float = parameter(1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD)
-    map_step_m: float = parameter(2.0, "depth between two of its layers", unit="m", low=1e-6, source=_REDWOOD)
+    sigma_s_px: float = parameter(0.25, "px", _REDWOOD)
+    snap_px: float = parameter(2, "px", _REDWOOD, 1, 64)
+    far_m: float = parameter(10.0, "m", _REDWOOD, 1e-3)
+    disparity_m: float = parameter(35.130, "m x disparity steps", _REDWOOD, 1e-6)
+    sigma_d: float = parameter(0.027778, "disparity steps", _REDWOOD)
+    steps: float = parameter(8.0, "per disparity step", _REDWOOD, 1e-3)
+    map_first_m: float = parameter(1.0, "m", "depth of the distortion map's first layer")
+    map_step_m: float = parameter(2.0, "m", "depth between two of its layers", 1e-6)
 
     def apply(
         self,

@@ -1,0 +1,73 @@
+"""Third-party odometers behind our protocol: OpenCV's (contrib) and Open3D's, with their packages' defaults."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from .protocol import Frame, Result, failure
+
+
+class OpencvOdometer:
+    """cv2.rgbd; a frame's pyramids are kept for the two pairs that it is in. No guess is used."""
+
+    reference = "frame"
+
+    def __init__(self, name: str, method: str) -> None:
+        import cv2
+
+        self.name, self._rgbd = name, cv2.rgbd  # type: ignore[attr-defined]  # a module of opencv-contrib alone
+        self._create: Any = getattr(self._rgbd, method).create
+        self._odometry: Any = None
+        self._camera: PinholeCamera | None = None
+
+    def prepare(self, frame: Frame, camera: PinholeCamera) -> Any:
+        if camera != self._camera:
+            self._odometry, self._camera = self._create(camera.K.astype(np.float32)), camera
+        depth = np.where(frame.depth_z_m > 0, frame.depth_z_m, np.float32(np.nan))
+        mask = (frame.depth_z_m > 0).astype(np.uint8) * 255
+        return self._rgbd.OdometryFrame.create(_bytes(frame.grey), depth, mask)
+
+    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+        started = time.perf_counter()
+        found, T = self._odometry.compute2(current, reference)
+        if not found or T is None:
+            return failure("baseline: no motion found")
+        return Result(SE3.from_matrix(T), seconds=time.perf_counter() - started)
+
+
+class Open3dOdometer:
+    """The multi-scale RGB-D odometer of Open3D's tensor pipelines. No guess is used."""
+
+    reference = "frame"
+
+    def __init__(self, name: str, method: str) -> None:
+        import open3d
+
+        self.name = name
+        self._o3d: Any = open3d
+        self._method = getattr(open3d.t.pipelines.odometry.Method, method)
+
+    def prepare(self, frame: Frame, camera: PinholeCamera) -> Any:
+        image = self._o3d.t.geometry.Image
+        grey = np.repeat(_bytes(frame.grey)[..., None], 3, axis=2)
+        self._K = self._o3d.core.Tensor(camera.K)
+        return self._o3d.t.geometry.RGBDImage(image(grey), image(np.ascontiguousarray(frame.depth_z_m[..., None])))
+
+    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+        started = time.perf_counter()
+        solver, start = self._o3d.t.pipelines.odometry.rgbd_odometry_multi_scale, self._o3d.core.Tensor(np.eye(4))
+        try:
+            found = solver(current, reference, self._K, start, 1.0, 13.0, method=self._method)
+        except RuntimeError as error:
+            return failure(f"baseline: {error}".splitlines()[0])
+        T = SE3.from_matrix(found.transformation.numpy())
+        return Result(T, residual=found.inlier_rmse, inliers=found.fitness, seconds=time.perf_counter() - started)
+
+
+def _bytes(grey: np.ndarray) -> np.ndarray:
+    return np.clip(grey + 0.5, 0, 255).astype(np.uint8)

@@ -1,0 +1,166 @@
+"""Whole sequences through one or several odometers: frames in, trajectories, figures and a table out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from ..errors import InputError, WorkError
+from ..evaluation.absolute_error import absolute_error
+from ..evaluation.relative_error import RelativeErrorSettings, relative_error
+from ..formats.png import read_depth16, read_rgb8
+from ..formats.trajectories import write_trajectory
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory
+from .protocol import Frame, Odometer, Status
+from .reference import Reference
+from .track import Tracked, Tracker
+
+#: Per metre; with more, what is farthest in 16 bits of millimetres (65.5 m) would lie behind the camera.
+MAX_OFFSET = 0.015
+_SECOND = RelativeErrorSettings(1.0, "seconds")
+
+
+class Sequence:
+    """Image pairs of a folder in any TUM-like form and their camera; frames are read one at a time.
+
+    depth_offset (1/m): what the sensor adds to inverse depth, taken off again. Of a structured-light camera, which
+    measures disparity, it is a disparity that is off by a constant. camera: default: what is found in the folder.
+    Raises InputError where there are no images, or no camera is known.
+    """
+
+    def __init__(self, folder: Path, depth_offset: float = 0.0, camera: SequenceCamera | None = None) -> None:
+        if not abs(depth_offset) <= MAX_OFFSET:
+            raise InputError(f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset)
+        self.folder, self.depth_offset = Path(folder), depth_offset
+        self.pairs: list[ImagePair] = find_pairs(folder)
+        present = next((p.rgb for p in self.pairs if p.rgb.is_file()), None)
+        if present is None:
+            raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
+        self.camera: SequenceCamera = camera or read_camera(self.folder, present)
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def frames(self, first: int | None = None) -> Iterator[tuple[float, Frame | str]]:
+        """Of all pairs or the first ones: (stamp, frame or why it cannot be read)."""
+        for pair in self.pairs[:first]:
+            try:
+                yield pair.stamp_s, self.load(pair)
+            except InputError as error:
+                yield pair.stamp_s, f"image: {error}"
+
+    def load(self, pair: ImagePair) -> Frame:
+        """Raises InputError for an image that cannot be read."""
+        rgb, depth_z_m = self.images(pair)
+        if self.depth_offset:
+            depth_z_m /= 1 - self.depth_offset * depth_z_m
+        return Frame.of(rgb, depth_z_m, pair.stamp_s)
+
+    def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
+        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres as they are in the files."""
+        depth_z_m = read_depth16(pair.depth).astype(np.float32) / np.float32(self.camera.depth_units_per_metre)
+        return read_rgb8(pair.rgb), depth_z_m
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """All frames of a sequence, tracked or lost. truth: right-handed poses, where the folder has them."""
+
+    name: str
+    frames: list[Tracked]
+    truth: Trajectory | None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The frames that were tracked, none of those that a policy filled in. WorkError where there are none."""
+        tracked = [f for f in self.frames if not f.lost]
+        if not tracked:
+            raise WorkError(f"{self.name}: no frame could be tracked: {self.frames[0].result.reason}")
+        poses = SE3.from_matrix(np.array([f.T_world_camera.matrix for f in tracked]))
+        return Trajectory(np.array([f.stamp_s for f in tracked]), poses)
+
+    def write(self, path: Path) -> None:
+        """As a TUM trajectory."""
+        write_trajectory(path, self.trajectory, "tum")
+
+    def losses(self) -> list[str]:
+        """One line a lost frame: its stamp and the reason."""
+        return [f"{f.stamp_s:.6f} s lost: {f.result.reason}" for f in self.frames if f.lost]
+
+    def ate_rmse_m(self) -> float | None:
+        """After SE(3) alignment; None without ground truth, or where it cannot be aligned."""
+        return self._error(lambda truth, found: absolute_error(truth, found).translation_m.rmse)
+
+    def rpe_rmse_m(self) -> float | None:
+        """Over all pairs a second apart; None where there is none."""
+        return self._error(lambda truth, found: relative_error(truth, found, _SECOND).translation_m.rmse)
+
+    def _error(self, measure: Callable[[Trajectory, Trajectory], float]) -> float | None:
+        try:
+            return None if self.truth is None else measure(self.truth, self.trajectory)
+        except InputError:
+            return None
+
+    def to_dict(self) -> dict:
+        """Figures as `odometry --json` prints them; times are those of prepare() and align(), without reading."""
+        ms = np.array([f.result.seconds for f in self.frames[1:]] or [0.0]) * 1e3
+        lost = sum(f.lost for f in self.frames)
+        return {
+            "odometer": self.name,
+            "frames": len(self.frames),
+            "lost": lost,
+            "coverage": 1 - lost / len(self.frames),
+            "not_converged": sum(not f.result.converged for f in self.frames) - lost,
+            "degenerate": sum(f.result.status is Status.DEGENERATE for f in self.frames),
+            "ms_median": float(np.median(ms)),
+            "ms_95": float(np.percentile(ms, 95)),
+            "frames_per_s": 1e3 / max(float(ms.mean()), 1e-6) if len(self.frames) > 1 else None,
+            "ate_rmse_m": self.ate_rmse_m(),
+            "rpe_1s_rmse_m": self.rpe_rmse_m(),
+        }
+
+
+def run_together(
+    odometers: Iterable[Odometer],
+    sequence: Sequence,
+    policy: str = "hold",
+    progress: Callable | None = None,
+    frames: int | None = None,
+    against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
+) -> list[Run]:
+    """Each frame of a sequence, or of its first `frames`, is read once and given to one odometer after the other.
+
+    So all see the machine at the same moments. `progress(total, label)` makes something with advance(). `against` makes
+    what frames are aligned against; default: what each odometer asks for.
+    """
+    odometers = list(odometers)
+    camera = sequence.camera.pinhole
+    trackers = [Tracker(o, camera, policy, against(o, camera) if against else None) for o in odometers]
+    tracked: list[list[Tracked]] = [[] for _ in odometers]
+    total = min(len(sequence), frames or len(sequence))
+    bar = progress(total, ", ".join(o.name for o in odometers)) if progress else None
+    for stamp_s, frame in sequence.frames(frames):
+        for tracker, results in zip(trackers, tracked, strict=True):
+            results.append(tracker.add(stamp_s, frame))
+        if bar:
+            bar.advance()
+    truth = read_truth(sequence.folder)
+    return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
+
+
+def table(runs: list[dict]) -> str:
+    """Of Run.to_dict(): times without reading, 1/s from their mean."""
+    head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
+    lines = [f"{'odometer':<26}{head}"]
+    for r in runs:
+        ate, rpe = ("-" if r[k] is None else f"{r[k] * 1e3:.3f}" for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
+        rate = f"{r['frames_per_s']:.1f}" if r.get("frames_per_s") else "-"
+        figures = f"{r['frames']:>7}{r['lost']:>6}{r['degenerate']:>8}{r['ms_median']:>8.1f}{r['ms_95']:>8.1f}"
+        lines.append(f"{r['odometer']:<26}{figures}{rate:>7}{ate:>10}{rpe:>12}")
+    return "\n".join(lines)

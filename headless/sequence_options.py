@@ -1,0 +1,64 @@
+"""What the commands on a recorded sequence share: the packages they need, the camera, words that were renamed."""
+
+from __future__ import annotations
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
+from iclnuim.dataset.images import SequenceCamera
+from iclnuim.errors import InputError, WorkError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.odometry.registry import PACKAGES
+
+from .console import Console
+
+if TYPE_CHECKING:
+    from iclnuim.odometry.run import Sequence
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--camera", metavar="WxH,FX,FY,CX,CY", help="default: camera.json there, or the benchmark's")
+    add("--units", type=float, metavar="N", help="depth units a metre; default: camera.json's, or 5000")
+
+
+def camera_from(args: argparse.Namespace) -> SequenceCamera | None:
+    """The camera of the options; None leaves it to the folder."""
+    if args.camera:
+        return SequenceCamera(PinholeCamera.parse(args.camera), check_units(args.units or UNITS_PER_METRE))
+    if args.units:
+        raise InputError("--camera with --units", found="--units alone")
+    return None
+
+
+def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> Sequence:
+    """The sequence with the camera of the options, or of the folder; a camera that had to be assumed is named."""
+    from iclnuim.odometry.run import Sequence
+
+    sequence = Sequence(folder, depth_offset, camera_from(args))
+    if sequence.camera.assumed:
+        c, units = sequence.camera.pinhole, sequence.camera.depth_units_per_metre
+        console.note(
+            f"{folder}: no camera.json: the benchmark's camera is taken, {c.width}x{c.height},{c.fx:g},{c.fy:g},"
+            f"{c.cx:g},{c.cy:g}, {units:g} units a metre; another: --camera"
+        )
+    return sequence
+
+
+def require(what: str, *modules: str) -> None:
+    """Raises WorkError, with the command that installs it, where one of the modules is missing."""
+    for module in modules:
+        if find_spec(module) is None:
+            raise WorkError(f"{what} needs {module}; try: pip install {PACKAGES[module]}")
+
+
+def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
+    """`word`, or what it is called now where it starts with an old one; with a note."""
+    for old, new in renamed.items():
+        if word.startswith(old):
+            console.note(f"note: {old} is now called {new}; the old name goes with the next release")
+            return new + word.removeprefix(old)
+    return word

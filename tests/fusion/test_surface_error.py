@@ -1,0 +1,288 @@
+"""Distances to the true surface, alignment, and the commands that fuse and judge."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from iclnuim.formats.png import write_png
+from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+
+pytest.importorskip("numba")
+pytest.importorskip("open3d")
+from iclnuim.errors import InputError  # noqa: E402
+from iclnuim.formats.ply import write_ply  # noqa: E402
+from iclnuim.fusion.models import read_mesh  # noqa: E402
+from iclnuim.fusion.shading import picture  # noqa: E402
+from iclnuim.fusion.surface_error import TrueSurface  # noqa: E402
+
+#: A box, 2 x 2 x 1 m, seen from inside.
+BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], float)
+SIDES = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 7, 5],
+        [4, 6, 7],
+        [0, 5, 1],
+        [0, 4, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ]
+)
+
+
+def on_the_box(rng, n=20_000):
+    corners = BOX[SIDES[rng.integers(0, len(SIDES), n)]]
+    shares = rng.dirichlet((1, 1, 1), n)
+    return np.einsum("ni,nij->nj", shares, corners)
+
+
+def test_points_on_the_surface_are_at_zero_and_others_at_their_distance():
+    rng = np.random.default_rng(3)
+    surface, points = TrueSurface(BOX, SIDES), on_the_box(rng)
+    assert surface.error(points).distances_m.max() < 1e-6
+    lifted = np.column_stack([rng.uniform(-0.4, 0.4, (1000, 2)), np.full(1000, 0.2)])
+    np.testing.assert_allclose(surface.error(lifted).distances_m, 0.2, atol=1e-6)
+    outside = np.array([[2.0, 2.0, 0.5]])
+    assert surface.error(outside).distances_m[0] == pytest.approx(np.sqrt(2), abs=1e-6)
+
+
+def test_the_fit_finds_the_motion_back():
+    points, T = on_the_box(np.random.default_rng(4)), SE3.exp(np.array([0.02, -0.03, 0.01, 0.02, 0.01, -0.03]))
+    moved = T.apply(points)
+    surface = TrueSurface(BOX, SIDES)
+    found = surface.aligned(moved, SE3.identity())
+    np.testing.assert_allclose((found @ T).matrix, np.eye(4), atol=1e-4)
+    assert surface.error(moved, found).statistics.mean < 1e-4
+
+
+def test_a_plane_alone_cannot_be_fitted():
+    surface = TrueSurface(BOX[:4], np.array([[0, 1, 3], [0, 3, 2]]))
+    with pytest.raises(InputError, match="determine a motion"):
+        surface.aligned(np.random.default_rng(1).uniform(0, 1, (100, 3)) * (0, 1, 1) - (1, 0, 0), SE3.identity())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("mesh.txt", "x", "a mesh"),
+        ("mesh.ply", "ply\nnonsense", "PLY"),
+        ("mesh.ply", None, "nothing of that name"),
+    ],
+)
+def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=match):
+        read_mesh(tmp_path / name)
+
+
+ROOM = np.vstack([BOX, BOX[[0, 1, 3, 2]] * (0.2, 0.3, 0.4) + (0.9, 0.4, 0)])
+#: The box with a slanted panel in one corner, so that no reflection of it is itself.
+ROOM_SIDES = np.vstack([SIDES, [[8, 9, 10], [8, 10, 11]]])
+
+
+def in_the_room(rng, n=5000):
+    corners = ROOM[ROOM_SIDES[rng.integers(0, len(ROOM_SIDES), n)]] + (5, 2, 0)
+    return np.einsum("ni,nij->nj", rng.dirichlet((1, 1, 1), n), corners) + rng.normal(0, 0.001, (n, 3))
+
+
+@pytest.mark.parametrize(
+    ("unit", "words", "factor"),
+    [
+        ("mm", "millimetres", 1000),
+        ("cm", "centimetres", 100),
+        ("in", "inches", 1 / 0.0254),
+        ("ft", "feet", 1 / 0.3048),
+        ("1000", "units of 1000 m", 0.001),
+    ],
+)
+def test_another_unit_is_named(unit, words, factor):
+    surface, points = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES), in_the_room(np.random.default_rng(1))
+    (warning,) = surface.error(factor * points).warnings
+    assert f"seems to be in {words}, not in metres" in warning and f"set its unit to {unit}" in warning
+    away = factor * (points + (50, 0, 0))
+    assert "times as large as the model" in surface.error(away).warnings[0] or unit in surface.error(away).warnings[0]
+    assert surface.error(points).warnings == ()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mirrored_reconstruction_is_named(axis):
+    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(2)) - (5, 2, 0)
+    flipped = points * np.where(np.arange(3) == axis, -1, 1)
+    (warning,) = surface.error(flipped).warnings
+    assert "is mirrored" in warning and "check the handedness" in warning
+    assert surface.error(points).warnings == ()
+
+
+def test_a_bad_but_honest_reconstruction_is_given_no_other_unit_and_no_reflection():
+    rng = np.random.default_rng(3)
+    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(rng) - (5, 2, 0)
+    assert surface.error(points + rng.normal(0, 0.1, points.shape)).warnings == ()
+    assert surface.error(points + (0.3, 0.2, 0.1)).warnings == ()
+    assert surface.error(points[points[:, 0] < -0.5] + (0.05, 0, 0)).warnings == ()
+
+
+def test_a_picture_looks_into_the_room_from_outside():
+    image = picture(BOX, SIDES, np.tile(np.uint8([200, 0, 0]), (8, 1)), 80, 60)
+    assert image.shape == (60, 80, 3)
+    shown = (image != 255).any(axis=-1)
+    assert 0.2 < shown.mean() < 0.9
+    assert (image[shown][:, 1] == 0).all()
+
+
+@pytest.fixture
+def sequence(tmp_path, camera, looking_at):
+    """Ten views of the box from inside, as a TUM sequence; and the box as a PLY."""
+    import open3d
+
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles(open3d.core.Tensor(BOX.astype(np.float32)), open3d.core.Tensor(SIDES.astype(np.uint32)))
+    folder, poses = tmp_path / "box", []
+    for kind in ("rgb", "depth"):
+        (folder / kind).mkdir(parents=True)
+    for i in range(10):
+        angle = 0.25 * i
+        poses.append(
+            looking_at(np.array([-0.3 * np.cos(angle), -0.3 * np.sin(angle), 0.6]), (np.cos(angle), np.sin(angle), 0.2))
+        )
+        rays = np.concatenate(
+            [np.broadcast_to(poses[-1].translation, (120, 160, 3)), camera.rays() @ poses[-1].rotation.T], -1
+        )
+        depth = scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+        write_png(folder / f"depth/{i:06}.png", (depth * 5000 + 0.5).astype(np.uint16))
+        write_png(folder / f"rgb/{i:06}.png", np.full((120, 160, 3), (40, 80, 120), np.uint8))
+    (folder / "camera.json").write_text(json.dumps(camera.to_dict()))
+    write_trajectory(
+        folder / "groundtruth.txt", Trajectory.at_rate(SE3.from_matrix(np.array([T.matrix for T in poses]))), "tum"
+    )
+    write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
+    return folder
+
+
+def icl(*args, cwd):
+    command = [sys.executable, "-m", "iclnuim", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
+
+
+def test_a_sequence_is_fused_and_judged_by_the_commands(sequence, tmp_path):
+    fused = icl("fuse", sequence, "-o", "box.ply", "--plot", "box.png", "--json", cwd=tmp_path)
+    assert fused.returncode == 0, fused.stderr
+    figures = json.loads(fused.stdout)
+    assert figures["frames"] == 10
+    assert figures["memory_mb"] < 200
+    assert json.loads((tmp_path / "box.json").read_text())["settings"]["volume"]["truncation_m"] == 0.045
+    assert (tmp_path / "box.png").stat().st_size > 1000
+    judged = icl(
+        "evaluate", "surface", "box.ply", "--model", "model.ply", "--plot", "error.png", "--json", cwd=tmp_path
+    )
+    assert judged.returncode == 0, judged.stderr
+    assert json.loads(judged.stdout)["distance_m"]["mean"] < 0.001
+    assert (tmp_path / "error.png").stat().st_size > 1000
+
+
+def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_poses(sequence, tmp_path):
+    from iclnuim.formats.trajectories import read_trajectory
+
+    truth = read_trajectory(sequence / "groundtruth.txt").trajectory
+    own = Trajectory(truth.stamps_s, truth.T_world_camera[0].inverse() @ truth.T_world_camera)
+    write_trajectory(tmp_path / "est.txt", own, "tum")
+    assert icl("fuse", sequence, "--poses", "est.txt", "-o", "own.ply", cwd=tmp_path).returncode == 0
+    laid = ("--poses", "est.txt", "--truth", sequence / "groundtruth.txt")
+    errors = []
+    for options in (laid, ()):
+        judged = icl("evaluate", "surface", "own.ply", "--model", "model.ply", "--json", *options, cwd=tmp_path)
+        errors.append(json.loads(judged.stdout)["distance_m"]["mean"])
+    assert errors[0] < 0.001 < 0.05 < errors[1]
+
+
+def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path):
+    points = in_the_room(np.random.default_rng(5)) - (5, 2, 0)
+    write_ply(tmp_path / "model.ply", ROOM.astype(np.float32), ROOM_SIDES.astype(np.int32))
+    write_ply(tmp_path / "cloud.ply", points.astype(np.float32))
+    write_ply(tmp_path / "mm.ply", 1000 * points.astype(np.float32))
+    write_ply(tmp_path / "mirrored.ply", points.astype(np.float32) * (-1, 1, 1))
+    found = {}
+    for name, *options in (
+        ("cloud.ply", "--plot", "error.png"),
+        ("mm.ply",),
+        ("mm.ply", "--unit", "mm"),
+        ("mirrored.ply",),
+    ):
+        done = icl("evaluate", "surface", name, "--model", "model.ply", "--json", *options, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found[name, *options[:1]] = json.loads(done.stdout)
+    assert found["cloud.ply", "--plot"]["distance_m"]["mean"] < 0.001 and (tmp_path / "error.png").stat().st_size > 1000
+    assert found["mm.ply",]["warnings"][0].endswith("set its unit to mm")
+    assert found["mm.ply", "--unit"]["distance_m"]["mean"] < 0.001 and found["mm.ply", "--unit"]["warnings"] == []
+    assert "mirrored" in found["mirrored.ply",]["warnings"][0]
+    assert (
+        "warning: the reconstruction is mirrored"
+        in icl("evaluate", "surface", "mirrored.ply", "--model", "model.ply", cwd=tmp_path).stdout
+    )
+
+
+@pytest.mark.parametrize(
+    ("points", "match"), [([], "with points, found none"), ([[0, 0, float("nan")]], "NaN or infinity in 1 of 1")]
+)
+def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, match):
+    write_ply(tmp_path / "cloud.ply", np.array(points, np.float32).reshape(-1, 3))
+    write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
+    done = icl("evaluate", "surface", "cloud.ply", "--model", "model.ply", cwd=tmp_path)
+    assert done.returncode == 2 and match in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (("-o", "m.obj"), "ply"),
+        (("-o", "nowhere/m.ply"), "folder to write into"),
+        (("-o", "m.ply", "--preset", "other"), "a preset"),
+        (("-o", "m.ply", "--poses", "far.txt"), "images that have a pose"),
+        (("-o", "m.ply", "--voxel", "-1"), "--voxel"),
+    ],
+)
+def test_fuse_says_in_one_line_what_it_cannot_use(sequence, tmp_path, options, match):
+    (tmp_path / "far.txt").write_text("1000 0 0 0 0 0 0 1\n1001 0 0 0 0 0 0 1\n")
+    done = icl("fuse", sequence, "--quiet", *options, cwd=tmp_path)
+    assert done.returncode == 2
+    assert match in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_bad_image_in_a_folder_called_blocks_is_left_out(sequence, tmp_path):
+    folder = sequence.rename(tmp_path / "blocks")
+    (folder / "rgb/000003.png").write_bytes(b"no picture")
+    fused = icl("fuse", folder, "-o", "box.ply", "--json", cwd=tmp_path)
+    assert fused.returncode == 0, fused.stderr
+    figures = json.loads(fused.stdout)
+    assert figures["frames"] == 9 and figures["left_out"] == 1
+    assert "left out" in fused.stderr and "000003.png" in fused.stderr
+
+
+def test_too_little_memory_ends_the_work_and_old_options_are_understood(sequence, tmp_path):
+    fused = icl("fuse", sequence, "-o", "box.ply", "--most-blocks", "3", cwd=tmp_path)
+    assert fused.returncode == 2
+    assert "expected a frame within 3 blocks" in fused.stderr
+    assert "--most-blocks is now called --max-blocks" in fused.stderr
+
+
+def test_an_assumed_camera_is_named_before_the_work(sequence, tmp_path):
+    (sequence / "camera.json").unlink()
+    for kind, channels in (("rgb", (3,)), ("depth", ())):
+        for i in range(10):
+            write_png(
+                sequence / f"{kind}/{i:06}.png",
+                np.full((480, 640, *channels), 9000, np.uint16).astype(np.uint8 if channels else np.uint16),
+            )
+    fused = icl("fuse", sequence, "-o", "box.ply", "--frames", ":2", cwd=tmp_path)
+    assert fused.returncode == 0, fused.stderr
+    assert fused.stderr.index("the benchmark's camera is taken") < fused.stderr.index("fuse:")

@@ -1,0 +1,153 @@
+"""Raycasts of fused analytic surfaces, the window that moves, and what a volume refuses."""
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.geometry.se3 import SE3
+
+pytest.importorskip("numba")
+from dataclasses import replace  # noqa: E402
+
+from iclnuim.fusion.settings import PRESETS, VolumeSettings  # noqa: E402
+from iclnuim.fusion.volume import Volume  # noqa: E402
+
+SMALL = {name: replace(preset, max_blocks=20_000) for name, preset in PRESETS.items()}
+VOXEL_M = SMALL["best"].voxel_m
+
+
+def points_world(view):
+    """(h, w, 3)."""
+    return view.T_world_camera.apply(view.camera.unproject(view.depth_z_m).astype(float))
+
+
+@pytest.mark.parametrize("preset", SMALL)
+@pytest.mark.parametrize("normal", [(0, 0, -1), (0.5, 0, -1), (-0.5, 0.3, -1), (0, -0.6, -1), (0.9, 0.7, -1)])
+def test_a_fused_plane_is_seen_where_it_is_from_every_side(preset, normal, camera, plane_depth):
+    normal = np.array(normal) / np.linalg.norm(normal)
+    volume = Volume(SMALL[preset])
+    volume.integrate(plane_depth(normal, (0, 0, 1.5)), camera, SE3.identity())
+    view = volume.raycast(camera, SE3.identity(), colour=False)
+    error = (points_world(view) - [0, 0, 1.5]) @ normal
+    assert np.isfinite(error).mean() > (0.9 if abs(normal[2]) > 0.8 else 0.5)
+    assert np.nanmedian(np.abs(error)) < 0.02 * VOXEL_M
+    assert abs(np.nanmean(error)) < 0.02 * VOXEL_M
+    assert np.nanmedian(view.normals_camera @ normal) > 0.999
+
+
+def test_a_sphere_seen_from_around_has_no_bias_in_any_direction(camera, sphere_depth, looking_at):
+    centre, radius, volume = np.array([0.3, -0.2, 1.1]), 0.5, Volume(SMALL["best"])
+    places = [
+        centre + 1.5 * np.array([np.cos(a), np.sin(a), h]) for a in np.arange(0, 2 * np.pi, 0.5) for h in (-0.4, 0.5)
+    ]
+    poses = [looking_at(place, centre) for place in places]
+    for T in poses:
+        volume.integrate(sphere_depth(centre, radius, T), camera, T)
+    points = np.concatenate([points_world(volume.raycast(camera, T, False, False)).reshape(-1, 3) for T in poses])
+    points = points[np.isfinite(points).all(axis=1)] - centre
+    error = np.linalg.norm(points, axis=1) - radius
+    assert np.median(np.abs(error)) < 0.02 * VOXEL_M
+    for axis in range(3):
+        for sign in (1, -1):
+            side = sign * points[:, axis] > 0.8 * radius
+            if side.sum() > 100:  # the poles are not seen
+                assert abs(np.median(error[side])) < 0.02 * VOXEL_M, (axis, sign)
+
+
+def test_a_single_view_of_a_sphere_is_exact(camera, sphere_depth):
+    volume = Volume(SMALL["best"])
+    volume.integrate(sphere_depth((0, 0, 1.5), 0.5), camera, SE3.identity())
+    error = np.linalg.norm(points_world(volume.raycast(camera, SE3.identity())) - [0, 0, 1.5], axis=-1) - 0.5
+    assert np.isfinite(error).sum() > 1000
+    assert np.nanmedian(np.abs(error)) < 0.02 * VOXEL_M
+
+
+def test_colour_is_the_mean_of_what_was_seen(camera, plane_depth):
+    volume, depth = Volume(SMALL["best"]), plane_depth((0, 0, -1), (0, 0, 1.5))
+    for value in (10, 50):
+        image = np.zeros((120, 160, 3), np.uint8)
+        image[:] = (value, 100, 200)
+        volume.integrate(depth, camera, SE3.identity(), image)
+    colour = volume.raycast(camera, SE3.identity()).colour[30:90, 40:120]
+    assert np.abs(colour - [30, 100, 200]).max() < 0.1
+
+
+def test_the_number_of_threads_changes_nothing(camera, sphere_depth, looking_at):
+    import numba
+
+    views, threads = [], numba.get_num_threads()
+    for count in (1, threads):
+        numba.set_num_threads(count)
+        volume = Volume(SMALL["best"])
+        for place in ((1.5, 0, 0.1), (1.4, 0.2, 0.0)):
+            T = looking_at(np.array(place), (0, 0, 0))
+            volume.integrate(sphere_depth((0, 0, 0), 0.5, T), camera, T, np.full((120, 160, 3), 90, np.uint8))
+        views.append(volume.raycast(camera, T))
+    numba.set_num_threads(threads)
+    for name in ("depth_z_m", "normals_camera", "colour"):
+        np.testing.assert_array_equal(getattr(views[0], name), getattr(views[1], name))
+
+
+def test_a_window_that_follows_forgets_what_it_leaves_and_sees_what_it_reaches(camera, plane_depth):
+    gone = []
+    settings = VolumeSettings(window_blocks=16, max_blocks=5000)  # 1.1 m
+    volume = Volume(settings, lambda volume, leaves: gone.append(int(leaves.sum())))
+    for x in np.arange(0, 3, 0.1):
+        T = SE3(np.eye(3), [x, 0, 0])
+        volume.integrate(plane_depth((0, 0, -1), (0, 0, 0.4), T), camera, T)
+        view = volume.raycast(camera, T, colour=False)
+        assert np.nanmedian(np.abs(view.depth_z_m - 0.4)) < 0.02 * VOXEL_M
+        assert np.isfinite(view.depth_z_m).mean() > 0.9
+    assert sum(gone) > 0
+    assert volume.blocks < 16**3 / 4
+    assert np.isnan(volume.raycast(camera, SE3.identity()).depth_z_m).all()
+
+
+def test_full_memory_sends_away_what_lies_farthest(camera, plane_depth):
+    gone = []
+    volume = Volume(VolumeSettings(max_blocks=3000), lambda volume, leaves: gone.append(int(leaves.sum())))
+    for x in np.arange(0, 20, 1.0):
+        T = SE3(np.eye(3), [x, 0, 0])
+        volume.integrate(plane_depth((0, 0, -1), (0, 0, 1.0), T), camera, T)
+    assert gone
+    assert volume.max_used <= 3000
+    assert np.isfinite(volume.raycast(camera, T).depth_z_m).mean() > 0.9
+
+
+def test_what_cannot_be_fused_is_refused_in_words(camera):
+    volume = Volume(VolumeSettings(max_blocks=4))
+    with pytest.raises(InputError, match="rigid pose"):
+        volume.integrate(np.ones((120, 160)), camera, SE3(np.full((3, 3), np.nan), np.zeros(3)))
+    with pytest.raises(InputError, match="160x120"):
+        volume.integrate(np.ones((12, 16)), camera, SE3.identity())
+    with pytest.raises(InputError, match="3 channels"):
+        volume.integrate(np.ones((120, 160)), camera, SE3.identity(), np.ones((120, 160)))
+    with pytest.raises(InputError, match="within 4 blocks"):
+        volume.integrate(np.ones((120, 160)), camera, SE3.identity())
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"voxel_m": 0}, {"truncation_m": 0.01}, {"window_blocks": 100}, {"behind_m": 0.1}, {"channels": 2}]
+)
+def test_settings_that_make_no_volume_are_refused(wrong):
+    with pytest.raises(InputError):
+        VolumeSettings(**wrong)
+
+
+def test_empty_depth_leaves_nothing_to_see(camera):
+    volume = Volume(VolumeSettings(max_blocks=4))
+    volume.integrate(np.full((120, 160), np.nan), camera, SE3.identity())
+    assert np.isnan(volume.raycast(camera, SE3.identity()).depth_z_m).all()
+
+
+def test_what_lies_beside_and_behind_costs_a_raycast_nothing(camera, plane_depth):
+    volume = Volume(SMALL["best"])
+    volume.integrate(plane_depth((0, 0, -1), (0, 0, 1.5)), camera, SE3.identity())
+    alone = volume._ranges(camera, SE3.identity())
+    for angle in (np.pi / 2, -np.pi / 2, np.pi):
+        T = SE3.exp(np.array([0, 0, 0, 0, angle, 0]))
+        normal = -T.rotation[:, 2]
+        volume.integrate(plane_depth(normal, T.rotation[:, 2], T), camera, T)
+    for before, after in zip(alone, volume._ranges(camera, SE3.identity()), strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert alone[0].min() > 1.2
+    assert alone[1].max() < 1.8
