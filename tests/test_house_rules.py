@@ -63,10 +63,7 @@ MAY_IMPORT |= {
 FROM_A_CHECKOUT = {"tools", "builder"}
 MAY_LOAD_A_CHECKOUT = {"headless.commands.bench", "headless.commands.scene", "blend.builder.command"}
 #: Circles that are still there. An entry goes with its circle.
-KNOWN_CIRCLES = (
-    {"ui.path", "ui.viewport"},
-    {"headless.commands.trajectory_make", "headless.commands.trajectory_walk"},
-)
+KNOWN_CIRCLES = ({"headless.commands.trajectory_make", "headless.commands.trajectory_walk"},)
 #: Modules that still import against the way. An entry goes with its imports.
 KNOWN_AGAINST_THE_WAY = {"headless.farm.record", "headless.farm.slurm_task"}
 #: What the numpy-only rooms may import from outside.
@@ -74,19 +71,13 @@ PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "eval
 #: Modules that still keep state in a global. An entry goes with its global.
 KNOWN_GLOBALS = {
     "addon/iclnuim/dataset/crew.py",
-    "addon/iclnuim/ui/__init__.py",
-    "addon/iclnuim/ui/light_state.py",
-    "addon/iclnuim/ui/session.py",
-    "addon/iclnuim/ui/viewport.py",
 }
 #: Files of the library whose messages still name options of the command line. An entry goes with its options.
 KNOWN_TO_NAME_OPTIONS = {
-    "blender": "preflight scene_paths settings worker",
-    "dataset": "images inspection run_folder",
+    "dataset": "images inspection",
     "formats": "checks freiburg loaded trajectories tum",
     "geometry": "free_space walk",
     "raycast": "viewpoints",
-    "ui": "work",
     "": "shipped",
 }
 

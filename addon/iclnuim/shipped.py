@@ -7,11 +7,11 @@ import subprocess
 from pathlib import Path
 
 from .errors import InputError
-from .scenes import SCENES
+from .scenes import SCENES, TRAJECTORIES
 
 _PACKAGE = Path(__file__).resolve().parent
 SCENE_NAMES = tuple(SCENES)
-TRAJECTORY_NAMES = ("kt0", "kt1", "kt2", "kt3")
+TRAJECTORY_NAMES = tuple(TRAJECTORIES)
 
 
 def folder(name: str) -> Path:

@@ -114,7 +114,7 @@ def test_normals_of_planes_are_exact(camera, plane, normals, angle_deg):
 def test_an_unknown_setting_model_or_value_is_one_line():
     with pytest.raises(InputError, match="settings of the noise model 'paper'.*sigma_s_px.*found sigma_q"):
         depth_model("paper", {"sigma_q": 1})
-    with pytest.raises(InputError, match="a depth noise model .none, paper, released, kinect2012, redwood."):
+    with pytest.raises(InputError, match="a depth noise model .none, released, paper, kinect2012, redwood."):
         depth_model("gauss")
     with pytest.raises(InputError, match="an RGB noise model|a RGB noise model"):
         rgb_model("gauss")

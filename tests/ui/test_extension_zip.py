@@ -11,7 +11,7 @@ import iclnuim
 import pytest
 from iclnuim.headless.extension import build
 
-PERSON = Path(__file__).with_name("background_person.py")
+DRIVER = Path(__file__).with_name("gui_driver_background.py")
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +30,13 @@ def estimate(repository, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def person(archive, estimate, tmp_path_factory) -> dict:
-    """What background_person.py found in a clean profile, far from the checkout."""
+def driven(archive, estimate, tmp_path_factory) -> dict:
+    """What gui_driver_background.py found in a clean profile, far from the checkout."""
     pytest.importorskip("bpy", reason="needs the bpy package")
     home = tmp_path_factory.mktemp("home")
     clean = {"PATH": "/usr/bin:/bin", "HOME": str(home), "BLENDER_USER_RESOURCES": str(home / "profile")}
     done = subprocess.run(
-        [sys.executable, str(PERSON), str(archive), str(home / "out"), str(estimate)],
+        [sys.executable, str(DRIVER), str(archive), str(home / "out"), str(estimate)],
         capture_output=True,
         text=True,
         timeout=300,
@@ -80,76 +80,76 @@ def test_blenders_own_validator_accepts_the_zip(archive):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_nothing_stays_behind_after_unregistering(person):
-    assert person["left_after_unregister"] == person["left_at_the_end"] == person["left_when_disabled"] == {}
+def test_nothing_stays_behind_after_unregistering(driven):
+    assert driven["left_after_unregister"] == driven["left_at_the_end"] == driven["left_when_disabled"] == {}
 
 
-def test_an_older_blender_is_refused_in_one_line_and_nothing_is_registered(person):
-    assert "Blender 4.2 or newer" in person["older_blender"] and "4.1.1" in person["older_blender"]
-    assert "\n" not in person["older_blender"]
+def test_an_older_blender_is_refused_in_one_line_and_nothing_is_registered(driven):
+    assert "Blender 4.2 or newer" in driven["older_blender"] and "4.1.1" in driven["older_blender"]
+    assert "\n" not in driven["older_blender"]
 
 
-def test_every_button_works_without_a_window(person):
+def test_every_button_works_without_a_window(driven):
     refused = {"no folder", "wrong trajectory", "no camera", "another recipe"}
-    assert {name for name, result in person["pressed"].items() if result != "FINISHED"} == refused
+    assert {name for name, result in driven["pressed"].items() if result != "FINISHED"} == refused
 
 
-def test_refusals_say_what_to_do(person):
-    said = person["messages"]
-    assert "Folder" in said["no folder"]
+def test_refusals_say_what_to_do(driven):
+    said = driven["messages"]
+    assert "Output folder" in said["no folder"]
     assert "trajectory" in said["wrong trajectory"]
     assert "Add > Camera" in said["no camera"]
-    assert "another Folder" in said["another recipe"]
+    assert "another Output folder" in said["another recipe"]
 
 
-def test_render_and_resume_leave_frames_and_sequences(person):
-    assert person["frames"] == ["000000.exr", "000002.exr", "000004.exr"]
-    kinds = {name.split("/")[0] for name in person["sequences"]}
-    assert kinds == {"clean", "noisy"} and len(person["sequences"]) == 6
+def test_render_and_resume_leave_frames_and_sequences(driven):
+    assert driven["frames"] == ["000000.exr", "000002.exr", "000004.exr"]
+    kinds = {name.split("/")[0] for name in driven["sequences"]}
+    assert kinds == {"clean", "noisy"} and len(driven["sequences"]) == 6
 
 
-def test_the_keyed_camera_stands_where_the_pose_says(person, repository):
+def test_the_keyed_camera_stands_where_the_pose_says(driven, repository):
     rows = (repository / "trajectories/living_room/kt2.txt").read_text().splitlines()
     pose = [line.split() for line in rows if line and not line.startswith("#")][100]
-    assert person["camera_at_100"] == pytest.approx([float(v) for v in pose[1:4]], abs=1e-6)
+    assert driven["camera_at_100"] == pytest.approx([float(v) for v in pose[1:4]], abs=1e-6)
 
 
-def test_the_path_is_saved_as_it_is_rendered(person, repository):
+def test_the_path_is_saved_as_it_is_rendered(driven, repository):
     import numpy as np
 
     shipped = np.loadtxt(repository / "trajectories/living_room/kt2.txt")
-    assert np.allclose(np.loadtxt(person["saved_path"].splitlines()), shipped, rtol=0, atol=1e-7)
+    assert np.allclose(np.loadtxt(driven["saved_path"].splitlines()), shipped, rtol=0, atol=1e-7)
 
 
-def test_a_path_through_a_wall_is_warned_of_and_one_inside_the_room_is_not(person):
-    assert person["no_wall"] == ""
-    assert "passes through a surface" in person["wall"]
+def test_a_path_through_a_wall_is_warned_of_and_one_inside_the_room_is_not(driven):
+    assert driven["no_wall"] == ""
+    assert "passes through a surface" in driven["wall"]
 
 
-def test_evaluation_is_shown_in_words_and_as_a_picture(person):
-    assert "ATE rmse 0.0100 m" in person["evaluation"][0]
-    assert person["images"] == ["ICL-NUIM error", "ICL-NUIM preview"]
+def test_evaluation_is_shown_in_words_and_as_a_picture(driven):
+    assert "ATE rmse 0.0100 m" in driven["evaluation"][0]
+    assert driven["images"] == ["ICL-NUIM error", "ICL-NUIM preview"]
 
 
-def test_the_panel_knows_whether_the_cache_holds_the_light_of_somebodys_own_file(person):
-    assert "not in the cache" in person["light_before"]
-    assert "is in the cache" in person["light_after"] and "less than a minute ago" in person["light_after"]
-    assert "not in the cache" in person["light_counts_as_another"]
-    assert (person["home"] / "out_file/run/raw/exr/000100.exr").is_file()
+def test_the_panel_knows_whether_the_cache_holds_the_light_of_somebodys_own_file(driven):
+    assert "not in the cache" in driven["light_before"]
+    assert "is in the cache" in driven["light_after"] and "less than a minute ago" in driven["light_after"]
+    assert "not in the cache" in driven["light_counts_as_another"]
+    assert (driven["home"] / "out_file/run/raw/exr/000100.exr").is_file()
 
 
-def test_settings_come_back_with_the_blend_and_presets_as_they_were_saved(person):
-    assert person["factory"] == 0
-    assert person["opened_again"] == [7, ["euroc", "tum"], "kt2"]
-    assert person["own_preset"] == [7, ["euroc", "tum"]]
-    assert person["path_of_the_opened_file"]
+def test_settings_come_back_with_the_blend_and_presets_as_they_were_saved(driven):
+    assert driven["factory"] == 0
+    assert driven["opened_again"] == [7, ["euroc", "tum"], "kt2"]
+    assert driven["own_preset"] == [7, ["euroc", "tum"]]
+    assert driven["path_of_the_opened_file"]
 
 
-def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(person, repository):
+def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(driven, repository):
     import numpy as np
     from iclnuim.formats.exr import read_exr
 
-    own, out = person["home"] / "out_own", person["home"] / "same"
+    own, out = driven["home"] / "out_own", driven["home"] / "same"
     command = [sys.executable, str(repository / "headless/render.py"), "kt2", "--frames", "100", "--out", str(out)]
     size = "64x48,48.120300751879697,48,31.5,23.5"
     options = ["--camera", size, "--light", "path", "--samples", "1", "--no-denoise"]
@@ -158,11 +158,11 @@ def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_seque
     assert np.abs(a - b).max() < 0.01 and np.median(np.abs(a - b)) < 1e-5
 
 
-def test_a_file_that_is_not_saved_yet_renders_into_the_extensions_own_folder(person):
-    assert person["folder_before_saving"].startswith(str(person["home"] / "profile"))
+def test_a_file_that_is_not_saved_yet_renders_into_the_extensions_own_folder(driven):
+    assert driven["folder_before_saving"].startswith(str(driven["home"] / "profile"))
 
 
-def test_nothing_is_written_outside_the_output_folder_and_the_profile(person):
+def test_nothing_is_written_outside_the_output_folder_and_the_profile(driven):
     chosen = {"out", "out_own", "out_file", "out_saved", "profile"}
-    assert {p.name for p in person["home"].iterdir()} - {"same"} <= chosen | {".cache"}
-    assert not (person["home"] / ".cache/iclnuim").exists()
+    assert {p.name for p in driven["home"].iterdir()} - {"same"} <= chosen | {".cache"}
+    assert not (driven["home"] / ".cache/iclnuim").exists()

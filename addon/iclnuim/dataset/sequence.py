@@ -16,7 +16,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..sensor.models import depth_model, rgb_model
 from . import ground_truth
-from .depth_units import total
+from .depth_units import UNITS_PER_METRE, total
 from .frame_pool import FramePool, cores
 from .frames import FrameSource, frames_of_run
 from .journal import Journal, JournalEntry
@@ -126,11 +126,13 @@ class SequenceWriter:
 def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
     """The writer of sequences of frames that may still have to be rendered; folders and recipes are made now.
 
-    `wanted`, as a worker is told: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n}}}.
-    Raises InputError, WorkError.
+    `wanted`, as a worker is told: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
+    "depth_units": units per metre, 5000 where it is left out}}}. Raises InputError, WorkError.
     """
     variants = {
-        Path(folder): SequenceSettings(depth_model(v["depth"]), rgb_model(v["rgb"]), v["seed"])
+        Path(folder): SequenceSettings(
+            depth_model(v["depth"]), rgb_model(v["rgb"]), v["seed"], v.get("depth_units", UNITS_PER_METRE)
+        )
         for folder, v in wanted["variants"].items()
     }
     return SequenceWriter(frames_of_run(run, truth, numbers), variants, wanted["dialects"])

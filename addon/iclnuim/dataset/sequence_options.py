@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 
 from ..errors import InputError
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from ..sensor.parameters import NoiseSettings
 from ..settings import Choices, Settings, setting
 from .depth_units import UNITS_PER_METRE
 from .noisy_frame import SequenceSettings
 from .sequence_formats import FORMATS
 
 
-def _summaries(registry: Mapping[str, Any]) -> Choices:
-    """Name -> the first line of its docstring."""
-    return {name: (entry.__doc__ or "").strip().partition("\n")[0] for name, entry in registry.items()}
+def _summaries(models: Mapping[str, type[NoiseSettings]]) -> Choices:
+    return {name: model.summary for name, model in models.items()}
 
 
 def _formats() -> Choices:

@@ -11,6 +11,10 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 
 from ..errors import InputError
+from ..settings import declared, setting
+
+_EQUATION_1 = "paper, equation 1"
+_CENTRE = "principal point, from the centre of the {} pixel"
 
 
 @dataclass(frozen=True)
@@ -21,12 +25,26 @@ class PinholeCamera:
     axes it is +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
     """
 
-    width: int = 640
-    height: int = 480
-    fx: float = 640 / 1.33
-    fy: float = 480.0
-    cx: float = 319.5
-    cy: float = 239.5
+    width: int = setting(640, "width of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
+    height: int = setting(480, "height of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
+    fx: float = setting(
+        640 / 1.33,
+        "focal length along a row",
+        unit="px",
+        low=1e-3,
+        source="POV-Ray; printed as 481.20 in the paper",
+        label="fx",
+    )
+    fy: float = setting(
+        480.0,
+        "focal length along a column",
+        unit="px",
+        low=1e-3,
+        source="-480 in the paper, whose y points up",
+        label="fy",
+    )
+    cx: float = setting(319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx")
+    cy: float = setting(239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy")
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -36,7 +54,7 @@ class PinholeCamera:
             object.__setattr__(self, name, int(value))
         for name in ("fx", "fy", "cx", "cy"):
             value = float(getattr(self, name))
-            if not np.isfinite(value) or (name[0] == "f" and value <= 0):
+            if not np.isfinite(value) or value < declared(PinholeCamera)[name].low:
                 hint = "the positive value: fy = -480 only says that y points up" if value < 0 else None
                 raise InputError(f"a finite camera {name}{' > 0' if name[0] == 'f' else ''}", found=value, hint=hint)
             object.__setattr__(self, name, value)

@@ -24,6 +24,7 @@ class NoDepthNoise(NoiseSettings):
     """Depth as rendered."""
 
     name = "none"
+    summary = "exact planar depth"
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same, float32."""
@@ -38,6 +39,7 @@ class Kinect2012DepthNoise(NoiseSettings):
     """
 
     name = "kinect2012"
+    summary = "axial and lateral noise of a Kinect, Nguyen et al. 2012"
 
     axial_m: float = parameter(0.0012, "m", _NGUYEN)
     axial_per_m: float = parameter(0.0019, "1/m", _NGUYEN)
@@ -83,6 +85,7 @@ class RedwoodDepthNoise(NoiseSettings):
     """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to 1/8 step."""
 
     name = "redwood"
+    summary = "distortion and quantisation of the Redwood simulation, Choi et al. 2015"
 
     sigma_s_px: float = parameter(0.25, "px", _REDWOOD)
     snap_px: float = parameter(2, "px", _REDWOOD, 1, 64)

@@ -26,6 +26,7 @@ class PaperDepthNoise(NoiseSettings):
     """Section V.A. sigma_theta = a + b angle + c z + d angle z, never below 0, angle between normal and camera ray."""
 
     name = "paper"
+    summary = "the paper's model: lateral shift, disparity noise and quantisation"
 
     sigma_s_px: float = parameter(0.5, "px", "paper, footnote 4")
     sigma_d: float = parameter(1 / 6, "disparity steps", "paper, footnote 4")

@@ -21,6 +21,7 @@ class ReleasedDepthNoise(NoiseSettings):
     """Beside the paper's words: a wider shift, half a pixel of offset, zeros that mix in, disparity biased by 1/2."""
 
     name = "released"
+    summary = "the noise found in the released ICL-NUIM frames"
 
     sigma_s_px: float = parameter(1.15, "px", _MEASURED)
     offset_px: float = parameter(-0.5, "px", _MEASURED, -np.inf)

@@ -16,10 +16,11 @@ from .own_noise import own_noise
 from .parameters import NoiseSettings
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 
+#: In the order in which a saved .blend numbers them: new ones go to the end.
 DEPTH_MODELS: dict[str, type[NoiseSettings]] = {
-    m.name: m for m in (NoDepthNoise, PaperDepthNoise, ReleasedDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
+    m.name: m for m in (NoDepthNoise, ReleasedDepthNoise, PaperDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
 }
-RGB_MODELS: dict[str, type[NoiseSettings]] = {m.name: m for m in (NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise)}
+RGB_MODELS: dict[str, type[NoiseSettings]] = {m.name: m for m in (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)}
 
 _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 

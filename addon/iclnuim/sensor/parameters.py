@@ -18,9 +18,10 @@ def parameter(default: Any, unit: str, source: str, low: float = 0.0, high: floa
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """Base of every model's settings; `name` is what the user calls the model."""
+    """Base of every model's settings; `name` is what the user calls the model, `summary` one line on it for lists."""
 
     name: ClassVar[str] = ""
+    summary: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -31,6 +31,7 @@ class NoRgbNoise(NoiseSettings):
     """The light through the transfer function."""
 
     name = "none"
+    summary = "scene-linear light to sRGB, nothing else"
 
     exposure: float = parameter(1.0, "", _EXPOSURE, 1e-6)
 
@@ -44,6 +45,7 @@ class PaperRgbNoise(NoiseSettings):
     """Section V.B with the noise level function of its reference [5]: variance sigma_c^2 + I sigma_s^2, I in light."""
 
     name = "paper"
+    summary = "the paper's model: intensity-dependent noise through a camera response"
 
     exposure: float = parameter(1.0, "", _EXPOSURE, 1e-6)
     sigma_c: float = parameter(0.0005, "share of white", "read noise; " + _CHOSEN)
@@ -69,6 +71,7 @@ class ReleasedRgbNoise(NoiseSettings):
     """Variance a + b I of the 8-bit value I; neighbours in a row correlated; cut to whole values, not rounded."""
 
     name = "released"
+    summary = "the noise found in the released ICL-NUIM frames"
 
     exposure: float = parameter(1.0, "", _EXPOSURE, 1e-6)
     variance: tuple[float, ...] = parameter((1.48, 0.95, 1.61), "8-bit steps^2", _MEASURED)

@@ -3,44 +3,40 @@
 from __future__ import annotations
 
 import atexit
+from types import ModuleType
 
-_registered = False
+
+def register() -> None:
+    """Every class, property and handler."""
+    from . import properties, state, trajectory_view, work
+
+    state.begin(state.PanelState(work.Work(properties.label_of), trajectory_view.refresh))
+    for module in _modules():
+        module.register()
+    atexit.register(unregister)
 
 
-def _modules() -> tuple:
+def unregister() -> None:
+    """The reverse; a running worker process is ended, its finished frames stay."""
+    from . import state
+
+    if not state.is_registered():
+        return
+    atexit.unregister(unregister)
+    for module in reversed(_modules()):
+        module.unregister()
+    state.end()
+
+
+def _modules() -> tuple[ModuleType, ...]:
     from . import (
         operators_evaluate,
-        operators_path,
         operators_render,
         operators_scene,
         panels,
         presets,
         properties,
-        viewport,
+        trajectory_view,
     )
 
-    operators = operators_scene, operators_path, operators_render, operators_evaluate
-    return properties, presets, *operators, viewport, panels
-
-
-def register() -> None:
-    """Every class, property and handler."""
-    global _registered
-    for module in _modules():
-        module.register()
-    _registered = True
-    atexit.register(unregister)
-
-
-def unregister() -> None:
-    """The reverse; a running child process is ended, its finished frames stay."""
-    global _registered
-    if not _registered:
-        return
-    _registered = False
-    from . import session
-
-    atexit.unregister(unregister)
-    session.end()
-    for module in reversed(_modules()):
-        module.unregister()
+    return properties, presets, operators_scene, operators_render, operators_evaluate, trajectory_view, panels

@@ -1,9 +1,10 @@
-"""From the panel's settings to a trajectory, and to the files in the output folder that a child needs."""
+"""From the panel's settings to a trajectory, to the files in the output folder that a worker needs, and to the light map in the cache."""
 
 from __future__ import annotations
 
 import os
 import platform
+import time
 from pathlib import Path
 
 import bpy
@@ -11,8 +12,8 @@ import mathutils
 import numpy as np
 
 from .. import shipped
-from ..blender import camera_path
-from ..errors import InputError, WorkError
+from ..blender import camera_path, light_index
+from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
 from ..formats.files import process_lives
 from ..formats.libraries import first_library
@@ -21,13 +22,16 @@ from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, adopt
 from ..job import RenderJob
-from . import session
+from ..scenes import SCENES, TRAJECTORIES
+from . import state
 
 DEFAULT_OUT = "//iclnuim"
+#: The panel asks for the light map at every redraw; files are looked at this often.
+_FRESH_S = 1.0
 
 
 def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
-    """The path chosen, scaled and moved, and a sentence on how it was taken. Raises InputError."""
+    """The trajectory chosen, scaled and moved, and a sentence on how its file was read. Raises InputError."""
     settings = context.scene.iclnuim
     loaded, sentence = _chosen(context, settings)
     if settings.scale == 1.0 and not settings.use_start:
@@ -40,37 +44,68 @@ def output_folder(settings: bpy.types.PropertyGroup) -> Path:
     """Absolute. What begins with // lies beside the saved .blend, before it is saved in the extension's own folder."""
     out = settings.out.strip() or DEFAULT_OUT
     if out.startswith("//") and not bpy.data.filepath:
-        return (session.user_folder("out") / out[2:]).resolve()
+        return (state.user_folder("out") / out[2:]).resolve()
     return Path(bpy.path.abspath(out)).expanduser().resolve()
 
 
 def scene_name(settings: bpy.types.PropertyGroup) -> str:
-    """What the settings call the scene: a shipped name, the path of a file, or OPEN."""
+    """What the settings call the scene: a built-in name, the path of a file, or OPEN."""
     if settings.scene_source == "FILE" and settings.scene_file:
         return str(Path(bpy.path.abspath(settings.scene_file)).expanduser().resolve())
     return settings.scene_source
 
 
 def job(context: bpy.types.Context, out: Path) -> RenderJob:
-    """The job of the settings, with the scene and the path written into `out` where they have no file of their own.
+    """The job of the settings; scene and trajectory are written into `out` where they have no file of their own.
 
     Raises InputError, WorkError.
     """
     settings = context.scene.iclnuim
     for what, libraries in (("EXR", exr.BACKENDS), ("PNG", png.BACKENDS)):
-        first_library(what, *libraries)  # rather now, in words, than after the first frame
+        first_library(what, *libraries)  # before the first frame rather than after it
     check_free(out / "raw")
     return settings.to_job(_scene_for(settings, out), _trajectory_for(context, settings, out))
 
 
 def check_free(raw: Path) -> None:
-    """Raises WorkError where a living process of this machine renders into the folder."""
+    """Raises WorkError where a running process of this machine renders into the folder."""
     for folder in raw.glob(f".work-{platform.node()}-*"):
         process = int(folder.name.rsplit("-", 1)[1])
         if process != os.getpid() and os.name != "nt" and process_lives(process):
             raise WorkError(
-                f"{raw}: another render (process {process}) works in this folder; wait for it, or choose another Folder"
+                f"{raw}: another render (process {process}) works in this folder",
+                hint="again when it ends, or another {out}",
             )
+
+
+def light_map_line(settings: bpy.types.PropertyGroup) -> str:
+    """One sentence: whether the cache holds the light map of the chosen scene, how large and how old it is."""
+    if settings.scene_source == "OPEN":
+        return "Bake Light and Render look up the light map of the open file, or bake it"
+    name, held = scene_name(settings), state.current()
+    asked = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
+    known = held.light_map
+    if known is None or known[0] != asked or time.monotonic() - known[1] > _FRESH_S:
+        known = held.light_map = asked, time.monotonic(), _light_map_line(settings, name)
+    return known[2]
+
+
+def _light_map_line(settings: bpy.types.PropertyGroup, name: str) -> str:
+    try:
+        found = light_index.find(state.cache_folder(), settings.to_job(name, "kt2"))
+    except (IclnuimError, OSError):
+        return "no scene file is chosen yet"
+    if found is None:
+        return "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
+    return f"this scene's light is in the cache: {found.size_bytes / 1e6:.1f} MB, baked {_age(found.age_s)} ago"
+
+
+def _age(seconds: float) -> str:
+    for unit_s, unit in ((86400, "day"), (3600, "hour"), (60, "minute")):
+        if seconds >= unit_s:
+            count = int(seconds // unit_s)
+            return f"{count} {unit}{'' if count == 1 else 's'}"
+    return "less than a minute"
 
 
 def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tuple[Trajectory, str]:
@@ -78,7 +113,7 @@ def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tu
         return camera_path.path(context.scene), "the active camera's animation"
     if settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
-            raise InputError("a trajectory file", found="none", hint="choosing one under Trajectory")
+            raise InputError("a trajectory file", found="none", hint="choosing one under {trajectory}")
         loaded = read_trajectory(bpy.path.abspath(settings.trajectory_file))
         return loaded.trajectory, loaded.taken.sentence
     name = _shipped_name(settings)
@@ -86,8 +121,8 @@ def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tu
 
 
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
-    room = "office" if settings.scene_source == "office" else "living_room"
-    return f"{room}/{settings.trajectory_source}"
+    scene = settings.scene_source if settings.scene_source in SCENES else next(iter(SCENES))
+    return f"{scene}/{settings.trajectory_source}"
 
 
 def _start_pose(settings: bpy.types.PropertyGroup) -> SE3:
@@ -97,9 +132,9 @@ def _start_pose(settings: bpy.types.PropertyGroup) -> SE3:
 
 
 def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path) -> str:
-    """A shipped name as it is; all else as a TUM file in `out`."""
+    """A built-in name as it is; all else as a TUM file in `out`."""
     plain = settings.scale == 1.0 and not settings.use_start
-    if plain and settings.trajectory_source.startswith("kt"):
+    if plain and settings.trajectory_source in TRAJECTORIES:
         return _shipped_name(settings)
     path, (poses, _) = out / "trajectory.txt", trajectory(context)
     _make(out)
@@ -110,7 +145,7 @@ def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGrou
 
 def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     if settings.scene_source == "FILE" and not settings.scene_file:
-        raise InputError("a scene file", found="none", hint="choosing one under Scene")
+        raise InputError("a scene file", found="none", hint="choosing one under {scene}")
     if settings.scene_source != "OPEN":
         return scene_name(settings)
     path = out / "scene.blend"
@@ -118,7 +153,7 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
         raise InputError(
             "an output folder without frames of an earlier state of the open scene",
             path=out,
-            hint="Resume, which goes on with the scene as it was, or another Folder",
+            hint="Resume, which continues with the scene as it was, or another {out}",
         )
     _make(out)
     try:
@@ -132,6 +167,4 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkError(
-            f"{folder}: cannot be made: {error.strerror or error}; choose another Folder under Output"
-        ) from None
+        raise WorkError(f"{folder}: cannot be made: {error.strerror or error}", hint="another {out}") from None

@@ -1,4 +1,4 @@
-"""Operators of rendering: bake, preview, render, cancel, resume. Each only describes a task and hands it to the child."""
+"""Operators of rendering: bake, preview, render, cancel, resume. Each describes a task and hands it to the worker process."""
 
 import functools
 import shutil
@@ -8,16 +8,16 @@ from pathlib import Path
 import bpy
 
 from ..dataset.frames import read_frame
-from ..dataset.sequence import SequenceSettings, noisy_images
+from ..dataset.sequence import noisy_images
+from ..dataset.sequence_options import SequenceOptions
 from ..errors import InputError
 from ..formats.files import read_json
 from ..formats.trajectories import read_trajectory
 from ..job import RenderJob
-from ..sensor.models import depth_model, rgb_model
-from . import images, inputs, session
-from .last_frame import LastFrame
-from .messages import in_words
+from . import image_editor, inputs, state
+from .image_editor import LastFrame
 from .pictures import frame_picture
+from .state import reported
 
 PREVIEW = "ICL-NUIM preview"
 
@@ -27,20 +27,20 @@ class ICLNUIM_OT_bake(bpy.types.Operator):
 
     bl_idname, bl_label = "iclnuim.bake", "Bake Light"
 
-    @in_words
+    @reported
     def execute(self, context):
         folder = _own_folder()
         job = inputs.job(context, folder).changed(light="baked")
         finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
-        session.start("bake", job, folder / "raw", {"bake": True}, "the light is baked and lies in the cache", finish)
+        state.start("bake", job, folder / "raw", {"bake": True}, "the light is baked and is in the cache", finish)
 
 
 class ICLNUIM_OT_render(bpy.types.Operator):
-    """Render the frames asked for in a child Blender, then write the sequences; finished frames are skipped"""
+    """Render the chosen frames in a second Blender, then write the sequences; finished frames are skipped"""
 
     bl_idname, bl_label = "iclnuim.render", "Render"
 
-    @in_words
+    @reported
     def execute(self, context):
         settings = context.scene.iclnuim
         out = inputs.output_folder(settings)
@@ -49,18 +49,18 @@ class ICLNUIM_OT_render(bpy.types.Operator):
 
 
 class ICLNUIM_OT_resume(bpy.types.Operator):
-    """Go on with the render that lies in the output folder, with the settings it was begun with"""
+    """Continue the render in the output folder with the settings it was started with"""
 
     bl_idname, bl_label = "iclnuim.resume", "Resume"
 
-    @in_words
+    @reported
     def execute(self, context):
         settings = context.scene.iclnuim
         out = inputs.output_folder(settings)
         recipe = out / "raw" / "sequence.json"
         if not recipe.is_file():
             raise InputError(
-                "a render to go on with", path=recipe.parent, found="none", hint="Render, or the Folder it was begun in"
+                "a render to resume", path=recipe.parent, found="none", hint="Render, or the {out} it was started in"
             )
         inputs.check_free(out / "raw")
         job = RenderJob.from_dict(read_json(recipe).get("job", {}))
@@ -69,45 +69,46 @@ class ICLNUIM_OT_resume(bpy.types.Operator):
 
 
 class ICLNUIM_OT_cancel(bpy.types.Operator):
-    """Stop after the frame in work; finished frames stay, and Resume goes on from there"""
+    """Stop after the current frame; finished frames stay, and Resume continues from there"""
 
     bl_idname, bl_label = "iclnuim.cancel", "Cancel"
 
     def execute(self, context):
-        session.current.work.cancel()
-        session.redraw()
+        state.current().work.cancel()
+        state.redraw()
         return {"FINISHED"}
 
 
 class ICLNUIM_OT_preview(bpy.types.Operator):
-    """Render the timeline's current frame of the path, and show colour and depth, clean above and as the sensor sees them below"""
+    """Render the pose of the timeline's current frame, and show colour and depth, clean above and with the sensor's noise below"""
 
     bl_idname, bl_label = "iclnuim.preview", "Preview Frame"
 
-    @in_words
+    @reported
     def execute(self, context):
         settings = context.scene.iclnuim
         folder = _own_folder()
         chosen = inputs.trajectory(context)[0]
         number = min(max(context.scene.frame_current, 0), len(chosen) - 1)
-        sensor = SequenceSettings(depth_model(settings.depth_noise), rgb_model(settings.rgb_noise), settings.seed)
+        options = SequenceOptions(**settings.values_of(SequenceOptions))
+        sensor = options.sequence_settings()
         job = inputs.job(context, folder)
 
         def finish() -> None:
             light, depth_z_m = read_frame(folder / "raw" / "exr" / f"{number:06}.exr", job.camera)
-            clean = noisy_images(light, depth_z_m, job.camera, number, SequenceSettings())[0]
+            clean = noisy_images(light, depth_z_m, job.camera, number, options.without_noise())[0]
             noisy, units, _ = noisy_images(light, depth_z_m, job.camera, number, sensor)
             shutil.rmtree(folder, ignore_errors=True)
             picture = frame_picture(clean, depth_z_m, noisy, units / sensor.depth_units_per_metre)
-            images.show(bpy.context, PREVIEW, picture)
-            session.current.work.message = f"frame {number} stands in the image editor as “{PREVIEW}”"
+            image_editor.show(bpy.context, PREVIEW, picture)
+            state.current().work.message = f"frame {number} is shown in the image editor as “{PREVIEW}”"
 
-        session.start("preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish)
+        state.start("preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish)
 
 
 def _own_folder() -> Path:
-    """A new folder for what is soon thrown away; all of them go when the extension is switched off."""
-    return Path(tempfile.mkdtemp(dir=session.user_folder("preview")))
+    """A new temporary folder; all of them are removed when the extension is switched off."""
+    return Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
 
 
 def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | None) -> None:
@@ -115,7 +116,7 @@ def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | Non
     when_done += f" in {out / 'raw'}"
     if sequences is not None:
         when_done += "; sequences: " + ", ".join(Path(folder).name for folder in sequences["variants"])
-    session.start(
+    state.start(
         "render",
         job,
         out / "raw",

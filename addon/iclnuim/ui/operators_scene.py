@@ -1,4 +1,4 @@
-"""Operators of scene and trajectory: bring the room into the window, key the camera, read the path again."""
+"""Operators of scene and trajectory: show the scene, keyframe the camera, read the trajectory again, save it as a file."""
 
 from pathlib import Path
 
@@ -8,21 +8,22 @@ from .. import shipped
 from ..blender import camera as keyed_camera
 from ..blender import import_files, placing, scene_paths, sleeping
 from ..errors import InputError
-from . import inputs, path, session
-from .messages import in_words
-from .work import in_panel_words
+from ..formats.trajectories import write_trajectory
+from ..geometry.scene_axes import SceneReading
+from . import inputs, state, trajectory_view
+from .state import reported
 
 
 class ICLNUIM_OT_load_scene(bpy.types.Operator):
-    """Bring the chosen scene into this window, in a collection of its own; the room brought before is replaced"""
+    """Bring the chosen scene into this window, in a collection of its own; replaces the scene brought before"""
 
     bl_idname, bl_label, bl_options = "iclnuim.load_scene", "Show the Scene Here", {"REGISTER", "UNDO"}
 
-    @in_words
+    @reported
     def execute(self, context):
         settings = context.scene.iclnuim
         if settings.scene_source == "OPEN":
-            raise InputError("a shipped scene or a file to show", found="the open file, which is here already")
+            raise InputError("a built-in scene or a file to show", found="the open file, which is here already")
         file, reading = _scene_file(settings), settings.reading()
         scene_paths.refuse_outside(file, reading.textures)
         collection = _fresh_collection(context.scene)
@@ -32,18 +33,19 @@ class ICLNUIM_OT_load_scene(bpy.types.Operator):
                 placing.place(file, reading, list(collection.all_objects))
         else:
             _import(context, file, reading, collection)
-        collection[path.SHOWN] = inputs.scene_name(settings)
+        collection[trajectory_view.SHOWN] = inputs.scene_name(settings)
         _hide_the_default_cube(context.scene)
-        _hide_symbols(context)
-        path.refresh(context)
+        for view in _views(context):
+            view.overlay.show_extras = False  # spot lamps draw wide circles; the panel has the switch that shows them
+        trajectory_view.refresh(context)
 
 
 class ICLNUIM_OT_keyframe(bpy.types.Operator):
-    """Key a camera along the path: it plays in the timeline exactly as the poses say, pose i at frame i"""
+    """Keyframe a camera along the trajectory: the timeline plays the poses exactly, pose i at frame i"""
 
     bl_idname, bl_label, bl_options = "iclnuim.keyframe", "Keyframe", {"REGISTER", "UNDO"}
 
-    @in_words
+    @reported
     def execute(self, context):
         scene = context.scene
         chosen, _ = inputs.trajectory(context)
@@ -53,45 +55,70 @@ class ICLNUIM_OT_keyframe(bpy.types.Operator):
         rate_hz = (len(chosen) - 1) / (chosen.stamps_s[-1] - chosen.stamps_s[0]) if len(chosen) > 1 else 30.0
         scene.render.fps, scene.render.fps_base = max(round(rate_hz), 1), max(round(rate_hz), 1) / rate_hz
         scene.frame_set(0)
-        _look_through_camera(context)
-        path.refresh(context)
+        for view in _views(context):
+            view.region_3d.view_perspective = "CAMERA"
+        trajectory_view.refresh(context)
 
 
 class ICLNUIM_OT_refresh(bpy.types.Operator):
-    """Read the path again and look whether it passes through a wall of the open scene"""
+    """Read the trajectory again and check whether it passes through a surface of the open scene"""
 
     bl_idname, bl_label = "iclnuim.refresh", "Read Again"
 
-    @in_words
+    @reported
     def execute(self, context):
-        path.refresh(context)
+        trajectory_view.refresh(context)
 
 
-def _scene_file(settings) -> Path:
+class ICLNUIM_OT_save_path(bpy.types.Operator):
+    """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y down, z forward"""
+
+    bl_idname, bl_label = "iclnuim.save_path", "Save as TUM"
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", description="File to write, ending in .txt")
+    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default="*.txt", options={"HIDDEN"})
+
+    def invoke(self, context, event):
+        source = context.scene.iclnuim.trajectory_source
+        name = {"CAMERA": "camera", "FILE": "trajectory"}.get(source, source)
+        self.filepath = str(Path(bpy.data.filepath).with_name(f"{name}.txt")) if bpy.data.filepath else f"{name}.txt"
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    @reported
+    def execute(self, context):
+        if not self.filepath:
+            raise InputError("a file to write", found="none")
+        file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
+        poses, sentence = inputs.trajectory(context)
+        write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
+        state.current().work.message = f"{len(poses)} poses of {sentence} are in {file.name}"
+
+
+def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
     if settings.scene_source == "FILE":
         if not settings.scene_file:
-            raise InputError("a scene file", found="none", hint="choosing one under Scene")
+            raise InputError("a scene file", found="none", hint="choosing one under {scene}")
         return import_files.checked_file(inputs.scene_name(settings))
     file = shipped.folder("blend") / f"{settings.scene_source}.blend"
     if not file.is_file():
-        raise InputError(
-            "the shipped scene", path=file, found="nothing of that name", hint="installing the extension again"
-        )
+        raise InputError("the built-in scene", path=file, found="no such file", hint="installing the extension again")
     return file
 
 
-def _fresh_collection(scene) -> bpy.types.Collection:
-    old = bpy.data.collections.get(path.COLLECTION)
+def _fresh_collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    old = bpy.data.collections.get(trajectory_view.COLLECTION)
     if old is not None:
         for thing in list(old.all_objects):
             bpy.data.objects.remove(thing)
         bpy.data.collections.remove(old)
-    collection = bpy.data.collections.new(path.COLLECTION)
+    collection = bpy.data.collections.new(trajectory_view.COLLECTION)
     scene.collection.children.link(collection)
     return collection
 
 
-def _append(scene, file: Path, collection) -> None:
+def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection) -> None:
     with bpy.data.libraries.load(str(file), link=False) as (there, here):
         here.objects, here.worlds = list(there.objects), list(there.worlds)[:1]
     sleeping.silence(here.objects)
@@ -102,8 +129,8 @@ def _append(scene, file: Path, collection) -> None:
         scene.world = here.worlds[0]
 
 
-def _import(context, file: Path, reading, collection) -> None:
-    """By way of a scene of its own: how the file is read is guessed from all that is there."""
+def _import(context: bpy.types.Context, file: Path, reading: SceneReading, collection: bpy.types.Collection) -> None:
+    """Through a scene of its own: axes and units are guessed from everything in the scene."""
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:
@@ -114,27 +141,24 @@ def _import(context, file: Path, reading, collection) -> None:
     finally:
         context.window.scene = before
         bpy.data.scenes.remove(own)
-    session.current.work.message = in_panel_words(placed.sentence)
+    state.current().work.message = placed.sentence
 
 
-def _hide_the_default_cube(scene) -> None:
-    """The start-up file's cube, light and camera would stand in the room; they are hidden, not removed."""
+def _hide_the_default_cube(scene: bpy.types.Scene) -> None:
+    """The start-up file's cube and light would stand in the room; they are hidden, not removed."""
     for name in ("Cube", "Light"):
         thing = scene.collection.all_objects.get(name)
-        if thing is not None and thing.name not in bpy.data.collections[path.COLLECTION].all_objects:
+        if thing is not None and thing.name not in bpy.data.collections[trajectory_view.COLLECTION].all_objects:
             thing.hide_viewport = thing.hide_render = True
 
 
-def _hide_symbols(context) -> None:
-    """Spot lamps draw circles as wide as the garden; the panel has the switch that brings them back."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.spaces.active.overlay.show_extras = False
+def _views(context: bpy.types.Context) -> list[bpy.types.SpaceView3D]:
+    areas = (area for window in context.window_manager.windows for area in window.screen.areas)
+    return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
 
 
-def _remove_own_camera(scene, keep: bool) -> None:
-    """The camera keyed before, unless it is itself the source of the path."""
+def _remove_own_camera(scene: bpy.types.Scene, keep: bool) -> None:
+    """The camera keyframed before, unless it is itself the source of the trajectory."""
     old = bpy.data.objects.get(keyed_camera.NAME)
     if old is None or keep:
         return
@@ -146,13 +170,6 @@ def _remove_own_camera(scene, keep: bool) -> None:
         bpy.data.actions.remove(action)
 
 
-def _look_through_camera(context) -> None:
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.spaces.active.region_3d.view_perspective = "CAMERA"
-
-
 register, unregister = bpy.utils.register_classes_factory(
-    (ICLNUIM_OT_load_scene, ICLNUIM_OT_keyframe, ICLNUIM_OT_refresh)
+    (ICLNUIM_OT_load_scene, ICLNUIM_OT_keyframe, ICLNUIM_OT_refresh, ICLNUIM_OT_save_path)
 )

@@ -1,24 +1,39 @@
 """The panel "ICL-NUIM Export" in the 3D view's sidebar. It only draws."""
 
+from __future__ import annotations
+
 import textwrap
+from collections.abc import Callable, Iterable
 
 import bpy
 
-from ..geometry.camera import blender_from_pinhole
-from . import inputs, light_state, session
+from ..evaluation.align import AlignmentSettings
+from ..geometry.camera import PinholeCamera, blender_from_pinhole
+from ..geometry.scene_axes import SceneReading
+from ..job import RenderJob
+from . import inputs, state
+from .properties import names_of
+from .work import Work
 
-_WIDTH_OF_A_LETTER_PX = 7
-_MOST_NOTES = 4
+_LETTER_WIDTH_PX = 7
+_MAX_NOTES = 4
+#: Settings of a job that are not drawn under Light.
+_SENSOR, _OUTPUT = ("exposure_ms", "readout_ms", "seed"), ("depth_units", "ground_truth")
 
 
-def _words(layout, context, text: str, icon: str = "NONE") -> None:
-    """Wrapped lines: labels do not wrap by themselves."""
+def _text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
+    """Wrapped lines: Blender's labels do not wrap."""
     scale = context.preferences.system.ui_scale
-    letters = max(int(context.region.width / scale / _WIDTH_OF_A_LETTER_PX) - 6, 16) if context.region else 40
+    letters = max(int(context.region.width / scale / _LETTER_WIDTH_PX) - 6, 16) if context.region else 40
     column = layout.column(align=True)
     column.scale_y = 0.8
     for k, line in enumerate(textwrap.wrap(text, letters) or [""]):
-        column.label(text=line, icon=icon if k == 0 else ("BLANK1" if icon != "NONE" else "NONE"))
+        column.label(text=line, icon=icon if k == 0 or icon == "NONE" else "BLANK1")
+
+
+def _props(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, names: Iterable[str]) -> None:
+    for name in names:
+        layout.prop(settings, name)
 
 
 class _Panel:
@@ -33,7 +48,11 @@ class ICLNUIM_PT_main(_Panel, bpy.types.Panel):
 
 
 class _SubPanel(_Panel):
+    """`content(layout, settings, context)` draws it."""
+
     bl_parent_id = "ICLNUIM_PT_main"
+    layout: bpy.types.UILayout
+    content: Callable[[bpy.types.UILayout, bpy.types.PropertyGroup, bpy.types.Context], None]
 
     def draw(self, context):
         layout = self.layout
@@ -48,8 +67,7 @@ class ICLNUIM_PT_scene(_SubPanel, bpy.types.Panel):
         layout.prop(settings, "scene_source", text="")
         if settings.scene_source == "FILE":
             layout.prop(settings, "scene_file", text="")
-            for name in ("scene_up", "scene_unit", "scene_mirror", "scene_textures"):
-                layout.prop(settings, name)
+            _props(layout, settings, names_of(SceneReading))
         if settings.scene_source != "OPEN":
             layout.operator("iclnuim.load_scene", icon="IMPORT")
             if getattr(context.space_data, "overlay", None) is not None:
@@ -63,17 +81,15 @@ class ICLNUIM_PT_trajectory(_SubPanel, bpy.types.Panel):
         layout.prop(settings, "trajectory_source", text="")
         if settings.trajectory_source == "FILE":
             layout.prop(settings, "trajectory_file", text="")
-        layout.prop(settings, "scale")
-        layout.prop(settings, "use_start")
+        _props(layout, settings, ("scale", "use_start"))
         if settings.use_start:
-            layout.prop(settings, "start_location")
-            layout.prop(settings, "start_rotation")
+            _props(layout, settings, ("start_location", "start_rotation"))
         layout.prop(settings, "show_path")
-        held = session.current
-        for line in held.path_lines:
-            _words(layout, context, line)
-        if held.path_warning:
-            _words(layout, context, held.path_warning, "ERROR")
+        held = state.current()
+        for line in held.trajectory_lines:
+            _text(layout, context, line)
+        if held.trajectory_warning:
+            _text(layout, context, held.trajectory_warning, "ERROR")
         row = layout.row(align=True)
         row.operator("iclnuim.keyframe", icon="KEY_HLT")
         row.operator("iclnuim.save_path", text="", icon="EXPORT")
@@ -84,17 +100,11 @@ class ICLNUIM_PT_camera(_SubPanel, bpy.types.Panel):
     bl_label, bl_options = "Camera", {"DEFAULT_CLOSED"}
 
     def content(self, layout, settings, context):
-        for names in (("width", "height"), ("fx", "fy"), ("cx", "cy")):
-            column = layout.column(align=True)
-            for name in names:
-                column.prop(settings, name)
+        _props(layout.column(align=True), settings, names_of(PinholeCamera))
         made = blender_from_pinhole(settings.camera())
-        _words(
-            layout,
-            context,
-            f"In Blender: lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}, "
-            f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}",
-        )
+        lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
+        aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"
+        _text(layout, context, f"In Blender: {lens}, {aspect}")
 
 
 class ICLNUIM_PT_light(_SubPanel, bpy.types.Panel):
@@ -102,21 +112,20 @@ class ICLNUIM_PT_light(_SubPanel, bpy.types.Panel):
 
     def content(self, layout, settings, context):
         layout.prop(settings, "light", expand=True)
-        for name in ("samples", "denoise", "antialias"):
-            layout.prop(settings, name)
+        names = [name for name in names_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
+        maps = [name for name in names if name.startswith("map_")]
+        _props(layout, settings, (name for name in names if name not in maps))
         if settings.light == "baked":
-            layout.prop(settings, "map_size")
-            layout.prop(settings, "map_samples")
+            _props(layout, settings, maps)
             layout.operator("iclnuim.bake", icon="LIGHT_SUN")
-            _words(layout, context, light_state.line(settings))
+            _text(layout, context, inputs.light_map_line(settings))
 
 
 class ICLNUIM_PT_sensor(_SubPanel, bpy.types.Panel):
     bl_label, bl_options = "Sensor", {"DEFAULT_CLOSED"}
 
     def content(self, layout, settings, context):
-        for name in ("depth_noise", "rgb_noise", "exposure_ms", "readout_ms", "seed"):
-            layout.prop(settings, name)
+        _props(layout, settings, ("depth_noise", "rgb_noise", *_SENSOR))
 
 
 class ICLNUIM_PT_output(_SubPanel, bpy.types.Panel):
@@ -130,19 +139,20 @@ class ICLNUIM_PT_output(_SubPanel, bpy.types.Panel):
         shown.enabled = folder.is_dir()
         shown.operator("wm.path_open", text="", icon="FILEBROWSER").filepath = str(folder)
         if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
-            _words(layout, context, f"until the file is saved: {folder}")
+            _text(layout, context, f"until this file is saved: {folder}")
         layout.prop(settings, "frames")
         row = layout.row(align=True)
         row.prop(settings, "write_clean", toggle=True)
         row.prop(settings, "write_noisy", toggle=True)
-        layout.column(align=True).prop(settings, "dialects")
+        layout.column(align=True).prop(settings, "formats")
+        _props(layout, settings, _OUTPUT)
 
 
 class ICLNUIM_PT_render(_SubPanel, bpy.types.Panel):
     bl_label = "Render"
 
     def content(self, layout, settings, context):
-        work = session.current.work
+        work = state.current().work
         column = layout.column()
         column.enabled = not work.busy
         column.operator("iclnuim.preview", icon="IMAGE_DATA")
@@ -154,56 +164,30 @@ class ICLNUIM_PT_render(_SubPanel, bpy.types.Panel):
             layout.operator("iclnuim.cancel", icon="CANCEL")
         if work.message:
             icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
-            _words(layout, context, work.message, icon)
-        for note in work.notes[-_MOST_NOTES:]:
+            _text(layout, context, work.message, icon)
+        for note in work.notes[-_MAX_NOTES:]:
             if note != work.message:
-                _words(layout, context, note, "DOT")
+                _text(layout, context, note, "DOT")
 
-    def _progress(self, layout, work):
-        share = work.done / work.total if work.total else 0.0
-        left = work.seconds_left()
-        text = f"{work.done} of {work.total}" if work.total else work.phase
-        layout.progress(factor=share, text=text)
-        if left is not None:
-            layout.label(
-                text=f"{work.frames_per_second():.2f} frames/s, {_duration(left)} left, last {work.last_frame}"
-            )
+    def _progress(self, layout: bpy.types.UILayout, work: Work) -> None:
+        share, left_s = work.done / work.total if work.total else 0.0, work.seconds_left()
+        layout.progress(factor=share, text=f"{work.done} of {work.total}" if work.total else work.phase)
+        if left_s is not None:
+            minutes, seconds = divmod(round(left_s), 60)
+            left = f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {seconds} s"
+            layout.label(text=f"{work.frames_per_second():.2f} frames/s, {left} left, last {work.last_frame}")
 
 
 class ICLNUIM_PT_evaluate(_SubPanel, bpy.types.Panel):
     bl_label = "Evaluate"
 
     def content(self, layout, settings, context):
-        for name in ("estimate", "truth", "alignment", "delta"):
-            layout.prop(settings, name)
+        _props(layout, settings, ("estimate", "truth", *names_of(AlignmentSettings), "delta"))
         row = layout.row(align=True)
         row.operator("iclnuim.evaluate", icon="VIEWZOOM")
         row.operator("iclnuim.plot", icon="FCURVE")
-        for line in session.current.evaluation_lines:
-            _words(layout, context, line)
+        for line in state.current().evaluation_lines:
+            _text(layout, context, line)
 
 
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return (
-        f"{minutes // 60} h {minutes % 60} min"
-        if minutes >= 60
-        else f"{minutes} min {rest} s"
-        if minutes
-        else f"{rest} s"
-    )
-
-
-register, unregister = bpy.utils.register_classes_factory(
-    (
-        ICLNUIM_PT_main,
-        ICLNUIM_PT_scene,
-        ICLNUIM_PT_trajectory,
-        ICLNUIM_PT_camera,
-        ICLNUIM_PT_light,
-        ICLNUIM_PT_sensor,
-        ICLNUIM_PT_output,
-        ICLNUIM_PT_render,
-        ICLNUIM_PT_evaluate,
-    )
-)
+register, unregister = bpy.utils.register_classes_factory((ICLNUIM_PT_main, *_SubPanel.__subclasses__()))

@@ -1,340 +1,289 @@
-"""The settings of the panel, kept in the .blend with its scene, and the job that they describe."""
+"""The panel's settings, kept in the .blend with its scene: made of the declared settings and registries, and turned into a render job."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    EnumProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    IntProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
+from ..dataset.sequence_options import SequenceOptions
 from ..errors import InputError
+from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera
-from ..geometry.scene_axes import MIRRORS, UNITS_M, UP, SceneReading
+from ..geometry.scene_axes import UNITS_M, SceneReading
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
+from ..scenes import SCENES, TRAJECTORIES
+from ..settings import Setting, declared
+from . import state
 
-SCENES = (
-    ("living_room", "Living room", "The shipped living room, 4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
-    ("office", "Office", "The shipped office, 5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
-    ("OPEN", "The open file", "The scene in this window; a copy of it is put into the output folder and rendered"),
-    ("FILE", "A file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; turned to z up and metres"),
-)
-TRAJECTORIES = (
-    ("kt0", "kt0", "1510 frames (paper, Table I); passes a bare wall"),
-    ("kt1", "kt1", "967 frames (paper, Table I)"),
-    ("kt2", "kt2", "882 frames (paper, Table I)"),
-    ("kt3", "kt3", "1242 frames (paper, Table I); closes a small loop"),
-    ("FILE", "A file", "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray commands; told by name and content"),
-    ("CAMERA", "Active camera", "The animation of the scene's active camera, one pose a frame of the timeline"),
-)
-DEPTH_NOISE = (
-    ("none", "None", "Exact planar depth"),
-    ("released", "As released", "The noise found in the released ICL-NUIM frames"),
-    ("paper", "Paper", "The paper's model (section IV): lateral shift, disparity noise and quantisation"),
-    ("kinect2012", "Kinect 2012", "Axial and lateral noise of a Kinect, Nguyen et al. 2012"),
-    ("redwood", "Redwood", "Distortion and quantisation in the manner of the Redwood data, Choi et al. 2015"),
-)
-RGB_NOISE = (
-    ("none", "None", "Scene-linear light to sRGB, nothing else"),
-    ("released", "As released", "The noise found in the released ICL-NUIM frames"),
-    ("paper", "Paper", "The paper's model (section IV): light-dependent noise through a camera response"),
-)
-DIALECTS = (
-    ("tum", "TUM", "rgb/, depth/, associations.txt, groundtruth.txt; stamps in seconds, depth 5000 per metre"),
-    ("icl-nuim", "ICL-NUIM", "As released: integer ids, depth first, left-handed *.gt.freiburg"),
-    ("euroc", "EuRoC", "mav0/cam0/data, stamps in nanoseconds"),
-    ("nerf", "NeRF", "transforms.json beside the images"),
-)
-AS_FILE = ("AUTO", "As the file says", "Where its format does not say, a guess from its shape, which is told")
-UPS = (AS_FILE, *((axis, axis, f"The file's {axis} axis points up") for axis in UP))
-UNITS = (AS_FILE, *((name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items()))
-MIRRORED = tuple(
-    (axis, axis, "Nothing is mirrored" if axis == "none" else f"The {axis} axis is mirrored") for axis in MIRRORS
-)
-ALIGNMENTS = tuple(
-    (name, name, text)
-    for name, text in (
-        ("se3", "Rotation and translation, least squares (Umeyama 1991); the usual ATE"),
-        ("sim3", "Also scale, for a single camera's estimate"),
-        ("yaw", "Translation and the turn about z alone"),
-        ("origin", "First pose on first pose"),
-        ("none", "As it is"),
-    )
-)
+#: What is no built-in scene or trajectory, by the number that a saved .blend keeps: (value, name, tooltip).
+_OTHER_SCENES = {
+    2: ("OPEN", "The open file", "The scene in this window; a copy of it is put into the output folder and rendered"),
+    3: ("FILE", "A file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres"),
+}
+_OTHER_TRAJECTORIES = {
+    4: ("FILE", "A file", "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; recognised by name and content"),
+    5: ("CAMERA", "Active camera", "The animation of the scene's active camera, one pose per frame of the timeline"),
+}
+_AUTO = {0: ("AUTO", "Auto", "The default")}
+#: Declared settings in the panel, and what the names of their properties begin with. Of two groups with a setting the later one has it.
+_GROUPS: dict[type, str] = {
+    AlignmentSettings: "align_",
+    SequenceOptions: "",
+    PinholeCamera: "",
+    RenderJob: "",
+    SceneReading: "scene_",
+}
 
 
-def _path_changed(self, context):
-    from . import path
+def properties_of_this_file() -> dict[str, Any]:
+    """Name -> property of what belongs to this file or this machine: presets leave it alone."""
+    scenes = ((s.name, s.title, s.description) for s in SCENES.values())
+    units = ((name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items())
+    return {
+        "scene_source": EnumProperty(name="Scene", items=_items(scenes, _OTHER_SCENES), update=_trajectory_changed),
+        "scene_file": _file("File", f"Scene file: {_OTHER_SCENES[3][2].partition(';')[0]}", update=_trajectory_changed),
+        **_properties(SceneReading),
+        "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
+        "trajectory_source": EnumProperty(
+            name="Trajectory",
+            items=_items(((name, name, text) for name, text in TRAJECTORIES.items()), _OTHER_TRAJECTORIES),
+            default="kt2",
+            update=_trajectory_changed,
+        ),
+        "trajectory_file": _file(
+            "File",
+            "Camera-to-world poses; right-handed unless named *.gt.freiburg or starting as the released ones do",
+            update=_trajectory_changed,
+        ),
+        "out": _file(
+            "Output folder",
+            "raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is "
+            "not saved",
+            "DIR_PATH",
+        ),
+        "estimate": _file("Estimate", "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"),
+        "truth": _file("Ground truth", "Ground-truth trajectory; empty: the trajectory chosen above"),
+    }
 
-    path.refresh(context)
+
+def properties_of_a_preset() -> dict[str, Any]:
+    """Name -> property of all other settings."""
+    return {
+        "scale": FloatProperty(
+            name="Scale",
+            default=1.0,
+            min=1e-3,
+            max=1e3,
+            update=_trajectory_changed,
+            description="Factor on the trajectory's lengths before it is put into the scene, no unit (paper, equation 2)",
+        ),
+        "use_start": BoolProperty(
+            name="Own start pose",
+            update=_trajectory_changed,
+            description="Move the trajectory so that its first pose is the one below (paper, equation 2)",
+        ),
+        "start_location": FloatVectorProperty(
+            name="Start",
+            subtype="TRANSLATION",
+            default=(0.0, 0.0, 1.5),
+            update=_trajectory_changed,
+            description="Position of the first pose, metres in Blender's world, z up",
+        ),
+        "start_rotation": FloatVectorProperty(
+            name="Rotation",
+            subtype="EULER",
+            default=(math.pi / 2, 0.0, 0.0),
+            update=_trajectory_changed,
+            description="Rotation of Blender's camera at the first pose, XYZ Euler; (90, 0, 0) degrees looks along +y",
+        ),
+        "show_path": BoolProperty(
+            name="Show in the view",
+            default=True,
+            description="Draw the trajectory as a curve with camera frusta; drawn only, never rendered",
+        ),
+        **_properties(PinholeCamera),
+        **_properties(SequenceOptions, depth_noise="released", rgb_noise="released"),
+        **_properties(RenderJob),
+        "write_clean": BoolProperty(name="Clean", default=True, description="Write a sequence without noise"),
+        "write_noisy": BoolProperty(name="Noisy", default=True, description="Write a sequence with the sensor's noise"),
+        "frames": StringProperty(
+            name="Frames",
+            default="::30",
+            description="Poses to render as A:B:S, a Python slice: from A, before B, every S-th; :: is all (30 per second). A number is "
+            "one frame",
+        ),
+        **_properties(AlignmentSettings),
+        "delta": StringProperty(
+            name="RPE delta",
+            default="1s",
+            description="How far apart the two poses of an RPE pair are: 30 (frames), 1s (seconds) or 0.5m (metres)",
+        ),
+    }
+
+
+def names_of(group: type) -> list[str]:
+    """Properties of a group of declared settings."""
+    return list(_named(group))
+
+
+def names_that_move_the_trajectory() -> list[str]:
+    """Properties whose change makes the trajectory another one."""
+    made = {**properties_of_this_file(), **properties_of_a_preset()}
+    return [name for name, one in made.items() if "update" in one.keywords]
+
+
+def label_of(setting: str) -> str:
+    """What the panel calls a setting of the library, for error messages."""
+    names = {s.name: name for group in _GROUPS for name, s in _named(group).items()}
+    made = {**properties_of_this_file(), **properties_of_a_preset()}
+    found = made.get(names.get(setting, setting)) or made.get(f"{setting}_source")
+    return found.keywords["name"] if found else setting
 
 
 class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
-    """One per scene."""
-
-    scene_source: EnumProperty(name="Scene", items=SCENES, default="living_room", update=_path_changed)
-    scene_file: StringProperty(
-        name="File",
-        subtype="FILE_PATH",
-        update=_path_changed,
-        description="Scene file: .blend, .glb, .gltf, .obj, .ply, .usd or .fbx",
-    )
-    scene_up: EnumProperty(
-        name="Up", items=UPS, description="Axis that points up in the file; here and in what is rendered, z does"
-    )
-    scene_unit: EnumProperty(
-        name="Unit", items=UNITS, description="What the file's lengths are in; here and in what is rendered, metres"
-    )
-    scene_mirror: EnumProperty(name="Mirror", items=MIRRORED, description="Axis of the file to mirror before all else")
-    scene_textures: StringProperty(
-        name="Textures",
-        subtype="DIR_PATH",
-        description="A further folder that the file's textures may come from; empty: only the file's own",
-    )
-    trajectory_source: EnumProperty(name="Trajectory", items=TRAJECTORIES, default="kt2", update=_path_changed)
-    trajectory_file: StringProperty(
-        name="File",
-        subtype="FILE_PATH",
-        update=_path_changed,
-        description="Camera-to-world poses; right-handed unless named *.gt.freiburg or starting as the released ones do",
-    )
-    scale: FloatProperty(
-        name="Scale",
-        default=1.0,
-        min=1e-3,
-        max=1e3,
-        update=_path_changed,
-        description="Factor on the path's lengths before it is put into the scene, no unit (paper, equation 2)",
-    )
-    use_start: BoolProperty(
-        name="Own start pose",
-        update=_path_changed,
-        description="Move the path so that its first pose is the one below (paper, equation 2)",
-    )
-    start_location: FloatVectorProperty(
-        name="Start",
-        size=3,
-        subtype="TRANSLATION",
-        default=(0.0, 0.0, 1.5),
-        update=_path_changed,
-        description="Position of the first pose, metres in Blender's world, z up",
-    )
-    start_rotation: FloatVectorProperty(
-        name="Rotation",
-        size=3,
-        subtype="EULER",
-        default=(1.5707963, 0.0, 0.0),
-        update=_path_changed,
-        description="Rotation of Blender's camera at the first pose, XYZ Euler; (90, 0, 0) degrees looks along +y",
-    )
-    show_path: BoolProperty(
-        name="Show in the view",
-        default=True,
-        description="Draw the path as a curve with the cameras' frusta; drawn only, never rendered",
-    )
-    width: IntProperty(
-        name="Width",
-        default=640,
-        min=8,
-        max=8192,
-        description="Pixels a row; the benchmark's are 640 (paper, equation 1)",
-    )
-    height: IntProperty(
-        name="Height",
-        default=480,
-        min=8,
-        max=8192,
-        description="Rows of pixels; the benchmark's are 480 (paper, equation 1)",
-    )
-    fx: FloatProperty(
-        name="fx",
-        default=640 / 1.33,
-        min=1.0,
-        max=1e5,
-        precision=3,
-        description="Focal length in pixels along a row; the benchmark's is 640/1.33 = 481.203 (POV-Ray; printed as 481.20)",
-    )
-    fy: FloatProperty(
-        name="fy",
-        default=480.0,
-        min=1.0,
-        max=1e5,
-        precision=3,
-        description="Focal length in pixels down a column; the paper's -480 only says that its y axis points up",
-    )
-    cx: FloatProperty(
-        name="cx",
-        default=319.5,
-        min=-1e5,
-        max=1e5,
-        precision=3,
-        description="Principal point in pixels from the centre of the leftmost pixel, which is 0 (paper, equation 1)",
-    )
-    cy: FloatProperty(
-        name="cy",
-        default=239.5,
-        min=-1e5,
-        max=1e5,
-        precision=3,
-        description="Principal point in pixels from the centre of the topmost pixel, which is 0 (paper, equation 1)",
-    )
-    light: EnumProperty(
-        name="Light",
-        default="baked",
-        items=(
-            (
-                "baked",
-                "Baked",
-                "Diffuse light baked once per scene, as in the paper (section III); minutes once, then fast",
-            ),
-            ("path", "Path traced", "Every frame traced in full; slow, follows moving things"),
-        ),
-    )
-    samples: IntProperty(
-        name="Samples",
-        default=0,
-        min=0,
-        max=65536,
-        description="Cycles samples a pixel; 0 takes the light's default: 1 baked, 64 path traced",
-    )
-    denoise: EnumProperty(
-        name="Denoise",
-        default="AUTO",
-        items=(
-            ("AUTO", "Auto", "On for path tracing where this Blender carries OpenImageDenoise"),
-            ("ON", "On", "OpenImageDenoise"),
-            ("OFF", "Off", "None"),
-        ),
-    )
-    antialias: BoolProperty(
-        name="Antialias",
-        description="Spread the rays of the colour image over 1.5 pixels; depth stays at the pixel's centre. Off as in the paper (section II)",
-    )
-    map_size: IntProperty(
-        name="Map size", default=2048, min=16, max=16384, description="Side of the light map in texels"
-    )
-    map_samples: IntProperty(
-        name="Map samples", default=32, min=2, max=65536, description="Samples a texel of the light map"
-    )
-    seed: IntProperty(
-        name="Seed",
-        default=0,
-        min=0,
-        max=2**31 - 1,
-        description="Seed of Cycles and of the noise, no unit; equal seeds give equal pixels",
-    )
-    depth_noise: EnumProperty(name="Depth noise", items=DEPTH_NOISE, default="released")
-    rgb_noise: EnumProperty(name="RGB noise", items=RGB_NOISE, default="released")
-    exposure_ms: FloatProperty(
-        name="Exposure",
-        default=0.0,
-        min=0.0,
-        max=33.0,
-        description="Milliseconds the shutter is open: motion blur of the colour image; 0 is none, as in the paper. Depth stays sharp",
-    )
-    readout_ms: FloatProperty(
-        name="Readout",
-        default=0.0,
-        min=0.0,
-        max=33.0,
-        description="Milliseconds from the first row's exposure to the last's: rolling shutter; 0 is a global shutter, as in the paper",
-    )
-    out: StringProperty(
-        name="Folder",
-        subtype="DIR_PATH",
-        default="",
-        description="Output folder; raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is not saved",
-    )
-    dialects: EnumProperty(name="Dialects", items=DIALECTS, options={"ENUM_FLAG"}, default={"tum"})
-    write_clean: BoolProperty(
-        name="Clean", default=True, description="Also a sequence without noise (PNG, 16-bit depth, 5000 per metre)"
-    )
-    write_noisy: BoolProperty(name="Noisy", default=True, description="Also a sequence with the sensor's noise")
-    frames: StringProperty(
-        name="Frames",
-        default="::30",
-        description="Poses to render as A:B:S, a Python slice: from A, before B, every S-th; :: is all (30 a second). A number is one",
-    )
-    estimate: StringProperty(
-        name="Estimate",
-        subtype="FILE_PATH",
-        description="Estimated trajectory, camera to world, stamps in seconds (TUM and others)",
-    )
-    truth: StringProperty(
-        name="Ground truth",
-        subtype="FILE_PATH",
-        description="Ground-truth trajectory; empty takes the path chosen above",
-    )
-    alignment: EnumProperty(name="Align", items=ALIGNMENTS, default="se3")
-    delta: StringProperty(
-        name="RPE over",
-        default="1s",
-        description="Stretch of the relative error: 30 (frames), 1s (seconds) or 0.5m (metres)",
-    )
+    """One per scene; its properties are made when it is registered."""
 
     def camera(self) -> PinholeCamera:
-        """K and size, without the rounding of Blender's single floats: six digits are what a person typed."""
-        fx = 640 / 1.33 if abs(self.fx - 640 / 1.33) < 5e-4 else round(self.fx, 4)
-        if abs(self.fx - self.width / 1.33) < 5e-4:
-            fx = self.width / 1.33
-        return PinholeCamera(self.width, self.height, fx, round(self.fy, 4), round(self.cx, 4), round(self.cy, 4))
+        """K and size without the rounding of Blender's single floats: the benchmark's fx is exact, the rest has four decimals."""
+        exact = (self.width / 1.33, PinholeCamera().fx)
+        fx = next((f for f in exact if abs(self.fx - f) < 5e-4), round(self.fx, 4))
+        return PinholeCamera(**{**self.values_of(PinholeCamera), "fx": fx})
 
     def reading(self) -> SceneReading:
         """How a scene file is to be read."""
         if self.scene_source != "FILE":
             return SceneReading()
-        return SceneReading(
-            up=None if self.scene_up == "AUTO" else self.scene_up,
-            unit_m=UNITS_M.get(self.scene_unit),
-            mirror=self.scene_mirror,
-            textures=bpy.path.abspath(self.scene_textures) or None,
-        )
+        return SceneReading(**self.values_of(SceneReading))
 
     def to_job(self, scene: str, trajectory: str) -> RenderJob:
-        """The job, given a shipped name or a file for scene and trajectory (inputs.py). Raises InputError."""
+        """The job, given a built-in name or a file for scene and trajectory (inputs.py). Raises InputError."""
         return RenderJob(
             sequence=trajectory if "/" in trajectory and "." not in trajectory else "own",
             scene=scene,
             trajectory=trajectory,
             camera=self.camera(),
-            light=self.light,
-            samples=self.samples or None,
-            denoise={"AUTO": None, "ON": True, "OFF": False}[self.denoise],
-            antialias=self.antialias,
-            map_size=self.map_size,
-            map_samples=self.map_samples,
-            seed=self.seed,
-            exposure_s=round(self.exposure_ms, 4) / 1000,
-            readout_s=round(self.readout_ms, 4) / 1000,
             reading=self.reading(),
+            **self.values_of(RenderJob),
         )
+
+    def values_of(self, group: type) -> dict[str, Any]:
+        """The values of a group's settings by name."""
+        return {s.name: _value(s, getattr(self, name)) for name, s in _named(group).items()}
 
     def frame_numbers(self, count: int) -> list[int]:
         """Poses asked for of `count`. Raises InputError."""
         return list(frame_slice(self.frames, count))
 
-    def sequences(self, out) -> dict | None:
-        """What the worker shall make of the frames (dataset/variants.py); None where nothing is asked for. Raises InputError."""
+    def sequences(self, out: Path) -> dict[str, Any] | None:
+        """What the worker process makes of the frames (dataset/variants.py); None where nothing is asked for. Raises InputError."""
         if not (self.write_clean or self.write_noisy):
             return None
-        if not self.dialects:
-            raise InputError("a dialect for the sequences", hint="TUM, or switching Clean and Noisy off")
-        none, noisy = (
-            {"depth": d, "rgb": r, "seed": self.seed} for d, r in (("none", "none"), (self.depth_noise, self.rgb_noise))
-        )
-        variants = {str(out / "clean"): none} if self.write_clean else {}
+        options = SequenceOptions(**self.values_of(SequenceOptions))
+        if not options.formats:
+            raise InputError("one or more", setting="formats", found="none", hint="switching Clean and Noisy off")
+        models = {"clean": ("none", "none")} if self.write_clean else {}
         if self.write_noisy:
-            variants[str(out / "noisy")] = noisy
-        return {"dialects": [name for name, _, _ in DIALECTS if name in self.dialects], "variants": variants}
+            models["noisy"] = (options.depth_noise, options.rgb_noise)
+        variants = {
+            str(out / name): {"depth": depth, "rgb": rgb, "seed": options.seed, "depth_units": options.depth_units}
+            for name, (depth, rgb) in models.items()
+        }
+        return {"dialects": list(options.formats), "variants": variants}
+
+
+def _named(group: type) -> dict[str, Setting]:
+    """Property -> setting of a group. A property is named by the unit that the panel shows: exposure_s -> exposure_ms."""
+    names = {}
+    for s in declared(group).values():
+        unit = "" if s.shown[0] == s.unit else f"_{s.shown[0]}"
+        names[_GROUPS[group] + s.name.removesuffix(f"_{s.unit}") + unit] = s
+    return names
+
+
+def _properties(group: type, **defaults: Any) -> dict[str, Any]:
+    """Name -> property of a group; `defaults` where the panel has others than the declaration."""
+    return {name: _property(s, defaults.get(name, s.default)) for name, s in _named(group).items()}
+
+
+def _property(s: Setting, default: Any) -> Any:
+    text = {"name": s.label, "description": _tooltip(s, s.shown[0])}
+    if s.choices is not None:
+        return _choice(s, ((v, v, _sentence(about)) for v, about in s.choices.items()), default)
+    if s.kind is bool and s.optional:
+        return _choice(s, (("ON", "On", ""), ("OFF", "Off", "")))
+    if s.kind is bool:
+        return BoolProperty(default=default, **text)
+    if s.kind is str:
+        return _file(**text, subtype="DIR_PATH")
+    factor, kind = s.shown[1], s.kind
+    limits = {key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)}
+    if s.optional:
+        limits["min"] = 0  # which stands for the default
+    make, digits = (IntProperty, {}) if kind is int else (FloatProperty, {"precision": 3})
+    return make(default=kind((default or 0) * factor), **limits, **digits, **text)
+
+
+def _value(s: Setting, shown: Any) -> Any:
+    """A setting's value from what its property shows."""
+    if s.length == 0:
+        return tuple(value for value in s.choices or () if value in shown)
+    if s.kind is bool:
+        return {"AUTO": None, "ON": True, "OFF": False}.get(shown, shown)
+    if s.optional and shown in ("AUTO", "", 0):
+        return None
+    if isinstance(shown, str) and s.parse is not None:
+        return s.parse(bpy.path.abspath(shown))
+    return round(shown, 4) / s.shown[1] if s.kind is float else shown
+
+
+def _tooltip(s: Setting, unit: str = "") -> str:
+    """Help, unit and source."""
+    details = "; ".join(filter(None, (unit, s.source)))
+    return _sentence(s.help) + (f" ({details})" if details else "")
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _choice(s: Setting, entries: Iterable[tuple[str, str, str]], default: Any = None) -> Any:
+    """The enum of a setting; one of flags where several values are allowed."""
+    text = {"name": s.label, "description": _tooltip(s)}
+    if s.length == 0:
+        flags = [(*entry, 1 << k) for k, entry in enumerate(entries)]
+        return EnumProperty(items=flags, options={"ENUM_FLAG"}, default=set(default), **text)
+    items = _items(entries, _AUTO if s.optional else {})
+    return EnumProperty(items=items, default=default or items[0][0], **text)
+
+
+def _items(
+    entries: Iterable[tuple[str, str, str]], own: Mapping[int, tuple[str, str, str]]
+) -> list[tuple[str, str, str, int]]:
+    """Items of an enum with the numbers that a .blend keeps: entries of a registry take those that `own` leaves."""
+    free = (number for number in itertools.count() if number not in own)
+    numbered = {**dict(zip(free, entries, strict=False)), **own}
+    return [(*numbered[number], number) for number in sorted(numbered)]
+
+
+def _file(name: str, description: str, subtype: str = "FILE_PATH", **more: Any) -> Any:
+    return StringProperty(name=name, description=description, subtype=subtype, **more)
+
+
+def _trajectory_changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    state.current().trajectory_changed(context)
 
 
 def register() -> None:
+    ICLNUIM_PG_settings.__annotations__ = {**properties_of_this_file(), **properties_of_a_preset()}
     bpy.utils.register_class(ICLNUIM_PG_settings)
-    bpy.types.Scene.iclnuim = PointerProperty(type=ICLNUIM_PG_settings)
+    bpy.types.Scene.iclnuim = bpy.props.PointerProperty(type=ICLNUIM_PG_settings)
 
 
 def unregister() -> None:

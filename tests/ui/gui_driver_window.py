@@ -1,6 +1,6 @@
-"""Run inside a Blender with a window: a scripted person works through the panel, with a screenshot of each step.
+"""Run inside a Blender with a window: drives the panel by a script, with a screenshot of each step.
 
-usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P window_person.py -- ZIP OUT ESTIMATE SHOTS [SETTINGS]
+usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P gui_driver_window.py -- ZIP OUT ESTIMATE SHOTS [SETTINGS]
 
 SETTINGS is JSON: settings of the panel after the preset `Quick look`, "open_all" to draw every sub-panel open, and "parts", names of what is
 done after a look at the scene (PARTS below; default: all). Ends the Blender and leaves SHOTS/result.json: what was pressed and said, ticks of a timer during the renders, time to draw, what stayed behind.
@@ -44,7 +44,7 @@ def press(name: str, **options) -> None:
             getattr(bpy.ops.iclnuim, name)("INVOKE_DEFAULT", True, **options)
         except RuntimeError as error:
             found["messages"][name + " raised"] = str(error)
-    found["messages"][name] = session.current.work.message
+    found["messages"][name] = state.current().work.message
 
 
 def undo_and_redo(look) -> list:
@@ -67,11 +67,11 @@ def from_above() -> None:
         bpy.ops.view3d.view_axis(type="TOP")
 
 
-def ticking(name: str, until, most_s: float = 300.0):
+def ticking(name: str, until, max_s: float = 300.0):
     """Wait for `until`, noting how late a timer of 20 ms fires."""
     late = found["ticks_s"].setdefault(name, [])
     begun = last = time.perf_counter()
-    while not until() and time.perf_counter() - begun < most_s:
+    while not until() and time.perf_counter() - begun < max_s:
         yield 0.02
         now = time.perf_counter()
         late.append(now - last - 0.02)
@@ -79,17 +79,17 @@ def ticking(name: str, until, most_s: float = 300.0):
 
 
 def idle() -> bool:
-    return not session.current.work.busy
+    return not state.current().work.busy
 
 
-def person():
-    global session
+def steps():
+    global state
     yield 1.5
     bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=False)
     if open_all:
         open_every_panel()
     bpy.ops.preferences.addon_enable(module=MODULE)
-    session = importlib.import_module(MODULE + ".ui.session")
+    state = importlib.import_module(MODULE + ".ui.state")
     measure()
     view().spaces.active.show_region_ui = True
     yield 1.0
@@ -126,7 +126,9 @@ def look_and_key():
     found["camera_undone"] = undo_and_redo(lambda: "ICL-NUIM camera" in bpy.data.objects)
     bpy.context.scene.iclnuim.scale = 0.5
     bpy.ops.ed.undo_push(message="Scale")
-    found["scale_undone"] = undo_and_redo(lambda: [bpy.context.scene.iclnuim.scale, session.current.path_lines[1]])
+    found["scale_undone"] = undo_and_redo(
+        lambda: [bpy.context.scene.iclnuim.scale, state.current().trajectory_lines[1]]
+    )
     bpy.ops.ed.undo()
     bpy.context.scene.frame_set(300)
     yield 3.0
@@ -138,7 +140,7 @@ def preview():
     yield from ticking("preview", idle)
     yield 2.0
     shoot("4_preview")
-    found["messages"]["preview"] = session.current.work.message
+    found["messages"]["preview"] = state.current().work.message
 
 
 def frames(folder: str = out) -> list[str]:
@@ -146,7 +148,7 @@ def frames(folder: str = out) -> list[str]:
 
 
 def render_five():
-    work = session.current.work
+    work = state.current().work
     press("render")
     yield from ticking("render", lambda: work.done >= 2 or idle())
     yield 0.3
@@ -158,12 +160,12 @@ def render_five():
     yield 0.5
     shoot("6_cancelled")
     found["frames_after_cancel"] = frames()
-    found["messages"]["after cancel"] = session.current.work.message
+    found["messages"]["after cancel"] = state.current().work.message
     press("resume")
     yield from ticking("render", idle)
     yield 1.0
     shoot("7_resumed")
-    found["messages"]["after resume"] = session.current.work.message
+    found["messages"]["after resume"] = state.current().work.message
     found["frames"] = frames()
 
 
@@ -176,7 +178,7 @@ def evaluate():
     press("plot")
     yield 3.0
     shoot("8_evaluated")
-    found["evaluation"] = session.current.evaluation_lines
+    found["evaluation"] = state.current().evaluation_lines
 
 
 def bad_situations():
@@ -186,13 +188,13 @@ def bad_situations():
     yield from ticking("refused", idle)
     yield 1.0
     shoot("9_refused")
-    found["messages"]["refused"] = session.current.work.message
+    found["messages"]["refused"] = state.current().work.message
     settings.out, settings.frames = out + "_killed", "0:400:2"
     press("render")
-    yield from ticking("killed", lambda: session.current.work.done >= 1 or idle())
-    os.kill(session.current.work._child._process.pid, signal.SIGKILL)
+    yield from ticking("killed", lambda: state.current().work.done >= 1 or idle())
+    os.kill(state.current().work.worker.pid, signal.SIGKILL)
     yield from ticking("killed", idle)
-    found["messages"]["child killed"] = session.current.work.message
+    found["messages"]["child killed"] = state.current().work.message
     yield 1.0
     shoot("10_child_killed")
 
@@ -202,22 +204,22 @@ def render_longer():
     settings = bpy.context.scene.iclnuim
     settings.out, settings.frames = out + "_longer", "0:60:2"
     press("render")
-    yield from ticking("longer", lambda: session.current.work.done >= 12 or idle())
+    yield from ticking("longer", lambda: state.current().work.done >= 12 or idle())
     shoot("11_last_frame")
     yield from ticking("longer", idle)
-    found["longer"] = [session.current.work.message, len(frames(out + "_longer"))]
+    found["longer"] = [state.current().work.message, len(frames(out + "_longer"))]
 
 
 def switch_off_during_a_render():
     settings = bpy.context.scene.iclnuim
     settings.out, settings.frames = out + "_off", "0:400:2"
     press("render")
-    yield from ticking("off", lambda: session.current.work.done >= 1 or idle())
-    child = session.current.work._child._process
+    yield from ticking("off", lambda: state.current().work.done >= 1 or idle())
+    child = state.current().work.worker
     found["timers_meanwhile"] = timers()
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 1.0
-    found["child_after_switching_off"] = child.poll()
+    found["child_after_switching_off"] = child.exit_code
     found["left"] = {
         "timers": timers(),
         "classes": [name for name in dir(bpy.types) if name.startswith("ICLNUIM")],
@@ -252,7 +254,7 @@ def open_every_panel() -> None:
 
 def measure() -> None:
     """Time what the panels and the viewport draw."""
-    panels, viewport = (importlib.import_module(f"{MODULE}.ui.{name}") for name in ("panels", "viewport"))
+    panels, viewport = (importlib.import_module(f"{MODULE}.ui.{name}") for name in ("panels", "trajectory_view"))
     content = panels._SubPanel.draw
 
     def timed(self, context):
@@ -261,30 +263,30 @@ def measure() -> None:
         found["panels_ms"].append((type(self).__name__, (time.perf_counter() - begun) * 1e3))
 
     panels._SubPanel.draw = timed
-    drawn = viewport._draw
+    drawn = viewport.draw
 
     def timed_view():
         begun = time.perf_counter()
         drawn()
         found["view_ms"].append((time.perf_counter() - begun) * 1e3)
 
-    bpy.types.SpaceView3D.draw_handler_remove(viewport._handle, "WINDOW")
-    viewport._handle = bpy.types.SpaceView3D.draw_handler_add(timed_view, (), "WINDOW", "POST_VIEW")
+    bpy.types.SpaceView3D.draw_handler_remove(state.current().draw_handle, "WINDOW")
+    state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(timed_view, (), "WINDOW", "POST_VIEW")
 
 
-steps = person()
+remaining = steps()
 
 
 def advance():
     try:
-        return next(steps)
+        return next(remaining)
     except StopIteration:
         pass
     except Exception:
         found["traceback"] = traceback.format_exc()
     Path(shots, "result.json").write_text(json.dumps(found))
-    if "session" in globals():
-        session.end()
+    if "state" in globals() and state.is_registered():
+        state.current().work.end()
     os._exit(0)
 
 

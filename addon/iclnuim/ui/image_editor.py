@@ -1,11 +1,54 @@
-"""Pictures put before the user: an array becomes an image of the .blend's session, and an image editor shows it."""
+"""Images shown to the user: an array becomes an image of the open file, and an image editor shows it; a render's last frame too."""
 
 from __future__ import annotations
+
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import bpy
 import numpy as np
 
-from . import session
+from ..dataset.frames import read_frame
+from ..dataset.sequence import SequenceSettings, noisy_images
+from ..errors import IclnuimError
+from ..geometry.camera import PinholeCamera
+from . import state
+from .pictures import colour_and_depth
+from .work import Work
+
+LAST_FRAME = "ICL-NUIM last frame"
+#: The last frame is read at most this often.
+PAUSE_S = 1.0
+
+
+class LastFrame:
+    """The last frame of a render, read in a thread so that the window stays responsive: `look(work)` at each tick."""
+
+    def __init__(self, frames: Path, camera: PinholeCamera) -> None:
+        """`frames`: the folder of 000000.exr and on."""
+        self._frames, self._camera = frames, camera
+        self._picture: np.ndarray | None = None
+        self._shown, self._at_s, self._reading = -1, 0.0, False
+
+    def look(self, work: Work) -> None:
+        """Show what has been read; begin to read the last frame if it is new, the pause is over and an image editor is open."""
+        picture, self._picture = self._picture, None
+        if picture is not None:
+            show(bpy.context, LAST_FRAME, picture, open_editor=False)
+        number = work.last_frame if work.phase == "rendering" else None
+        idle = not self._reading and time.monotonic() - self._at_s > PAUSE_S
+        if number is not None and number != self._shown and idle and _open_editor(bpy.context) is not None:
+            self._shown, self._at_s, self._reading = number, time.monotonic(), True
+            threading.Thread(target=self._read, args=(number,), daemon=True).start()
+
+    def _read(self, number: int) -> None:
+        with suppress(IclnuimError):  # a frame that cannot be read is named by the render itself
+            light, depth_z_m = read_frame(self._frames / f"{number:06}.exr", self._camera)
+            rgb = noisy_images(light, depth_z_m, self._camera, number, SequenceSettings())[0]
+            self._picture = colour_and_depth(rgb, depth_z_m)
+        self._reading = False
 
 
 def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True) -> bpy.types.Image:
@@ -17,11 +60,6 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor
             area.spaces.active.image = image
             _fit(context, area)
     return image
-
-
-def editor_is_open(context: bpy.types.Context) -> bool:
-    """Whether there is an image editor to show a picture in without changing the window."""
-    return not bpy.app.background and _open_editor(context) is not None
 
 
 def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
@@ -36,7 +74,7 @@ def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
             area.tag_redraw()
 
     area.tag_redraw()
-    session.later(fit)
+    state.later(fit)
 
 
 def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
@@ -54,8 +92,9 @@ def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
 
 
 def _open_editor(context: bpy.types.Context) -> bpy.types.Area | None:
+    """None in background mode."""
     areas = (area for window in context.window_manager.windows for area in window.screen.areas)
-    return next((area for area in areas if area.type == "IMAGE_EDITOR"), None)
+    return next((area for area in areas if area.type == "IMAGE_EDITOR" and not bpy.app.background), None)
 
 
 def _split(context: bpy.types.Context) -> bpy.types.Area | None:

@@ -1,30 +1,25 @@
-"""The panel's work with a real child: killed, or left alone by its window, finished frames stay and the next run goes on."""
+"""The panel's work with a real worker process: killed, or abandoned by its window, finished frames stay and the next run continues."""
 
-import json
-import sys
 import time
 from pathlib import Path
 
-import iclnuim
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import shipped_job
-from iclnuim.ui.work import ChildProcess, Work
+from iclnuim.ui.work import Work
+from iclnuim.worker_client import WorkerClient, worker_command
 
 pytest.importorskip("bpy", reason="needs the bpy package")
-SCRIPT = Path(iclnuim.__file__).parent / "blender/child.py"
 
 
-def begin(out: Path, frames: list[int], sequences: dict | None = None, **changes) -> tuple[Work, ChildProcess]:
+def begin(out: Path, frames: list[int], sequences: dict | None = None, **changes) -> tuple[Work, WorkerClient]:
     job = shipped_job("kt2").changed(
         light="path", samples=1, denoise=False, camera=PinholeCamera.parse("32x24"), **changes
     )
-    job_file = out.parent / "job.json"
-    job_file.write_text(json.dumps({"job": job.to_dict(), "nice": 10}))
-    child = ChildProcess([sys.executable, str(SCRIPT), str(job_file), str(out)], out.parent / "log.txt")
+    worker = WorkerClient(worker_command(), {"job": job.to_dict(), "nice": 10}, out, out.parent / "log.txt")
     work = Work()
-    work.start("render", {"frames": frames, "sequences": sequences}, child, "all there")
-    return work, child
+    work.start("render", {"frames": frames, "sequences": sequences}, worker, "all there")
+    return work, worker
 
 
 def wait(work: Work, until) -> None:
@@ -39,11 +34,11 @@ def finished(out: Path) -> set[str]:
     return {p.name for p in (out / "exr").glob("[0-9]*.exr")}
 
 
-def test_a_killed_child_is_told_in_words_and_its_frames_are_kept(tmp_path):
+def test_a_killed_worker_is_reported_and_its_frames_are_kept(tmp_path):
     out = tmp_path / "run"
-    work, child = begin(out, list(range(0, 800, 2)))
+    work, worker = begin(out, list(range(0, 800, 2)))
     wait(work, lambda: work.done >= 2)
-    child._process.kill()
+    worker.kill()
     wait(work, lambda: not work.busy)
     assert work.phase == "failed" and "Resume" in work.message
     kept = finished(out)
@@ -53,11 +48,11 @@ def test_a_killed_child_is_told_in_words_and_its_frames_are_kept(tmp_path):
     assert finished(out) >= kept | {"000004.exr"}
 
 
-def test_when_the_window_goes_the_child_stops_by_itself(tmp_path):
+def test_when_the_window_is_gone_the_worker_stops_by_itself(tmp_path):
     out = tmp_path / "run"
-    work, child = begin(out, list(range(800)))
+    work, worker = begin(out, list(range(800)))
     wait(work, lambda: work.done >= 1)
-    child._process.stdin.close()
+    worker._process.stdin.close()
     wait(work, lambda: not work.busy)
     assert work.phase == "stopped"
     assert len(finished(out)) < 800

@@ -1,6 +1,6 @@
 """Run inside a Blender without a window: installs the zip into a clean profile, presses every button, prints findings as JSON.
 
-usage: background_person.py ZIP OUT ESTIMATE   (after `--` where a blender binary runs it)
+usage: gui_driver_background.py ZIP OUT ESTIMATE   (after `--` where a blender binary runs it)
 """
 
 import gc
@@ -42,6 +42,7 @@ def leftovers() -> dict:
         "classes": classes,
         "operators": operators,
         "property": hasattr(bpy.types.Scene, "iclnuim"),
+        "state": hasattr(bpy.types.WindowManager, "iclnuim_state"),
         "timers": timers(),
     }
     return {key: value for key, value in found.items() if value}
@@ -66,9 +67,9 @@ def in_an_older_blender(package) -> str:
 
 
 def own_file(found: dict, button, out: str) -> None:
-    """A room of somebody's own, as .obj: shown, lit, baked, rendered; what is said of its light before and after."""
+    """A user-provided room as .obj: shown, lit, baked, rendered; what the panel reports of its light map before and after."""
     settings = bpy.context.scene.iclnuim
-    light_state = importlib.import_module(MODULE + ".ui.light_state")
+    inputs, state = (importlib.import_module(f"{MODULE}.ui.{name}") for name in ("inputs", "state"))
     before = {name: getattr(settings, name) for name in ("scene_source", "light", "out", "frames")}
     room = Path(out + "_file", "room.obj")
     room.parent.mkdir(parents=True, exist_ok=True)
@@ -76,21 +77,21 @@ def own_file(found: dict, button, out: str) -> None:
     settings.scene_source, settings.scene_file, settings.light = "FILE", str(room), "baked"
     settings.map_size, settings.map_samples, settings.frames = 64, 2, "100"
     settings.out = out + "_file/run"
-    found["light_before"] = light_state.line(settings)
+    found["light_before"] = inputs.light_map_line(settings)
     for name in ("load_scene", "bake", "render"):
         button(name, f"{name} an own file")
-    light_state.forget()
-    found["light_after"] = light_state.line(settings)
-    found["light_counts_as_another"] = (setattr(settings, "map_size", 128), light_state.line(settings))[1]
+    state.current().light_map = None
+    found["light_after"] = inputs.light_map_line(settings)
+    found["light_counts_as_another"] = (setattr(settings, "map_size", 128), inputs.light_map_line(settings))[1]
     for name, value in before.items():
         setattr(settings, name, value)
     bpy.ops.iclnuim.load_scene()
 
 
 def saved_and_opened_again(found: dict, folder: str) -> None:
-    """Settings lie in the .blend; presets of one's own come back as they were saved."""
+    """Settings are saved in the .blend; the user's presets come back as they were saved."""
     settings = bpy.context.scene.iclnuim
-    settings.seed, settings.dialects = 7, {"tum", "euroc"}
+    settings.seed, settings.formats = 7, {"tum", "euroc"}
     found["pressed"]["save preset"] = next(iter(bpy.ops.iclnuim.preset_save(preset="mine")))
     file = str(Path(folder + "_saved", "saved.blend"))
     Path(file).parent.mkdir(exist_ok=True)
@@ -100,19 +101,19 @@ def saved_and_opened_again(found: dict, folder: str) -> None:
     found["factory"] = bpy.context.scene.iclnuim.seed
     bpy.ops.wm.open_mainfile(filepath=file)
     settings = bpy.context.scene.iclnuim
-    found["opened_again"] = [settings.seed, sorted(settings.dialects), settings.trajectory_source]
-    session = importlib.import_module(MODULE + ".ui.session")
-    found["path_of_the_opened_file"] = session.current.path_lines
+    found["opened_again"] = [settings.seed, sorted(settings.formats), settings.trajectory_source]
+    state = importlib.import_module(MODULE + ".ui.state")
+    found["path_of_the_opened_file"] = state.current().trajectory_lines
     for preset in ("Quick look", "Benchmark", "mine"):
         found["pressed"][preset] = next(iter(bpy.ops.iclnuim.preset(preset=preset)))
-    found["own_preset"] = [settings.seed, sorted(settings.dialects)]
+    found["own_preset"] = [settings.seed, sorted(settings.formats)]
 
 
 def main(archive: str, out: str, estimate: str) -> dict:
     bpy.ops.wm.read_factory_settings()
     bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=True)
     package = importlib.import_module(MODULE)
-    session = importlib.import_module(MODULE + ".ui.session")
+    state = importlib.import_module(MODULE + ".ui.state")
     found = {"file": package.__file__, "pressed": {}, "messages": {}}
 
     package.unregister()
@@ -131,15 +132,15 @@ def main(archive: str, out: str, estimate: str) -> dict:
 
     def button(name: str, label: str | None = None) -> None:
         found["pressed"][label or name] = press(name)
-        found["messages"][label or name] = session.current.work.message
+        found["messages"][label or name] = state.current().work.message
 
     for name in ("load_scene", "refresh", "keyframe", "preview", "render"):
         button(name)
     kept = Path(out, "path.txt")
     found["pressed"]["save path"] = next(iter(bpy.ops.iclnuim.save_path(filepath=str(kept))))
     found["saved_path"] = kept.read_text()
-    found["path"] = session.current.path_lines
-    found["no_wall"] = session.current.path_warning
+    found["path"] = state.current().trajectory_lines
+    found["no_wall"] = state.current().trajectory_warning
     camera = bpy.context.scene.camera
     bpy.context.scene.frame_set(100)
     found["camera_at_100"] = [*camera.matrix_world.translation]
@@ -148,7 +149,7 @@ def main(archive: str, out: str, estimate: str) -> dict:
     settings.estimate = estimate
     for name in ("evaluate", "plot"):
         button(name)
-    found["evaluation"] = session.current.evaluation_lines
+    found["evaluation"] = state.current().evaluation_lines
     found["images"] = sorted(image.name for image in bpy.data.images if image.name.startswith("ICL-NUIM"))
     found["frames"] = sorted(path.name for path in Path(out, "raw/exr").glob("*.exr"))
     found["sequences"] = sorted(str(path.relative_to(out)) for path in Path(out).glob("*/rgb/*.png"))
@@ -158,7 +159,7 @@ def main(archive: str, out: str, estimate: str) -> dict:
     button("render", "no folder")
     settings.out, settings.trajectory_source, settings.trajectory_file = out, "FILE", archive
     button("render", "wrong trajectory")
-    found["wrong_path"] = session.current.path_warning
+    found["wrong_path"] = state.current().trajectory_warning
     bpy.context.scene.camera, settings.trajectory_source = None, "CAMERA"
     button("keyframe", "no camera")
     settings.trajectory_source = "kt1"
@@ -177,10 +178,10 @@ def main(archive: str, out: str, estimate: str) -> dict:
         button(name, f"{name} the open file")
     settings.trajectory_source, settings.use_start, settings.scale = "kt2", True, 0.5
     settings.start_location = (0.0, 50.0, 1.0)
-    found["moved_path"] = session.current.path_lines
+    found["moved_path"] = state.current().trajectory_lines
     settings.start_location, settings.scale = (0.0, -1.0, 1.2), 3.0
     button("refresh", "through the wall")
-    found["wall"] = session.current.path_warning
+    found["wall"] = state.current().trajectory_warning
     saved_and_opened_again(found, out)
     package.unregister()
     found["left_at_the_end"] = leftovers()

@@ -1,0 +1,182 @@
+"""What the panel holds besides its saved settings, from register() to unregister(): work in a worker process, timers, results, what is drawn."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..errors import IclnuimError, WorkError
+from ..evaluation.absolute_error import AbsoluteError
+from ..job import RenderJob
+from ..worker_client import WorkerClient, worker_command
+from .work import Work
+
+POLL_S = 0.1
+PACKAGE = __package__.rpartition(".")[0]
+
+
+@dataclass
+class PanelState:
+    """Lines are ready to be shown. trajectory_key: the settings that the drawn trajectory was read with.
+
+    shapes: what is drawn, name -> ends of line segments (m, 3) and colours (m, 4); batches: the same on the GPU.
+    light_map: the last answer on the light map of a scene, what was asked, and when (time.monotonic()).
+    """
+
+    work: Work
+    trajectory_changed: Callable[[bpy.types.Context], None]
+    trajectory_lines: list[str] = field(default_factory=list)
+    trajectory_warning: str = ""
+    trajectory_key: tuple = ()
+    evaluation: AbsoluteError | None = None
+    evaluation_lines: list[str] = field(default_factory=list)
+    shapes: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    batches: dict[str, list] = field(default_factory=dict)
+    draw_handle: Any = None
+    light_map: tuple[tuple, float, str] | None = None
+    on_done: Callable[[], None] | None = None
+    on_tick: Callable[[Work], None] | None = None
+    waiting: set[Callable[[], None]] = field(default_factory=set)
+
+
+def begin(state: PanelState) -> None:
+    """Called first when the panel is registered."""
+    bpy.types.WindowManager.iclnuim_state = state
+
+
+def current() -> PanelState:
+    """The state of the registered panel."""
+    return bpy.types.WindowManager.iclnuim_state
+
+
+def is_registered() -> bool:
+    """Whether there is a state."""
+    return hasattr(bpy.types.WindowManager, "iclnuim_state")
+
+
+def end() -> None:
+    """End the worker process and the timers, drop the state."""
+    state = current()
+    for action in (*state.waiting, _tick):
+        if bpy.app.timers.is_registered(action):
+            bpy.app.timers.unregister(action)
+    state.work.end()
+    shutil.rmtree(user_folder("preview"), ignore_errors=True)
+    del bpy.types.WindowManager.iclnuim_state
+
+
+def user_folder(name: str) -> Path:
+    """A folder of the extension's own, the one place besides the output folder that is written to."""
+    try:
+        return Path(bpy.utils.extension_path_user(PACKAGE, path=name, create=True))
+    except ValueError:  # run from a checkout, not as an installed extension
+        folder = Path(tempfile.gettempdir()) / f"iclnuim-{os.getuid() if hasattr(os, 'getuid') else 0}" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+
+def cache_folder() -> Path:
+    """Where light maps lie: ICLNUIM_CACHE, or the extension's own folder."""
+    own = os.environ.get("ICLNUIM_CACHE")
+    return Path(own) if own else user_folder("cache")
+
+
+def start(
+    kind: str,
+    job: RenderJob,
+    out: Path,
+    command: dict[str, Any],
+    when_done: str = "done",
+    on_done: Callable[[], None] | None = None,
+    on_tick: Callable[[Work], None] | None = None,
+) -> None:
+    """Begin `command` of `job` in a worker process that writes into `out`.
+
+    `on_done()` is called when it has succeeded, `on_tick(work)` ten times a second until then. In background mode, where timers never
+    fire, this waits for the end. Raises WorkError.
+    """
+    state = current()
+    state.work.refuse_a_second()
+    options, log = {"job": job.to_dict(), "nice": 10}, user_folder("log") / "child.txt"
+    worker = WorkerClient(worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())})
+    state.work.start(kind, command, worker, when_done)
+    state.on_done = on_done
+    state.on_tick = None if bpy.app.background else on_tick
+    if bpy.app.background:
+        while state.work.busy:
+            time.sleep(POLL_S)
+            _tick()
+        if state.work.phase == "failed":
+            raise WorkError(state.work.message)
+    elif not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, persistent=True)
+
+
+def later(action: Callable[[], None], seconds: float = 0.2) -> None:
+    """Once the window has been drawn again; dropped where the extension is switched off before."""
+    waiting = current().waiting
+
+    def act() -> None:
+        waiting.discard(act)
+        action()
+
+    waiting.add(act)
+    bpy.app.timers.register(act, first_interval=seconds)
+
+
+def reported(execute: Callable[..., None]) -> Callable[..., set[str]]:
+    """An operator's `execute` whose IclnuimError is shown in the panel and the status bar, and cancels the operator."""
+
+    @functools.wraps(execute)
+    def wrapped(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
+        work = current().work
+        if work.phase == "failed":  # the message belongs to the step before
+            work.phase, work.message = "idle", ""
+        try:
+            execute(self, context)
+        except IclnuimError as error:
+            text = error.worded(work.name_of)
+            if not work.busy:
+                work.phase, work.message = "failed", text
+            self.report({"WARNING"}, text)
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    return wrapped
+
+
+def redraw() -> None:
+    """Draw every 3D view again."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+def _tick() -> float | None:
+    """The timer: take in events, redraw the panel, finish. Returns the seconds to the next tick, None for the last."""
+    state = current()
+    if state.work.poll():
+        redraw()
+    if state.on_tick is not None:
+        state.on_tick(state.work)
+    if state.work.busy:
+        return POLL_S
+    finish, state.on_done, state.on_tick = state.on_done, None, None
+    if finish is not None and state.work.phase == "done":
+        try:
+            finish()
+        except IclnuimError as error:
+            state.work.phase, state.work.message = "failed", error.worded(state.work.name_of)
+        redraw()
+    return None

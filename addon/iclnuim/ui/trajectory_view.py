@@ -1,0 +1,176 @@
+"""The trajectory chosen in the panel and an estimate beside it: read when a setting changes, drawn into the 3D view without objects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..errors import IclnuimError
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory, statistics
+from . import inputs, properties, state
+from .pictures import error_colours
+
+#: The collection that holds the scene brought into the window, and the property of it that names that scene.
+COLLECTION, SHOWN = "ICL-NUIM scene", "iclnuim_scene"
+TRAJECTORY_COLOUR, FRUSTUM_COLOUR = (1.0, 0.55, 0.1, 1.0), (0.25, 0.75, 1.0, 0.9)
+HIDDEN_ALPHA = 0.6  # of what lies behind a wall or the ceiling
+_FRUSTA, _FRUSTUM_DEPTH_M = 30, 0.12
+
+
+def refresh(context: bpy.types.Context) -> None:
+    """Read the trajectory, keep its statistics as lines for the panel, and draw it. An error becomes a line too."""
+    held = state.current()
+    held.trajectory_key = _key(context.scene)
+    held.trajectory_warning = ""
+    try:
+        chosen, sentence = inputs.trajectory(context)
+    except IclnuimError as error:
+        held.trajectory_lines, held.trajectory_warning = [], error.worded(held.work.name_of)
+        for name in ("trajectory", "frusta"):
+            held.shapes.pop(name, None)
+        return
+    held.trajectory_lines = _lines(chosen, sentence)
+    held.trajectory_warning = _collisions(context, chosen)
+    camera, count = context.scene.iclnuim.camera(), len(chosen)
+    picked = chosen.T_world_camera[np.unique(np.linspace(0, count - 1, _FRUSTA).astype(int))]
+    _show("trajectory", _segments(chosen.positions_m), TRAJECTORY_COLOUR)
+    _show("frusta", _frusta(picked, camera), FRUSTUM_COLOUR)
+
+
+def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.ndarray) -> None:
+    """Draw an aligned estimate (n, 3) coloured by its error (n,), and every n/60th error as a line to the ground truth."""
+    colours = np.c_[error_colours(error_m), np.ones(len(error_m))]
+    ties = np.unique(np.linspace(0, len(error_m) - 1, 60).astype(int))
+    lines = np.stack([positions_m[ties], reference_m[ties]], 1).reshape(-1, 3)
+    points = np.concatenate([_segments(positions_m), lines])
+    _show("estimate", points, np.concatenate([_segments(colours), np.repeat(colours[ties], 2, 0)]))
+
+
+def _key(scene: bpy.types.Scene) -> tuple:
+    values = (getattr(scene.iclnuim, name) for name in properties.names_that_move_the_trajectory())
+    return scene.name, _shown(), *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values)
+
+
+def _shown() -> str | None:
+    """Which scene stands in our collection."""
+    collection = bpy.data.collections.get(COLLECTION)
+    return collection.get(SHOWN) if collection is not None else None
+
+
+def _lines(trajectory: Trajectory, sentence: str) -> list[str]:
+    s = statistics(trajectory)
+    return [
+        sentence,
+        f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",
+        f"speed {s.mean_speed:.3f} m/s, at most {s.max_speed:.2f}",
+        f"rotation {s.mean_rotation_rate:.1f} deg/s, at most {s.max_rotation_rate:.0f}",
+    ]
+
+
+def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
+    """A warning where the line between two poses meets a surface of the open scene, if that is the one chosen."""
+    if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", _shown()):
+        return "another scene is shown here: press Show the Scene Here" if _shown() else ""
+    depsgraph = context.evaluated_depsgraph_get()
+    points = trajectory.positions_m
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    through = [
+        i
+        for i in np.flatnonzero(lengths > 1e-9)
+        if context.scene.ray_cast(depsgraph, points[i], steps[i] / lengths[i], distance=float(lengths[i]))[0]
+    ]
+    more = f" and {len(through) - 1} more" if len(through) > 1 else ""
+    return f"the trajectory passes through a surface at frame {through[0]}{more}" if through else ""
+
+
+def _show(name: str, points: np.ndarray, colours: object) -> None:
+    held = state.current()
+    colours = np.broadcast_to(np.asarray(colours, np.float32), (len(points), 4))
+    held.shapes[name] = points.astype(np.float32), np.ascontiguousarray(colours)
+    held.batches.pop(name, None)
+
+
+def _segments(values: np.ndarray) -> np.ndarray:
+    """(n, k) along a curve -> (2n - 2, k) ends of its pieces."""
+    return np.repeat(values, 2, axis=0)[1:-1]
+
+
+def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
+    """(16 n, 3): eight lines a camera."""
+    u, v = np.array([0, camera.width, camera.width, 0]) - 0.5, np.array([0, 0, camera.height, camera.height]) - 0.5
+    corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1) * _FRUSTUM_DEPTH_M
+    world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
+    lines = []
+    for k in range(4):
+        lines += [poses.translation, world[:, k], world[:, k], world[:, (k + 1) % 4]]
+    return np.stack(lines, 1).reshape(-1, 3)
+
+
+def draw() -> None:
+    """Called by Blender for every 3D view."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    held, settings = state.current(), bpy.context.scene.iclnuim
+    if not settings.show_path or not held.shapes:
+        return
+    if bpy.context.region_data is not None and bpy.context.region_data.view_perspective == "CAMERA":
+        return  # the camera follows its own trajectory: it would see nothing but its own frusta
+    shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
+    shader.bind()
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    gpu.state.blend_set("ALPHA")
+    for name, (points, colours) in held.shapes.items():
+        if name not in held.batches:
+            faint = colours * np.array([1, 1, 1, HIDDEN_ALPHA], np.float32)
+            held.batches[name] = [
+                batch_for_shader(shader, "LINES", {"pos": points, "color": c}) for c in (faint, colours)
+            ]
+        shader.uniform_float("lineWidth", 1.2 if name == "frusta" else 3.0)
+        for batch, test in zip(held.batches[name], ("NONE", "LESS_EQUAL"), strict=True):
+            gpu.state.depth_test_set(test)
+            batch.draw(shader)
+    gpu.state.blend_set("NONE")
+    gpu.state.depth_test_set("NONE")
+
+
+@persistent
+def _file_opened(*_: Any) -> None:
+    """Another file has a trajectory of its own."""
+    held = state.current()
+    held.shapes.clear()
+    held.batches.clear()
+    refresh(bpy.context)
+
+
+@persistent
+def _undone(*_: Any) -> None:
+    """Undo and redo change settings without calling back."""
+    if state.current().trajectory_key != _key(bpy.context.scene):
+        refresh(bpy.context)
+
+
+def _handlers() -> list[tuple[list, Any]]:
+    handlers = bpy.app.handlers
+    return [(handlers.load_post, _file_opened), (handlers.undo_post, _undone), (handlers.redo_post, _undone)]
+
+
+def register() -> None:
+    for calls, handler in _handlers():
+        calls.append(handler)
+    if not bpy.app.background:
+        state.later(_file_opened)
+        state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW")
+
+
+def unregister() -> None:
+    for calls, handler in _handlers():
+        calls.remove(handler)
+    if state.current().draw_handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(state.current().draw_handle, "WINDOW")

@@ -1,0 +1,139 @@
+"""The panel's properties: made of the declarations and registries, so that a new entry appears without a line in the panel."""
+
+import dataclasses
+
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.evaluation.align import METHODS
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.scene_axes import SceneReading
+from iclnuim.job import RenderJob
+from iclnuim.settings import declared
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+
+from iclnuim import scenes, ui  # noqa: E402
+from iclnuim.dataset import sequence_formats  # noqa: E402
+from iclnuim.dataset.sequence_options import SequenceOptions  # noqa: E402
+from iclnuim.sensor import models  # noqa: E402
+from iclnuim.ui import presets, properties  # noqa: E402
+
+
+@pytest.fixture
+def register():
+    """Registers the panel and returns its settings, all at their defaults."""
+
+    def registered():
+        ui.register()
+        settings = bpy.context.scene.iclnuim
+        for name in [p.identifier for p in settings.bl_rna.properties]:
+            settings.property_unset(name)
+        return settings
+
+    yield registered
+    ui.unregister()
+
+
+def items(settings, name):
+    return {item.identifier: item.description for item in settings.bl_rna.properties[name].enum_items}
+
+
+def test_new_entries_of_the_registries_appear_in_the_panel(register, monkeypatch):
+    class FakeNoise(models.DEPTH_MODELS["none"]):
+        name, summary = "fake", "no noise at all"
+
+    monkeypatch.setitem(models.DEPTH_MODELS, "fake", FakeNoise)
+    monkeypatch.setitem(models.RGB_MODELS, "fake", FakeNoise)
+    tum = sequence_formats.FORMATS["tum"]
+    fake = dataclasses.replace(tum, name="fake", description="like TUM")
+    monkeypatch.setitem(sequence_formats.FORMATS, "fake", fake)
+    monkeypatch.setitem(scenes.SCENES, "cellar", scenes.SceneEntry("cellar", "Cellar", "dark"))
+    monkeypatch.setitem(scenes.TRAJECTORIES, "kt4", "a fifth")
+    monkeypatch.setitem(METHODS, "fake", "no alignment")
+    settings = register()
+    assert items(settings, "depth_noise")["fake"] == items(settings, "rgb_noise")["fake"] == "No noise at all"
+    assert items(settings, "formats")["fake"] == "Like TUM"
+    assert items(settings, "scene_source")["cellar"] == "dark"
+    assert items(settings, "trajectory_source")["kt4"] == "a fifth"
+    assert items(settings, "align_method")["fake"] == "No alignment"
+    settings.depth_noise, settings.formats, settings.scene_source = "fake", {"fake", "tum"}, "cellar"
+    assert SequenceOptions(**settings.values_of(SequenceOptions)).formats == ("tum", "fake")
+    numbers = {item.identifier: item.value for item in settings.bl_rna.properties["scene_source"].enum_items}
+    assert numbers == {"living_room": 0, "office": 1, "OPEN": 2, "FILE": 3, "cellar": 4}  # saved files keep theirs
+
+
+def test_a_new_setting_of_a_job_appears_in_the_panel(register, monkeypatch):
+    known = declared(RenderJob)
+    fake = dataclasses.replace(
+        known["map_size"], name="fake", label="Fake", default=64, help="new", unit="px", shown=("px", 1.0)
+    )
+    with_fake = {**known, "fake": fake}
+    monkeypatch.setattr(properties, "declared", lambda group: with_fake if group is RenderJob else declared(group))
+    settings = register()
+    assert settings.fake == 64 and settings.bl_rna.properties["fake"].description == "New (px)"
+    assert settings.values_of(RenderJob)["fake"] == 64
+
+
+@pytest.mark.parametrize("group", [RenderJob, PinholeCamera, SequenceOptions, SceneReading])
+def test_defaults_and_ranges_are_those_of_the_declarations(register, group):
+    settings = register()
+    values = settings.values_of(group)
+    for name, setting in declared(group).items():
+        if name in ("depth_noise", "rgb_noise"):
+            assert values[name] == "released"  # the panel's own default
+        elif name in ("unit_m", "textures"):
+            assert getattr(settings.reading(), name) is None
+        elif setting.kind is float:
+            assert values[name] == pytest.approx(setting.default, abs=1e-4)
+        else:
+            assert values[name] == setting.default
+    if group is RenderJob:
+        size = settings.bl_rna.properties["map_size"]
+        assert (size.hard_min, size.hard_max) == (16, 16384)
+        assert settings.bl_rna.properties["exposure_ms"].hard_max == 1000
+
+
+def test_the_job_of_untouched_settings_is_the_benchmarks(register):
+    job = register().to_job("living_room", "living_room/kt2")
+    assert job == RenderJob("living_room/kt2", "living_room", "living_room/kt2")
+
+
+def test_what_is_set_reaches_the_job_in_the_librarys_units(register):
+    settings = register()
+    settings.exposure_ms, settings.samples, settings.denoise, settings.lambertian = 10.0, 7, "OFF", True
+    settings.scene_source, settings.scene_up, settings.scene_unit, settings.scene_mirror = "FILE", "-y", "cm", "x"
+    job = settings.to_job("/a.obj", "/a.txt")
+    assert (job.exposure_s, job.samples, job.denoise, job.lambertian) == (0.01, 7, False, True)
+    assert job.reading == SceneReading("-y", 0.01, "x")
+
+
+def test_errors_name_the_panels_labels(register):
+    register()
+    with pytest.raises(InputError) as error:
+        RenderJob("a", "b", "c", map_size=1)
+    assert error.value.worded(properties.label_of).startswith("Map size: expected")
+    assert [properties.label_of(name) for name in ("out", "exposure_s", "up", "scene", "unknown")] == [
+        "Output folder", "Exposure", "Up", "Scene", "unknown",
+    ]  # fmt: skip
+
+
+def test_presets_hold_only_differences_and_leave_this_files_settings_alone(register):
+    settings = register()
+    settings.seed, settings.scene_source, settings.out = 3, "office", "/x"
+    assert presets.values(settings) == {"seed": 3}
+    presets.apply(settings, presets.BUILT_IN["Quick look"])
+    assert (settings.seed, settings.scene_source, settings.out) == (0, "office", "/x")
+    assert settings.camera() == PinholeCamera.parse("320x240")
+    presets.apply(settings, {"dialects": ["euroc", "tum"], "alignment": "sim3"})  # as 0.1.0 saved them
+    assert settings.formats == {"euroc", "tum"} and settings.align_method == "sim3" and settings.light == "baked"
+    with pytest.raises(InputError, match="colour"):
+        presets.apply(settings, {"colour": 1})
+    with pytest.raises(InputError, match="light"):
+        presets.apply(settings, {"light": "moon"})
+
+
+def test_nothing_is_left_after_unregistering(register):
+    register()
+    ui.unregister()
+    assert not hasattr(bpy.types.Scene, "iclnuim") and not hasattr(bpy.types.WindowManager, "iclnuim_state")
+    ui.register()
