@@ -127,7 +127,7 @@ else:
 def _missing(name: str, module: str) -> str:
     if module.startswith(f"{__name__}."):
         return f"iclnuim.{name} is not part of the Blender extension; try: pip install iclnuim, in a Python of its own"
-    return f"iclnuim.{name} needs {module}; try: pip install 'iclnuim[odometry]'"
+    return f"iclnuim.{name} needs {module}; try: pip install {module}"
 
 
 def register() -> None:
