@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_picture
-from iclnuim.settings import Setting, Settings, declared, find
+from iclnuim.settings import Setting, Settings, declared, find, plain
 
 from .console import Console
 
@@ -32,14 +32,11 @@ def add_settings(
 
 def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> None:
     unit = f" ({s.unit})" if s.unit else ""
-    shown = " ".join(
-        f"{d:g}" if isinstance(d, float) else str(d) for d in (default if s.length is not None else [default])
-    )
     text = f"{s.help}{unit}".replace("%", "%%")
     if s.kind is bool and s.default is False:
         parser.add_argument(s.option, action="store_true", default=None, help=text)
         return
-    text += "" if default is None else f"; default: {shown}".replace("%", "%%")
+    text += "" if default is None else f"; default: {plain(default)}".replace("%", "%%")
     if s.kind is bool:
         parser.add_argument(s.option, action=argparse.BooleanOptionalAction, default=None, help=text)
         return
@@ -76,12 +73,12 @@ def given_settings(
 
 def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
     """`base` with the settings that options name. Raises InputError, naming the option, for a value that does not fit."""
-    keys = {n: _key(s) for n, s in declared(type(base)).items()}
+    options = {n: s.option for n, s in declared(type(base)).items() if s.option}
     given = given_settings(args, type(base), only)
     try:
         return replace(base, **given)
     except InputError as error:
-        setting = keys.get(error.setting or "", error.setting)
+        setting = options.get(error.setting or "", error.setting)
         raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None
 
 
@@ -112,7 +109,9 @@ class _Renamed(argparse.Action):
 
 
 def option_name(setting: str) -> str:
-    """What the command line calls a setting, for error messages."""
+    """What the command line calls a setting, for error messages; an option stays."""
+    if setting.startswith("--"):
+        return setting
     declaration = find(setting)
     return declaration.option if declaration and declaration.option else "--" + setting.replace("_", "-")
 

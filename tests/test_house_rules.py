@@ -65,7 +65,7 @@ MAY_LOAD_A_CHECKOUT = {"headless.commands.bench", "headless.commands.scene", "bl
 #: Circles that are still there. An entry goes with its circle.
 KNOWN_CIRCLES = ({"headless.commands.trajectory_make", "headless.commands.trajectory_walk"},)
 #: Modules that still import against the way. An entry goes with its imports.
-KNOWN_AGAINST_THE_WAY = {"headless.farm.record", "headless.farm.slurm_task"}
+KNOWN_AGAINST_THE_WAY: set[str] = set()
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}
 #: Modules that still keep state in a global. An entry goes with its global.
@@ -74,11 +74,8 @@ KNOWN_GLOBALS = {
 }
 #: Files of the library whose messages still name options of the command line. An entry goes with its options.
 KNOWN_TO_NAME_OPTIONS = {
-    "dataset": "images inspection",
-    "formats": "checks freiburg loaded trajectories tum",
     "geometry": "free_space walk",
     "raycast": "viewpoints",
-    "": "shipped",
 }
 
 

@@ -3,6 +3,8 @@
 import argparse
 import json
 import pickle
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import pytest
@@ -166,3 +168,10 @@ def test_a_sequences_options_read_the_registries_and_make_the_settings():
     parser = argparse.ArgumentParser()
     add_settings(parser, SequenceOptions, ("formats",))
     assert settings_from(parser.parse_args(["--format", "tum", "--format", "nerf"]), options).formats == ("tum", "nerf")
+
+
+def test_the_page_of_settings_is_written_from_the_declarations(repository):
+    pytest.importorskip("numba", reason="the settings of odometers are declared beside compiled loops")
+    words = [sys.executable, str(repository / "tools/write_settings_page.py"), "--check"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -61,7 +61,7 @@ class Chaos:
     def __init__(self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator) -> None:
         self.out, self._rng = Path(out), rng
         self._command = [sys.executable, "-m", "iclnuim", "make", sequence, *options]
-        self._command += ["--stuck-after", str(STUCK_AFTER_S), "--out", str(self.out)]
+        self._command += ["--worker-timeout", str(STUCK_AFTER_S), "--out", str(self.out)]
         self._orphans: list[psutil.Process] = []
         self.happened: Counter[str] = Counter()
 

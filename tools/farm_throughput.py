@@ -9,10 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.headless.console import Console
-from iclnuim.headless.farm.cores import own_cores
-from iclnuim.headless.farm.rendering import LocalRun, taken_up
+from iclnuim.headless.farm.chunks import own_cores
+from iclnuim.headless.farm.rendering import LocalRun, open_run
+from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.job import RenderJob
 
 
@@ -48,14 +50,14 @@ def fewest_frames() -> int:
 
 def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
     """`frames` of the job, spread over its trajectory, into a folder that is removed. The light map must be in the cache."""
-    cores = own_cores()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        taken_up(job, Path(folder) / "run", Console(quiet=True), lambda: False) as held,
-    ):
-        held.cores = [cores[k * threads : (k + 1) * threads] for k in range(workers)]
-        clock, count = _Clock(held, workers), len(held.trajectory)
-        held.render([k * count // frames for k in range(frames)], clock.frame)
+    own, count = own_cores(), len(load_trajectory(job))
+    cores = [own[k * threads : (k + 1) * threads] for k in range(workers)]
+    numbers = tuple(k * count // frames for k in range(frames))
+    with tempfile.TemporaryDirectory() as folder:
+        plan = RunPlan(job, Path(folder) / "run", numbers)
+        with open_run(plan, Console(quiet=True), lambda: False) as run:
+            clock = _Clock(run, workers)
+            run.render(numbers, clock.frame, cores=cores)
         return clock.result(job, workers, threads, frames)
 
 
@@ -70,8 +72,9 @@ class _Clock:
 
     def frame(self, number: int) -> None:
         self._count += 1
-        workers = self._held.farm.workers
-        now = time.perf_counter(), sum(_cpu_seconds(w.process.pid) for w in workers), self._count
+        farm = self._held.farm
+        workers = farm.workers if farm else []
+        now = time.perf_counter(), sum(_cpu_seconds(w.client.pid) for w in workers), self._count
         if self._first is None and sum(w.rendered > 0 for w in workers) >= self._workers:
             self._first = now
         if self._first is not None and len(workers) == self._workers and all(w.left for w in workers):

@@ -18,7 +18,7 @@ __all__ = [
     "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError", "AbsoluteErrorSettings", "relative_error",
     "RelativeError", "RelativeErrorSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
     # sensor noise
-    "noisy_depth", "noisy_rgb", "depth_model", "rgb_model", "DEPTH_MODELS", "RGB_MODELS",
+    "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS", "RGB_MODELS",
     # RGB-D sequences
     "make_sequence", "write_sequence", "SequenceSettings", "WrittenSequence", "FrameSource", "frames_from", "image_frames", "run_frames",
     "inspect_sequence", "Inspection", "RgbdSequence",
@@ -27,7 +27,7 @@ __all__ = [
     # odometry
     "odometer", "Odometer", "Frame", "OdometryResult", "OdometryStatus", "track", "Tracked", "Tracker", "run_odometers", "OdometryRun", "odometry_table",
     # surfaces
-    "fuse_sequence", "FuseSettings", "VolumeSettings", "FusedSurface", "Mesh", "read_mesh", "SurfaceError",
+    "fuse_sequence", "FuseSettings", "VolumeSettings", "FusedSurface", "Mesh", "read_mesh", "read_model", "write_ply", "TrueSurface", "SurfaceError",
 ]  # fmt: skip
 
 #: module -> its public names; `name=other` where the module calls it otherwise. The imports below say the same to type checkers.
@@ -40,12 +40,13 @@ _MODULES = {
     "evaluation.align": "AlignmentSettings",
     "evaluation.associate": "Association AssociationSettings associate",
     "evaluation.relative_error": "RelativeError RelativeErrorSettings relative_error",
+    "formats.ply": "write_ply",
     "formats.trajectories": "LoadedTrajectory read_trajectory write_trajectory",
     "fusion.from_sequence": "FusedSurface=Surface fuse_sequence",
     "fusion.mesh": "Mesh",
-    "fusion.models": "read_mesh",
+    "fusion.models": "read_mesh read_model",
     "fusion.settings": "FuseSettings VolumeSettings",
-    "fusion.surface_error": "SurfaceError",
+    "fusion.surface_error": "SurfaceError TrueSurface",
     "geometry.camera": "PinholeCamera",
     "geometry.se3": "SE3",
     "geometry.trajectory": "Trajectory TrajectoryStatistics resample trajectory_statistics=statistics",
@@ -58,6 +59,7 @@ _MODULES = {
     "render": "RenderedFrame render_frames render_pose",
     "scenes": "SCENES",
     "sensor.models": "DEPTH_MODELS RGB_MODELS depth_model rgb_model",
+    "sensor.transfer": "linear_from_srgb8=light_from_srgb8",
 }
 _PLACES = {
     name.partition("=")[0]: (module, name.partition("=")[2] or name)
@@ -74,13 +76,14 @@ if TYPE_CHECKING:
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
+    from .formats.ply import write_ply
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .fusion.from_sequence import Surface as FusedSurface
     from .fusion.from_sequence import fuse_sequence
     from .fusion.mesh import Mesh
-    from .fusion.models import read_mesh
+    from .fusion.models import read_mesh, read_model
     from .fusion.settings import FuseSettings, VolumeSettings
-    from .fusion.surface_error import SurfaceError
+    from .fusion.surface_error import SurfaceError, TrueSurface
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3
     from .geometry.trajectory import Trajectory, TrajectoryStatistics, resample
@@ -106,6 +109,7 @@ if TYPE_CHECKING:
     from .render import RenderedFrame, render_frames, render_pose
     from .scenes import SCENES
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+    from .sensor.transfer import light_from_srgb8 as linear_from_srgb8
 else:
 
     def __getattr__(name: str) -> Any:

@@ -64,10 +64,10 @@ class Setting:
     def range(self) -> str:
         """`in 16..16384`, `of 0 or more`, or nothing."""
         if math.isfinite(self.low) and math.isfinite(self.high):
-            return f"in {self.low:g}..{self.high:g}"
+            return f"in {plain(self.low)}..{plain(self.high)}"
         if math.isfinite(self.low):
-            return f"of {self.low:g} or more"
-        return f"of at most {self.high:g}" if math.isfinite(self.high) else ""
+            return f"of {plain(self.low)} or more"
+        return f"of at most {plain(self.high)}" if math.isfinite(self.high) else ""
 
     def checked(self, value: Any) -> Any:
         """The value as its own type. Raises InputError, with the setting's name, for one that does not fit."""
@@ -207,14 +207,13 @@ class Settings:
 
 
 def find(name: str) -> Setting | None:
-    """The declaration of a setting by its name, in any group that is loaded; None where there is none."""
-    groups = list(Settings.__subclasses__())
+    """The declaration of a setting by its name, among the groups that are loaded; None where there is none, or where several differ."""
+    groups, found = list(Settings.__subclasses__()), []
     while groups:
         group = groups.pop(0)
-        if name in declared(group):
-            return declared(group)[name]
         groups += group.__subclasses__()
-    return None
+        found += [declared(group)[name]] if name in declared(group) else []
+    return found[0] if len({(s.option, s.label) for s in found}) == 1 else None
 
 
 def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:
@@ -233,15 +232,20 @@ def table(group: type) -> str:
     rows = ["| setting | option | default | unit | range | what | source |", "|---|---|---|---|---|---|---|"]
     for s in declared(group).values():
         reach = (
-            ", ".join(f"`{choice}`" for choice in s.choices) if s.choices is not None else s.range.removeprefix("in ")
+            ", ".join(f"`{choice}`" for choice in s.choices)
+            if s.choices is not None
+            else s.range.removeprefix("in ").removeprefix("of ")
         )
-        default = "" if s.default is None else f"`{_plain(s.default)}`"
+        default = "" if s.default is None else f"`{plain(s.default)}`"
         option = f"`{s.option}`" if s.option else ""
         rows.append(f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |")
     return "\n".join(rows)
 
 
-def _plain(value: Any) -> str:
+def plain(value: Any) -> str:
+    """A value as help texts and tables show it."""
     if isinstance(value, tuple):
-        return " ".join(map(_plain, value))
+        return " ".join(map(plain, value))
+    if isinstance(value, bool):
+        return "on" if value else "off"
     return f"{value:g}" if isinstance(value, float) else str(value)

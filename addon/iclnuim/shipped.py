@@ -46,7 +46,7 @@ def full_name(sequence: str) -> str:
     known = sequence_names()
     if name not in known:
         raise InputError(
-            "a sequence: " + ", ".join(known), found=sequence, hint="a recipe file, or --scene and --trajectory"
+            "a sequence: " + ", ".join(known), found=sequence, hint="a recipe file, or {scene} and {trajectory}"
         )
     return name
 

@@ -16,7 +16,7 @@ from iclnuim import __version__, shipped
 from iclnuim.errors import InputError, how_to_get_bpy
 
 from ..console import Console
-from ..farm.cores import own_cores
+from ..farm.chunks import own_cores
 from ..options import common
 
 

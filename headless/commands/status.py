@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from iclnuim.dataset.journal import read_entries
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 
 from ..console import Console
-from ..farm import record, slurm_queue
-from ..farm.progress import noted
+from ..farm import slurm_queue
+from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import common
 
 
@@ -46,29 +46,41 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def state(folder: Path, frames: str | None) -> dict:
     """Without `frames` those that the recorded command asked for count. Raises InputError for a folder without a run."""
-    try:
-        run = run_in(folder)
-    except InputError:
-        if frames is None and (begun := _submitted(folder)) is not None:
-            return begun
-        raise
-    return state_of(run, frames or _frames_asked(run.path))
-
-
-def run_in(folder: Path) -> RunFolder:
-    """The render run in a folder, or in its raw/. Raises InputError where there is none."""
-    for place in (folder, folder / "raw"):
-        if (place / "sequence.json").is_file():
-            return read_run(place)
-    raise InputError("a folder with a run begun by `iclnuim render` or `make`", path=folder, found="no sequence.json")
-
-
-def state_of(run: RunFolder, frames: str) -> dict:
-    """Every frame file is read back before it counts as rendered; one that `make` turned into pairs counts by their journals."""
+    plan = _recorded(folder)
+    run = _run_in(folder)
+    if run is None and plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
+        return _values(plan.raw, plan.job.sequence, plan.numbers, set(), list(plan.numbers))
+    if run is None:
+        raise InputError(
+            "a folder with a run begun by `iclnuim render` or `make`", path=folder, found="no sequence.json"
+        )
     job = RenderJob.from_dict(run.recipe["job"])
-    numbers = list(frame_slice(frames, len(load_trajectory(job))))
-    made = noted(run.path).intersection(numbers)
+    if frames is None and plan is not None:
+        numbers: Sequence[int] = plan.numbers
+    else:
+        numbers = list(frame_slice(frames or "::", len(load_trajectory(job))))
+    made = _in_sequences(run.path).intersection(numbers)
     return _values(run.path, job.sequence, numbers, made, run.missing([n for n in numbers if n not in made]))
+
+
+def _run_in(folder: Path) -> RunFolder | None:
+    """The render run in a folder, or in its raw/."""
+    places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
+    return read_run(places[0]) if places else None
+
+
+def _in_sequences(raw: Path) -> set[int]:
+    """Frames that the journals of both sequences beside raw/ name."""
+    if raw.name != "raw":
+        return set()
+    return set.intersection(*(set(read_entries(raw.parent / name / "frames.jsonl")) for name in ("clean", "noisy")))
+
+
+def _recorded(folder: Path) -> RunPlan | None:
+    """What the folder was begun with; None where nothing that can be read is recorded."""
+    with suppress(InputError):
+        return read_plan(find_run(folder))
+    return None
 
 
 def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], missing: list[int]) -> dict:
@@ -83,26 +95,8 @@ def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], mi
         "missing_frames": missing,
         "holder": _holder(raw / ".farm/lock"),
         "queue": queue,
-        "failed": slurm_queue.last_words(raw) if missing and queue == "nothing" else None,
+        "failed": slurm_queue.last_error(raw) if missing and queue == "nothing" else None,
     }
-
-
-def _frames_asked(raw: Path) -> str:
-    """Those of the command that was recorded there; all where none was."""
-    with suppress(InputError, KeyError):
-        options = record.read(raw)["options"]
-        return options["frames"] or ("::30" if options["quick"] else "::")
-    return "::"
-
-
-def _submitted(folder: Path) -> dict | None:
-    """A run that waits in a queue: its folder has no recipe yet."""
-    with suppress(InputError):
-        raw = record.find(folder)
-        asked = record.read(raw)
-        plan = importlib.import_module(f".{asked['command']}", __package__).plan(record.options(asked, raw))
-        return _values(raw, plan.job.sequence, plan.numbers, set(), list(plan.numbers))
-    return None
 
 
 def _queue(raw: Path) -> str | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import output
-from iclnuim.errors import InputError, WorkError, blender_missing
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.scene_model_files import write_obj, write_ply
 from iclnuim.formats.trajectories import read_trajectory

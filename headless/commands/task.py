@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from iclnuim.errors import InputError
 
 from ..console import Console
 from ..farm import tasks
-from ..farm.rendering import report
+from ..farm.chunks import numbers_from
+from ..farm.rendering import report, stop_on_signals
+from ..farm.run_plan import RunPlan
 from ..options import action, subcommands
-from ..sensor_options import add_sensor_options
-from . import make, render
+from .run_options import add_run_options, plan_from
 
 HELP = {
     "light": "first: the run folder with its recipe, and the light in the cache",
@@ -30,10 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for stage in tasks.STAGES:
         numbers = " --numbers 0-24,30" if stage == "frames" else ""
         one = action(actions, stage, HELP[stage], f"iclnuim task {stage} kt2 --out out/kt2{numbers}", _run, json=False)
-        render.add_job_options(one)
-        add_sensor_options(one, "released", ("depth_units",))
-        one.add_argument("--out", type=Path, required=True, metavar="DIR", help="as of `make`: frames lie in DIR/raw")
-        one.add_argument("--keep-raw", action="store_true", help="as of `make`")
+        add_run_options(one, "make")
         one.add_argument(
             "--numbers", metavar="A-B,C", help="which frames, both ends included; default: those of --frames"
         )
@@ -41,50 +37,47 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace, console: Console) -> int:
-    plan = make.plan(args)
+    if args.out is None:
+        raise InputError("a folder that all tasks of the run share", setting="out")
+    plan = plan_from(args, "make")
     if args.numbers is not None:
-        plan = replace(plan, numbers=numbers_from(args.numbers, plan.numbers))
-    tell = _flamenco(args, console, plan) if args.say == "flamenco" else _progress(console, plan)
+        plan = replace(plan, numbers=_chosen(args.numbers, plan.numbers))
+    tell = _flamenco(args.action, console, plan) if args.say == "flamenco" else _progress(console, plan)
     if args.action == "dataset":
         tasks.dataset(plan, tell)
         return 0
-    with render.stop_on_signals() as stopped:
+    with stop_on_signals() as stopped:
         if args.action == "light":
             tasks.light(plan, console, stopped)
             return 0
         return report(tasks.frames(plan, plan.numbers, console, stopped, tell), console)
 
 
-def numbers_from(text: str, asked: tuple[int, ...]) -> tuple[int, ...]:
-    """`0-24,30`, of the frames that are asked for. Raises InputError."""
-    numbers: list[int] = []
-    for part in text.split(","):
-        found = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
-        if found is None:
-            raise InputError("--numbers such as 0-24,30", found=text)
-        numbers += range(int(found[1]), int(found[2] or found[1]) + 1)
-    if not numbers or not set(numbers) <= set(asked):
-        raise InputError(f"--numbers of the {len(asked)} frames {asked[0]}..{asked[-1]}", found=text)
-    return tuple(sorted(set(numbers)))
+def _chosen(text: str, asked: tuple[int, ...]) -> tuple[int, ...]:
+    """Of the frames that are asked for. Raises InputError."""
+    numbers = numbers_from(text)
+    if not set(numbers) <= set(asked):
+        raise InputError(f"some of the {len(asked)} frames {asked[0]}..{asked[-1]}", setting="numbers", found=text)
+    return numbers
 
 
-def _progress(console: Console, plan: tasks.RunPlan) -> Callable[[int], None]:
+def _progress(console: Console, plan: RunPlan) -> Callable[[int], None]:
     progress = console.progress(len(plan.numbers), plan.job.sequence)
     return lambda number: progress.advance()
 
 
-def _flamenco(args: argparse.Namespace, console: Console, plan: tasks.RunPlan) -> Callable[[int], None]:
+def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], None]:
     """Flamenco's worker looks for lines of Blender's: `Time:` and `skipping` are a step, `Saved:` a picture to show."""
-    last, images = time.monotonic(), plan.raw.parent / "clean/rgb"
+    last, images = time.monotonic(), plan.out / "clean/rgb"
 
     def tell(number: int) -> None:
         nonlocal last
         seconds, last = time.monotonic() - last, time.monotonic()
         console.result({}, f"Time: {int(seconds // 60):02}:{seconds % 60:05.2f} (frame {number})")
-        if args.action == "dataset":
+        if stage == "dataset":
             console.result({}, f"Saved: '{images / f'{number:06}.png'}'")
 
-    if args.action == "frames":
+    if stage == "frames":
         for number in sorted(set(plan.numbers).difference(plan.missing())):
             console.result({}, f"skipping existing frame {number}")
     return tell

@@ -14,7 +14,7 @@ from iclnuim.geometry import trajectory
 
 from ..console import Console
 from ..isolation import survived
-from ..options import action
+from ..options import action, renamed
 from ..scene_options import KINDS, add_scene_options, reading_from
 
 
@@ -24,7 +24,8 @@ def configure(actions: argparse._SubParsersAction) -> None:
     parser = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o path.txt", run)
     parser.add_argument("scene", metavar="SCENE", help=f"a file: {KINDS}")
     parser.add_argument("-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, here")
-    parser.add_argument("--camera", metavar="NAME", help="another camera than the active one")
+    parser.add_argument("--camera-object", metavar="NAME", help="another camera than the active one")
+    renamed(parser, "--camera", "--camera-object")
     parser.add_argument("--force", action="store_true", help="overwrite OUT")
     add_scene_options(parser)
 
@@ -45,8 +46,8 @@ def _save(args: argparse.Namespace, console: Console) -> int:
         except ImportError as error:
             raise blender_missing("trajectory camera", error) from None
         scene.open_scene(str(Path(args.scene).resolve()), reading_from(args))
-        camera = camera_path.active(bpy.context.scene, args.camera)
-        path = camera_path.path(bpy.context.scene, camera if args.camera else None)
+        camera = camera_path.active(bpy.context.scene, args.camera_object)
+        path = camera_path.path(bpy.context.scene, camera if args.camera_object else None)
         lens = camera_path.pinhole(bpy.context.scene, camera)
     write_trajectory(args.out, path, "tum")
     figures = asdict(trajectory.statistics(path)) if len(path) > 1 else {"frames": len(path)}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats import tum
+from iclnuim.formats.columns import TUM_HEADER
 from iclnuim.formats.files import atomic_write_text, read_json
 from iclnuim.geometry import handheld, trajectory
 from iclnuim.geometry.handheld_recipe import Recipe
@@ -47,10 +47,10 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 def tum_text(made: trajectory.Trajectory) -> str:
     """A TUM file of 1e-6 m and 1e-7 in the quaternion: few enough digits that processors' last bits do not show."""
-    rows = np.column_stack([made.stamps_s, tum.pose_columns(made.T_world_camera)]).tolist()
+    rows = np.column_stack([made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]).tolist()
     line = "%.9f %.6f %.6f %.6f %.7f %.7f %.7f %.7f\n"
     text = "".join([line % tuple(row) for row in rows])
-    return tum.HEADER + text.replace("-0.000000 ", "0.000000 ").replace("-0.0000000", "0.0000000")
+    return TUM_HEADER + text.replace("-0.000000 ", "0.000000 ").replace("-0.0000000", "0.0000000")
 
 
 def _places(name: str, out: Path | None) -> tuple[Path, Path]:

@@ -1,13 +1,91 @@
-"""What a run will take on a cluster, before it is submitted: core-hours, gigabytes, wall time."""
+"""What a run takes: figures measured by tasks and kept in the cache, or defaults; from them the size of chunks and the estimate for a cluster."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from math import ceil
+from pathlib import Path
+from statistics import fmean, median
 
-from .figures import BAKE_CORE_S, EXR_BYTES, PAIR_BYTES, PAIR_CORE_S, Figures
+from iclnuim import shipped
+from iclnuim.errors import IclnuimError
+from iclnuim.formats.files import sha256, write_json
+from iclnuim.job import RenderJob
+
+from .run_plan import RunPlan
 from .slurm_settings import SlurmSettings
-from .tasks import RunPlan
+
+#: Fewer frames than this say little.
+MIN_FRAMES = 3
+#: Core-seconds, living room at 640 x 480 (docs/farm.md): bake of 2048 x 2048 texels with 32 samples each; the pair of sequences of a frame.
+BAKE_CORE_S, PAIR_CORE_S = 1110.0, 0.1
+START_S = 15.0
+#: Bytes of a frame: its EXR a pixel, and its four images (clean and noisy, measured on kt2) a pixel.
+EXR_BYTES, PAIR_BYTES = 10.0, 4.6
+
+
+@dataclass(frozen=True)
+class Figures:
+    """`frame_core_s`: core-seconds a frame; `start_s`: until a worker's scene stands; `frames`: measured on so many, 0 for defaults."""
+
+    frame_core_s: float
+    start_s: float = START_S
+    frames: int = 0
+
+    @property
+    def source(self) -> str:
+        return f"measured on {self.frames} frames" if self.frames else "defaults, nothing measured yet"
+
+
+def default(job: RenderJob) -> Figures:
+    """Of the living room, by samples and pixels."""
+    vga = job.camera.width * job.camera.height / (640 * 480)
+    seconds = (
+        0.35 + 0.2 * (job.samples or 0)
+        if job.light == "baked"
+        else 0.3 + 3.0 * (job.samples or 0) + 2.0 * bool(job.denoise)
+    )
+    if not job.exposure.instant:
+        seconds *= 8
+    return Figures(max(0.05, seconds * vga))
+
+
+def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> Figures:
+    """Of a task's workers with `cores` each. A worker's first frame makes ready what the others use: beyond the median it belongs to the start."""
+    if not frames_core_s or not starts_s:
+        return Figures(0.0)
+    middle = median(frames_core_s)
+    beyond_core_s = max(0.0, sum(frames_core_s) - middle * len(frames_core_s))
+    return Figures(middle, fmean(starts_s) + beyond_core_s / cores / len(starts_s), len(frames_core_s))
+
+
+def known(job: RenderJob) -> Figures:
+    """Measured for such frames, else the defaults."""
+    with suppress(OSError, ValueError, TypeError, KeyError):
+        content = json.loads(_file(job).read_text("utf-8"))
+        return Figures(**content["figures"])
+    return default(job)
+
+
+def keep(job: RenderJob, figures: Figures) -> None:
+    """Into the cache, where it can be written; the latest stand."""
+    if figures.frames >= MIN_FRAMES and figures.frame_core_s > 0:
+        with suppress(OSError, IclnuimError):
+            _file(job).parent.mkdir(parents=True, exist_ok=True)
+            write_json(_file(job), {"of": _key(job), "figures": asdict(figures)})
+
+
+def _file(job: RenderJob) -> Path:
+    return shipped.cache_folder() / "figures" / f"{sha256(json.dumps(_key(job)).encode())[:16]}.json"
+
+
+def _key(job: RenderJob) -> dict:
+    """What the time of a frame depends on."""
+    names = ("scene", "light", "samples", "denoise", "antialias", "lambertian", "exposure_s", "readout_s")
+    return {**{name: getattr(job, name) for name in names}, "size": [job.camera.width, job.camera.height]}
 
 
 @dataclass(frozen=True)
@@ -48,12 +126,12 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures, settings: SlurmSe
     vga = plan.job.camera.width * plan.job.camera.height / (640 * 480)
     texels = plan.job.map_size**2 * plan.job.map_samples / (2048**2 * 32)
     bake_s = BAKE_CORE_S * texels if plan.job.light == "baked" and chunks else 0.0
-    pairs_s = PAIR_CORE_S * vga * len(plan.numbers) if plan.sensor is not None else 0.0
+    pairs_s = PAIR_CORE_S * vga * len(plan.numbers) if plan.sequences is not None else 0.0
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * most / cpus
     rounds = ceil(len(chunks) / settings.at_once)
     light_s, dataset_s = known.start_s + bake_s / cpus, 10 + pairs_s / cpus
-    wall_s = (light_s + rounds * task_s if chunks else 0) + (dataset_s if plan.sensor is not None else 0)
+    wall_s = (light_s + rounds * task_s if chunks else 0) + (dataset_s if plan.sequences is not None else 0)
     return Estimate(
         frames=frames,
         tasks=len(chunks),
@@ -72,5 +150,5 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures, settings: SlurmSe
 def _gigabytes(plan: RunPlan, frames: int) -> float:
     """At its fullest: all raw frames, and the sequences beside them."""
     pixels = plan.job.camera.width * plan.job.camera.height
-    pairs = PAIR_BYTES * len(plan.numbers) if plan.sensor is not None else 0.0
+    pairs = PAIR_BYTES * len(plan.numbers) if plan.sequences is not None else 0.0
     return pixels * (EXR_BYTES * frames + pairs) / 1e9

@@ -14,7 +14,7 @@ from pathlib import Path
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import process_lives
 
-#: The holder touches its file this often; on other hosts a file that was not touched for STALE_S belongs to nobody.
+#: The holder touches its file this often; on other hosts a file that was not touched for STALE_S is stale.
 BEAT_S, STALE_S = 5.0, 90.0
 
 
@@ -40,11 +40,11 @@ class OutputLock:
             holder = self._holder()
             if holder is not None and self._lives(holder):
                 raise WorkError(
-                    f"{self.path.parent.parent}: process {holder.get('pid')} on {holder.get('host')} works there already; "
-                    f"wait for it, stop it, or use another --out"
+                    f"{self.path.parent.parent}: process {holder.get('pid')} on {holder.get('host')} works there already",
+                    hint="waiting for it, stopping it, or another {out}",
                 )
             if holder is not None:
-                self._bury(holder)
+                self._remove_stale(holder)
         threading.Thread(target=self._beat, daemon=True).start()
         return self
 
@@ -106,25 +106,25 @@ class OutputLock:
         finally:
             probe.unlink(missing_ok=True)
 
-    def _bury(self, holder: dict) -> None:
-        """Remove a dead holder's file. One at a time, and after a second look: else a new holder's could go."""
-        spade = self.path.with_name(f".{self.path.name}-spade")
+    def _remove_stale(self, holder: dict) -> None:
+        """Remove a stale lock. One at a time, and after a second look: else a new holder's could go."""
+        guard = self.path.with_name(f".{self.path.name}-removal")
         try:
-            os.close(os.open(spade, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+            os.close(os.open(guard, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
         except FileExistsError:
-            self._wait_for(spade)
+            self._wait_for(guard)
             return
         try:
             if self._holder() == holder:
                 self.path.unlink(missing_ok=True)
         finally:
-            spade.unlink(missing_ok=True)
+            guard.unlink(missing_ok=True)
 
-    def _wait_for(self, spade: Path) -> None:
-        """Another one is at it; one that died there is not waited for."""
+    def _wait_for(self, guard: Path) -> None:
+        """Another process is removing it; one that died there is not waited for."""
         time.sleep(0.05)
-        if self._age_s(spade) > STALE_S:
-            spade.unlink(missing_ok=True)
+        if self._age_s(guard) > STALE_S:
+            guard.unlink(missing_ok=True)
 
     def _beat(self) -> None:
         while not self._end.wait(BEAT_S):

@@ -1,182 +1,232 @@
-"""A run rendered on this machine: lock, light, plan, workers, one line of progress."""
+"""A run rendered on this machine: its folder opened and its light baked by one worker process, then frames by several."""
 
 from __future__ import annotations
 
 import itertools
 import os
+import platform
 import queue
 import shutil
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
-from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
+from iclnuim.worker_client import WorkerClient, worker_command
+from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, Note, Ready, Started
 
 from ..console import Console
 from ..isolation import crash_words
-from .cores import own_cores, split
-from .local import Care, LocalFarm, Outcome
+from .chunks import chunks_of, granted_cores, local_size, own_cores, split
+from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError
 from .lock import OutputLock
-from .plan import local_size, missing_chunks
-from .worker_process import WorkerError, WorkerProcess, worker_command
+from .run_plan import RunPlan
+
+
+@dataclass
+class Workers:
+    """Starts the worker processes of a run folder, and prints their notes, each once.
+
+    shared: tasks on other machines work there too, so logs and journal are named after this one, and a worker takes no more cores than
+    the scheduler granted; it is not bound to them where the scheduler has not bound this process.
+    """
+
+    job: RenderJob
+    out: Path
+    console: Console
+    shared: bool = False
+    _printed: set[str] = field(default_factory=set)
+    _count: Iterator[int] = field(default_factory=itertools.count)
+
+    def start(self, cores: list[int], inbox: Inbox) -> WorkerClient:
+        """On these cores. Raises WorkError."""
+        name = f"{platform.node()}-{os.getpid()}" if self.shared else f"{os.getpid()}"
+        log = self.out / ".farm" / f"{'task' if self.shared else 'worker'}-{name}-{next(self._count):02}.log"
+        log.parent.mkdir(parents=True, exist_ok=True)
+        journal = f"finished-{name}.jsonl" if self.shared else "finished.jsonl"
+        granted = granted_cores() if self.shared else own_cores()
+        cores = cores[: len(granted)]
+        options = {
+            "job": self.job.to_dict(),
+            "cores": cores if len(granted) == len(own_cores()) else [],
+            "threads": self.threads(cores),
+            "journal": str(log.with_name(journal)),
+        }
+        return WorkerClient(worker_command(), options, self.out.resolve(), log.resolve(), inbox)
+
+    def threads(self, cores: list[int]) -> int:
+        """Of a worker on these cores."""
+        return max(2, len(cores)) if self.shared else len(cores)
+
+    def on_event(self, event: Event) -> None:
+        """Print a note that is new."""
+        if isinstance(event, Note) and event.text not in self._printed:
+            self._printed.add(event.text)
+            self.console.note(f"note: {event.text}")
+
+
+class Opener:
+    """The worker process that makes a run folder or resumes the one there, and then bakes its light; as a context manager.
+
+    `run` and `job`: as the worker settled them, with no baked light where things move.
+    """
+
+    def __init__(self, workers: Workers, should_stop: Callable[[], bool]) -> None:
+        self._workers, self._should_stop = workers, should_stop
+        self._inbox: Inbox = queue.SimpleQueue()
+        self._client: WorkerClient | None = None
+
+    def __enter__(self) -> Opener:
+        self._client = self._workers.start(own_cores(), self._inbox)
+        try:
+            self._wait(Started)
+            self.run: RunFolder = read_run(self._workers.out)
+            self.job = RenderJob.from_dict(self.run.recipe["job"])
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def bake(self) -> None:
+        """The light of the job into the cache, where it takes any."""
+        if self.job.light == "baked":
+            self._do({"bake": True})
+
+    def save_blend(self, file: Path) -> None:
+        """A copy of the prepared scene with its keyed camera."""
+        self._do({"blend": str(file.resolve())})
+
+    def close(self) -> None:
+        """End the process; safe to call twice."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        client.stop()
+        end = time.monotonic() + 2.0
+        while client.running and time.monotonic() < end:
+            time.sleep(0.02)
+        clean = client.exit_code == 0
+        client.kill()
+        client.close(keep_log=not clean)
+
+    def _do(self, command: dict[str, Any]) -> None:
+        assert self._client is not None
+        self._client.send(command)
+        self._wait(ChunkDone)
+
+    def _wait(self, kind: type[Event]) -> None:
+        """For one event; the worker's errors are ours. A stop asked for meanwhile ends it at once: nothing is lost."""
+        while not self._should_stop():
+            try:
+                client, event = self._inbox.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            self._workers.on_event(event)
+            if isinstance(event, kind):
+                return
+            if isinstance(event, Failed) and not event.bug:
+                raise WorkerError(event)
+            if isinstance(event, Exited) and event.code < 0:
+                raise WorkError(f"{crash_words(self._workers.job.scene, -event.code)}; its log: {client.log}")
+            if isinstance(event, Exited):
+                raise WorkError(
+                    f"a worker does not start (code {event.code}): {client.log_end()}; its log: {client.log}"
+                )
+        raise KeyboardInterrupt
 
 
 @dataclass
 class LocalRun:
-    """A run folder held by this command. Make one with `taken_up`. `cores` instead of `workers`: exactly these for each."""
+    """A run folder that this command alone works in; made by `open_run`."""
 
-    job: RenderJob
-    out: Path
-    trajectory: Trajectory
+    plan: RunPlan
     console: Console
     should_stop: Callable[[], bool]
-    workers: int | None = None
-    care: Care = field(default_factory=Care)
-    run: RunFolder | None = None
-    cores: list[list[int]] | None = None
-    farm: LocalFarm | None = None
-    _told: set[str] = field(default_factory=set)
-    _count: Iterator[int] = field(default_factory=itertools.count)
+    workers: Workers
+    opener: Opener
+    farm: LocalFarm | None = field(default=None, init=False)
 
     @property
-    def own_folder(self) -> Path:
-        return self.out / ".farm"
+    def run(self) -> RunFolder:
+        return self.opener.run
 
-    def open(self) -> RunFolder:
-        """Make the folder or take up the one that is there, and bake what light it needs, in a process that ends before frames begin."""
-        heard: queue.SimpleQueue = queue.SimpleQueue()
-        self._opener = self._start(own_cores(), heard)
-        self._wait(heard, "start")
-        self.run = read_run(self.out)
-        self.job = RenderJob.from_dict(
-            self.run.recipe["job"]
-        )  # as the worker settled it: no baked light where things move
-        self._opener_heard = heard
-        return self.run
+    def render(
+        self,
+        numbers: Sequence[int],
+        on_frame: Callable[[int], None] = lambda number: None,
+        should_stop: Callable[[], bool] | None = None,
+        cores: list[list[int]] | None = None,
+        blend: Path | None = None,
+    ) -> Outcome:
+        """The frames of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome.
 
-    def render(self, numbers: Sequence[int], on_frame: Callable[[int], None] = lambda number: None) -> Outcome:
-        """The frames of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
-        cores = self.cores or split(self.job.light, self.workers)
-        chunks = missing_chunks(self.run, numbers, local_size(len(numbers), len(cores)))
-        missing = sum(len(chunk.frames) for chunk in chunks)
+        cores: of each worker, where the plan's number of workers does not decide. blend: also save the prepared scene there.
+        """
+        stop, job = should_stop or self.should_stop, self.opener.job
+        cores = cores or split(job.light, self.plan.farm.workers)
+        missing = self.run.missing(numbers)
         if numbers:
-            self.console.note(f"{self.job.sequence}: {missing} of {len(numbers)} frames to render, in {self.out}")
+            self.console.note(f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}")
         if missing:
-            self.run.check_space(missing)
-        if missing and self.job.light == "baked":
-            self._opener.send({"bake": True})
-            self._wait(self._opener_heard, "baked")
-        self._close_opener()
-        if not missing or self.should_stop():
-            return Outcome(stopped=self.should_stop())
-        progress = self.console.progress(missing, self.job.sequence)
+            self.run.check_space(len(missing))
+            self.opener.bake()
+        if blend is not None:
+            self.opener.save_blend(blend)
+        self.opener.close()
+        if not missing or stop():
+            return Outcome(stopped=stop())
+        progress = self.console.progress(len(missing), job.sequence)
 
         def done(number: int) -> None:
             progress.advance()
             on_frame(number)
 
-        def heard(event: dict) -> None:
-            self._event(event)
-            if event["event"] == "ready":
+        def listen(worker: Worker, event: Event) -> None:
+            self.workers.on_event(event)
+            if isinstance(event, Ready):
                 progress.begin()
 
-        self.farm = LocalFarm(self._start, cores[:missing], done, heard, self.should_stop, self.care)
-        return self.farm.run(chunks)
-
-    def close(self) -> None:
-        """End what still runs."""
-        self._close_opener()
-
-    def _start(self, cores: list[int], heard: queue.SimpleQueue) -> WorkerProcess:
-        log = self.own_folder / f"worker-{os.getpid()}-{next(self._count):02}.log"
-        options = {
-            "job": self.job.to_dict(),
-            "cores": cores,
-            "threads": len(cores),
-            "journal": str(self.own_folder / "finished.jsonl"),
-        }
-        return WorkerProcess(worker_command(), options, self.out.resolve(), log.resolve(), heard)
-
-    def _wait(self, heard: queue.SimpleQueue, kind: str) -> None:
-        """For one event of the opener; its errors are ours. A stop asked for meanwhile ends it at once: nothing is lost."""
-        while not self.should_stop():
-            try:
-                worker, event = heard.get(timeout=0.2)
-            except queue.Empty:
-                continue
-            self._event(event)
-            if event["event"] == kind:
-                return
-            if event["event"] == "error" and not event.get("bug"):
-                raise WorkerError(event)
-            if event["event"] == "exit" and event["code"] < 0:
-                raise WorkError(f"{crash_words(self.job.scene, -event['code'])}; its log: {worker.log}")
-            if event["event"] == "exit":
-                raise WorkError(
-                    f"a worker does not start (code {event['code']}): {worker.last_words()}; its log: {worker.log}"
-                )
-        raise KeyboardInterrupt
-
-    def _close_opener(self) -> None:
-        worker, self._opener = getattr(self, "_opener", None), None
-        if worker is None:
-            return
-        worker.ask_to_stop()
-        end = time.monotonic() + 2.0
-        while worker.process.poll() is None and time.monotonic() < end:
-            time.sleep(0.02)
-        clean = worker.process.poll() == 0
-        worker.kill()
-        worker.finish(clean)
-
-    def _event(self, event: dict) -> None:
-        if event["event"] == "note" and event["text"] not in self._told:
-            self._told.add(event["text"])
-            self.console.note(f"note: {event['text']}")
+        self.workers.job = job
+        self.farm = LocalFarm(self.workers.start, cores[: len(missing)], done, listen, stop, self.plan.farm)
+        return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
 
 
 @contextmanager
-def taken_up(
-    job: RenderJob,
-    out: Path,
-    console: Console,
-    should_stop: Callable[[], bool],
-    workers: int | None = None,
-    care: Care | None = None,
-) -> Iterator[LocalRun]:
-    """The run in `out`, held by this command alone. Raises InputError, WorkError; says who else works there."""
-    split(job.light, workers)
-    trajectory, out = load_trajectory(job), Path(out)
+def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> Iterator[LocalRun]:
+    """The run of `plan`, made or resumed, locked for this command. Raises InputError, WorkError that names who else works there."""
+    split(plan.job.light, plan.farm.workers)
+    load_trajectory(plan.job)
     worker_command()
-    stood = out.exists()
-    if stood and not out.is_dir():
-        raise InputError("a folder", path=out, found="a file", hint="another --out")
+    out, existed = plan.raw, plan.raw.exists()
+    if existed and not out.is_dir():
+        raise InputError("a folder", path=out, found="a file", hint="another {out}")
     try:
         with OutputLock(out / ".farm"):
-            held = LocalRun(job, out, trajectory, console, should_stop, workers, care or Care())
-            try:
-                held.open()
-                yield held
-            finally:
-                held.close()
+            workers = Workers(plan.job, out, console)
+            with Opener(workers, should_stop) as opener:
+                yield LocalRun(plan, console, should_stop, workers, opener)
     except NotADirectoryError:
-        raise InputError("a folder", path=out, found="a file on the way there", hint="another --out") from None
+        raise InputError("a folder", path=out, found="a file on the way there", hint="another {out}") from None
     except OSError as error:
-        raise WorkError(f"{out}: {error.strerror or error}; try another --out") from None
+        raise WorkError(f"{out}: {error.strerror or error}", hint="another {out}") from None
     finally:
         if not (out / "sequence.json").is_file() and not (out / ".farm/lock").exists():
             shutil.rmtree(out / ".farm", ignore_errors=True)
-            if not stood and out.is_dir() and not any(out.iterdir()):
+            if not existed and out.is_dir() and not any(out.iterdir()):
                 out.rmdir()
 
 
 def report(outcome: Outcome, console: Console) -> int:
-    """What became of the frames, in words; the exit code."""
+    """What became of the frames; the exit code. Raises WorkError where some failed."""
     if outcome.stopped:
         console.note("stopped: the frames so far are valid; the same command goes on from here")
         return 130
@@ -188,3 +238,21 @@ def report(outcome: Outcome, console: Console) -> int:
             f"{len(outcome.failed)} frames failed and were given up, the rest is done; their logs: {listed}"
         )
     return 0
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C and SIGTERM ask for a stop after the current frame; a second one ends the process at once, frames stay valid."""
+    received: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        received.append(number)
+        if len(received) > 1:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(received)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)

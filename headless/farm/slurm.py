@@ -1,4 +1,4 @@
-"""`--engine slurm`: light, arrays of frame tasks and the data set, handed over to an existing Slurm by submitit, each after the one before."""
+"""Slurm: light, arrays of frame tasks and the data set, handed over to an existing Slurm by submitit, each after the one before."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil
-from pathlib import Path
+from typing import Any
 
-from iclnuim.dataset.recipe import read_recipe
+from iclnuim.dataset.recipe import read_recipe, refuse_other
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
 
-from . import figures, record, slurm_queue
+from ..console import Console
+from . import slurm_queue
+from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import Estimate, estimate
-from .plan import chunks_of, size_for_seconds
+from .estimate import known as known_figures
+from .run_plan import RunPlan
 from .slurm_queue import Submitted
 from .slurm_settings import SlurmSettings
-from .slurm_task import Task
-from .tasks import RunPlan
+from .tasks import Task
 
 #: A task may be put back into the queue this often because its time was up; each time it has done some frames.
-MOST_TIMEOUTS = 20
+MAX_TIMEOUTS = 20
 #: Seconds before the end of its time at which a task puts itself back; of a short time a quarter.
 NOTICE_S = 60
 
-Chunks = tuple[tuple[int, ...], ...]
+Chunks = tuple[Chunk, ...]
 
 
 @dataclass(frozen=True)
@@ -48,39 +50,82 @@ class Batch:
             yield "dataset", ()
 
 
-def prepare(plan: RunPlan, settings: SlurmSettings, ask: bool = True) -> Batch:
+def run(plan: RunPlan, print_only: bool, console: Console) -> int:
+    """Submit, and print what was submitted and how to go on; `print_only`: the job scripts, nothing is submitted. Raises InputError, WorkError."""
+    if print_only:
+        _show(plan, console)
+        return 0
+    if not slurm_queue.there():
+        raise WorkError(
+            "no Slurm here (sbatch, srun, squeue, scontrol on the PATH)", hint="a login node, or {print_only}"
+        )
+    batch = prepare(plan)
+    if not any(batch.stages()):
+        queued = slurm_queue.counted(batch.waiting)
+        reason = (
+            f"nothing to submit: what is missing is in the queue ({queued})" if batch.waiting else "nothing is missing"
+        )
+        console.note(reason)
+        return 0
+    jobs = submit(plan, batch)
+    console.note(f"{plan.job.sequence}: {batch.estimate.text()}")
+    console.note("submitted: " + ", ".join(f"{_what(job)} as job {job.job}" for job in jobs))
+    console.note(f"go on with: iclnuim status {plan.out}; iclnuim resume {plan.out}")
+    return 0
+
+
+def _show(plan: RunPlan, console: Console) -> None:
+    """Also where there is no Slurm."""
+    try:
+        batch = prepare(plan)
+    except WorkError as error:
+        console.note(f"as for an empty queue: {error}")
+        batch = prepare(plan, ask=False)
+    texts = scripts(plan, batch)
+    values = {"scripts": texts, "estimate": batch.estimate.to_dict()}
+    titled = [f"# job {k} of {len(texts)}\n{text}" for k, text in enumerate(texts, 1)]
+    console.result(values, "\n".join([*titled, batch.estimate.text()]))
+
+
+def _what(job: Submitted) -> str:
+    if job.stage != "frames":
+        return {"light": "light", "dataset": "data set"}[job.stage]
+    return f"{sum(map(len, job.chunks))} frames in {len(job.chunks)} task{'s' * (len(job.chunks) != 1)}"
+
+
+def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     """What is neither done nor in the queue. `ask` Slurm, else suppose an empty queue. Raises InputError, WorkError."""
     _refuse_other_job(plan)
     jobs = slurm_queue.recorded(plan.raw) if ask else []
     waiting = slurm_queue.in_queue(jobs)
     taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
     missing = [n for n in plan.missing() if n not in taken]
-    known = figures.known(plan.job)
+    settings, known = plan.slurm, known_figures(plan.job)
     size = size_for_seconds(60 * settings.chunk_minutes, known.frame_core_s / settings.cpus)
-    chunks = tuple(chunk.frames for chunk in chunks_of(missing, size))
+    chunks = tuple(chunks_of(missing, size))
     most = slurm_queue.max_array_size() if ask else slurm_queue.MAX_ARRAY_SIZE
     return Batch(
         arrays=_arrays(chunks, most),
         light=bool(chunks),
-        dataset=plan.sensor is not None and (bool(chunks) or not (_dataset_waits(jobs, waiting) or complete(plan))),
+        dataset=plan.sequences is not None and (bool(chunks) or not (_dataset_waits(jobs, waiting) or complete(plan))),
         estimate=estimate(plan, [len(frames) for frames in chunks], known, settings),
         waiting=waiting,
     )
 
 
-def submit(plan: RunPlan, settings: SlurmSettings, asked: dict, batch: Batch) -> list[Submitted]:
+def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
     """Hand the batch over. What was handed over before a failure is cancelled. Raises WorkError in Slurm's own words."""
-    executor = _executor(plan.raw, settings)
+    executor = _executor(plan)
     from submitit.core.utils import FailedJobError, FailedSubmissionError
 
-    record.write(asked, plan.raw)
+    plan.write_record()
     still = [job for job in slurm_queue.recorded(plan.raw) if any(task in batch.waiting for task in job.tasks)]
     new: list[Submitted] = []
     try:
         for stage, chunks in batch.stages():
             executor.parameters = {}
-            executor.update_parameters(**_parameters(settings, stage, batch.estimate, _dependency(stage, new, batch)))
-            given = [Task(asked, str(plan.raw.resolve()), stage, frames) for frames in chunks or [()]]
+            executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, _dependency(stage, new, batch)))
+            given = [Task(plan.to_dict(), str(plan.raw.resolve()), stage, frames) for frames in chunks or [()]]
             job = executor.submit_array(given)[0]
             new.append(Submitted(job.job_id.split("_")[0], stage, chunks))
             slurm_queue.record(plan.raw, still + new)
@@ -90,13 +135,13 @@ def submit(plan: RunPlan, settings: SlurmSettings, asked: dict, batch: Batch) ->
     return new
 
 
-def scripts(plan: RunPlan, settings: SlurmSettings, batch: Batch) -> list[str]:
+def scripts(plan: RunPlan, batch: Batch) -> list[str]:
     """The job scripts as submitit writes them; those that wait for others name them by stage."""
-    executor, texts = _executor(plan.raw, settings), []
+    executor, texts = _executor(plan), []
     for stage, chunks in batch.stages():
         after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
         executor.parameters = {}
-        executor.update_parameters(**_parameters(settings, stage, batch.estimate, after))
+        executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, after))
         if len(chunks) > 1:
             executor.parameters["map_count"] = len(chunks)
         texts.append(executor._make_submission_file_text(executor._submitit_command_str, stage))
@@ -105,28 +150,30 @@ def scripts(plan: RunPlan, settings: SlurmSettings, batch: Batch) -> list[str]:
 
 def complete(plan: RunPlan) -> bool:
     """Whether every sequence says of itself that it is finished, with all frames asked for."""
-    files = [folder / "recipe.json" for folder in plan.variants]
+    files = [folder / "recipe.json" for folder in plan.variants()]
     recipes = [read_recipe(file) for file in files if file.is_file()]
     counts = [recipe["frames"]["count"] for recipe in recipes if recipe.get("finished")]
     return len(counts) == len(files) and min(counts, default=0) >= len(plan.numbers)
 
 
-def _executor(raw: Path, settings: SlurmSettings):
+def _executor(plan: RunPlan) -> Any:
     """submitit's; it also writes scripts where there is no Slurm."""
     try:
         from submitit.slurm.slurm import SlurmExecutor
     except ImportError:
-        raise WorkError("--engine slurm needs submitit; try: pip install 'iclnuim[slurm]'") from None
+        raise WorkError("submitting to Slurm needs submitit", hint="pip install 'iclnuim[slurm]'") from None
 
     class Executor(SlurmExecutor):
         @classmethod
         def affinity(cls) -> int:
             return 2
 
-    folder = raw.resolve() / ".farm/slurm"
+    folder = plan.raw.resolve() / ".farm/slurm"
     if "%" in str(folder):
-        raise InputError("an output folder without %, which Slurm reads as its own", path=raw, hint="another --out")
-    return Executor(folder, max_num_timeout=MOST_TIMEOUTS, python=settings.python)
+        raise InputError(
+            "an output folder without %, which Slurm reads as its own", path=plan.raw, hint="another {out}"
+        )
+    return Executor(folder, max_num_timeout=MAX_TIMEOUTS, python=plan.slurm.python)
 
 
 def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
@@ -175,7 +222,7 @@ def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
 
 def _arrays(chunks: Chunks, most: int) -> tuple[Chunks, ...]:
     """As few arrays as the limit allows, of even length."""
-    return tuple(tuple(chunks[k] for k in part.frames) for part in chunks_of(range(len(chunks)), most))
+    return tuple(tuple(chunks[k] for k in part) for part in chunks_of(range(len(chunks)), most))
 
 
 def _dataset_waits(jobs: list[Submitted], waiting: dict[str, str]) -> bool:
@@ -189,8 +236,4 @@ def _refuse_other_job(plan: RunPlan) -> None:
     there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
     settled = {"light", "samples"} if (there.get("light"), asked["light"]) == ("path", "baked") else set()
     names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
-    different = [f"{k} {there.get(k)} there, {asked[k]} asked" for k in sorted(names) if there.get(k) != asked[k]]
-    if different:
-        raise InputError(
-            "the run that was begun there", path=plan.raw, found="; ".join(different), hint="another --out"
-        )
+    refuse_other("run", plan.raw, *({k: job.get(k) for k in names} for job in (there, asked)), hint="another {out}")

@@ -42,7 +42,7 @@ def there() -> bool:
 
 def max_array_size() -> int:
     """Most tasks of an array: MaxArraySize counts from 0. Raises WorkError where Slurm does not answer."""
-    found = re.search(r"^MaxArraySize\s*=\s*(\d+)", _say("scontrol", "show", "config"), re.M)
+    found = re.search(r"^MaxArraySize\s*=\s*(\d+)", _ask("scontrol", "show", "config"), re.M)
     return max(1, int(found[1])) if found else MAX_ARRAY_SIZE
 
 
@@ -50,7 +50,7 @@ def in_queue(jobs: list[Submitted]) -> dict[str, str]:
     """Tasks of `jobs` that wait or run -> their state. Raises WorkError where Slurm does not answer."""
     if not jobs:
         return {}
-    lines = _say("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
+    lines = _ask("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
     states = dict(line.split()[:2] for line in lines if len(line.split()) > 1)
     ours = {task for job in jobs for task in job.tasks}
     return {task: state for task, state in states.items() if task in ours}
@@ -65,7 +65,7 @@ def cancel(jobs: list[Submitted]) -> None:
     """Those that were handed over before something failed."""
     with suppress(WorkError):
         if jobs:
-            _say("scancel", *(job.job for job in jobs))
+            _ask("scancel", *(job.job for job in jobs))
 
 
 def recorded(raw: Path) -> list[Submitted]:
@@ -83,7 +83,7 @@ def record(raw: Path, jobs: list[Submitted]) -> None:
     write_json(_file(raw), {"jobs": content})
 
 
-def last_words(raw: Path) -> str | None:
+def last_error(raw: Path) -> str | None:
     """The error of the task that failed last, from the logs beside the frames."""
     logs = sorted((raw / ".farm/slurm").glob("*_log.err"), key=lambda path: path.stat().st_mtime, reverse=True)
     for log in logs:
@@ -96,7 +96,7 @@ def _file(raw: Path) -> Path:
     return raw / ".farm/slurm/submitted.json"
 
 
-def _say(*command: str) -> str:
+def _ask(*command: str) -> str:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     except (OSError, subprocess.TimeoutExpired) as error:

@@ -6,128 +6,36 @@ journals have one writer, is made under the folder's lock.
 
 from __future__ import annotations
 
-import os
-import platform
-import queue
+import logging
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter
+from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.errors import WorkError
-from iclnuim.job import RenderJob
+from iclnuim.worker_events import Event, FrameDone, Ready
 
 from ..console import Console
-from . import figures, progress
-from .cores import own_cores, split
-from .local import LocalFarm, Outcome
+from . import estimate
+from .chunks import chunks_of, granted_cores, local_size, split
+from .local import LocalFarm, Outcome, Worker
 from .lock import STALE_S, OutputLock
-from .plan import chunks_of, local_size
-from .rendering import LocalRun
+from .rendering import Opener, Workers, report
+from .run_plan import RunPlan
 from .sequences import SequenceStage
-from .worker_process import WorkerProcess, worker_command
 
 STAGES = ("light", "frames", "dataset")
 
 
-@dataclass(frozen=True)
-class RunPlan:
-    """All of a run: frames `numbers` of `job` into the run folder `raw`, and with `sensor` the sequences clean/ and noisy/ beside it."""
-
-    job: RenderJob
-    raw: Path
-    numbers: tuple[int, ...]
-    sensor: SequenceSettings | None = None
-    keep_raw: bool = True
-
-    @property
-    def variants(self) -> dict[Path, SequenceSettings]:
-        """Folder -> settings of the sequences."""
-        if self.sensor is None:
-            return {}
-        return {
-            self.raw.parent / "clean": SequenceSettings(seed=self.sensor.seed),
-            self.raw.parent / "noisy": self.sensor,
-        }
-
-    def missing(self) -> list[int]:
-        """Frames that are neither finished nor turned into pairs, as the folder alone says."""
-        if not (self.raw / "sequence.json").is_file():
-            return list(self.numbers)
-        made = progress.standing(self.raw, self.numbers) if self.sensor is not None else set()
-        return read_run(self.raw).missing([n for n in self.numbers if n not in made])
-
-
-@dataclass
-class TaskRun(LocalRun):
-    """A run folder shared with tasks on other machines: no lock, logs and journal of its own, no more cores than the scheduler gave."""
-
-    frame_core_s: list[float] = field(default_factory=list)
-    starts_s: list[float] = field(default_factory=list)
-    _begun: list[float] = field(default_factory=list)
-
-    def light(self) -> None:
-        """Make the folder; find or bake the light."""
-        try:
-            self.open()
-            if self.job.light == "baked":
-                self._opener.send({"bake": True})
-                self._wait(self._opener_heard, "baked")
-        finally:
-            self.close()
-
-    def frames(self, missing: Sequence[int], on_frame: Callable[[int], None]) -> Outcome:
-        """Render these. Raises InputError, WorkError; frames given up are in the outcome."""
-        self.run = read_run(self.out)
-        self.run.check_space(len(missing))
-        cores = split(self.job.light, self.workers, granted_cores())[: len(missing)]
-        farm = LocalFarm(self._start, cores, on_frame, self._event, self.should_stop, self.care)
-        outcome = farm.run(chunks_of(missing, local_size(len(missing), len(cores)))) if missing else Outcome()
-        figures.keep(self.job, figures.measured(self.frame_core_s, self.starts_s, len(cores[0]) if cores else 1))
-        return outcome
-
-    def _start(self, cores: list[int], heard: queue.SimpleQueue) -> WorkerProcess:
-        name = f"{platform.node()}-{os.getpid()}"
-        log = self.own_folder / f"task-{name}-{next(self._count):02}.log"
-        log.parent.mkdir(parents=True, exist_ok=True)
-        cores = cores[: len(granted_cores())]
-        options = {
-            "job": self.job.to_dict(),
-            "cores": cores if bound() else [],
-            "threads": max(2, len(cores)),
-            "journal": str(self.own_folder / f"finished-{name}.jsonl"),
-        }
-        self._threads = options["threads"]
-        self._begun.append(time.monotonic())
-        return WorkerProcess(worker_command(), options, self.out.resolve(), log.resolve(), heard)
-
-    def _event(self, event: dict) -> None:
-        super()._event(event)
-        if event["event"] == "ready" and self._begun:
-            self.starts_s.append(time.monotonic() - self._begun.pop(0))
-        if event["event"] == "frame" and "cycles" in event:
-            # a frame is closed while the next is in Cycles
-            self.frame_core_s.append(self._threads * max(event["cycles"], event.get("close", 0.0)))
-
-
-def granted_cores() -> list[int]:
-    """Cores of this task: of all that it may use, as many as the scheduler counts for it."""
-    own = own_cores()
-    return own[: int(os.environ.get("SLURM_CPUS_PER_TASK") or len(own))]
-
-
-def bound() -> bool:
-    """Whether the scheduler has tied this task to its cores. Where it has not, the first ones are everybody's: no pinning."""
-    return len(granted_cores()) == len(own_cores())
-
-
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> None:
     """The first task: a run folder with its recipe, and the light map in the cache. Raises InputError, WorkError."""
-    _task(plan, console, should_stop).light()
+    with Opener(_workers(plan, console), should_stop) as opener:
+        opener.bake()
 
 
 def frames(
@@ -137,19 +45,29 @@ def frames(
     should_stop: Callable[[], bool],
     on_frame: Callable[[int], None],
 ) -> Outcome:
-    """The task between: those of `numbers` that are missing. Raises InputError, WorkError."""
+    """The task between: those of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
     if not (plan.raw / "sequence.json").is_file():
         light(plan, console, should_stop)
     missing = replace(plan, numbers=tuple(numbers)).missing()
-    return _task(plan, console, should_stop).frames(missing, on_frame)
+    if not missing:
+        return Outcome()
+    read_run(plan.raw).check_space(len(missing))
+    cores = split(plan.job.light, None, granted_cores())[: len(missing)]
+    workers = _workers(plan, console)
+    times = _Times(workers)
+    farm = LocalFarm(workers.start, cores, on_frame, times.on_event, should_stop, plan.farm)
+    outcome = farm.run(chunks_of(missing, local_size(len(missing), len(cores))))
+    estimate.keep(plan.job, estimate.measured(times.frames_core_s, times.starts_s, len(cores[0])))
+    return outcome
 
 
 def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 2 * STALE_S) -> int:
     """The last task: both sequences; how many frames they hold. Raises WorkError where frames are missing, once all others are in."""
     run, trajectory = read_run(plan.raw), load_trajectory(plan.job)
     with ExitStack() as held:
-        _hold(held, OutputLock(plan.raw / ".farm"), patience_s)
-        writer = SequenceWriter(frames_of_run(run, trajectory, list(plan.numbers)), plan.variants)
+        _lock(held, OutputLock(plan.raw / ".farm"), patience_s)
+        source = frames_of_run(run, trajectory, list(plan.numbers))
+        writer = SequenceWriter(source, plan.variants(), plan.formats)
         stage = SequenceStage(writer, run, len(granted_cores()), plan.keep_raw, on_frame)
         try:
             there = sorted(set(run.frame_numbers()).intersection(plan.numbers))
@@ -161,19 +79,71 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
         lacking = [n for n in writer.missing if n not in finished]
         if lacking:
             raise WorkError(
-                f"{plan.raw.parent}: {len(lacking)} of {len(plan.numbers)} frames are not rendered (the first is {lacking[0]}); "
-                f"try: iclnuim resume {plan.raw.parent}"
+                f"{plan.out}: {len(lacking)} of {len(plan.numbers)} frames are not rendered (the first is {lacking[0]}); "
+                f"try: iclnuim resume {plan.out}"
             )
         stage.complete()
     return len(plan.numbers)
 
 
-def _task(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> TaskRun:
-    return TaskRun(plan.job, plan.raw, load_trajectory(plan.job), console, should_stop)
+@dataclass(frozen=True)
+class Task:
+    """One task as Slurm runs it: a stage of the plan recorded in `record` for the run folder `raw`; `frames` of a frame task."""
+
+    record: Mapping[str, Any]
+    raw: str
+    stage: str
+    frames: tuple[int, ...] = ()
+
+    def __call__(self) -> int:
+        """Runs on a node; returns the exit code 0. Raises what failed, so that Slurm counts the task as failed."""
+        console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
+        if self.stage == "light":
+            light(plan, console, _never)
+        elif self.stage == "frames":
+            progress = console.progress(len(self.frames), f"{plan.job.sequence}, frame {self.frames[0]} and on")
+            return report(frames(plan, self.frames, console, _never, lambda number: progress.advance()), console)
+        else:
+            progress = console.progress(len(plan.numbers), plan.job.sequence, "pairs")
+            dataset(plan, lambda number: progress.advance())
+        return 0
+
+    def checkpoint(self) -> object:
+        """submitit asks before time is up, or when a task must make room: the same task again, frames that are finished are skipped."""
+        from submitit.helpers import DelayedSubmission
+
+        logging.getLogger("submitit").info("back into the queue; finished frames stand")
+        return DelayedSubmission(self)
 
 
-def _hold(held: ExitStack, lock: OutputLock, patience_s: float) -> None:
-    """A holder that died on another machine is waited for until its heartbeat is old."""
+@dataclass
+class _Times:
+    """What frames and starts of workers took, for estimates."""
+
+    workers: Workers
+    frames_core_s: list[float] = field(default_factory=list)
+    starts_s: list[float] = field(default_factory=list)
+
+    def on_event(self, worker: Worker, event: Event) -> None:
+        self.workers.on_event(event)
+        if isinstance(event, Ready):
+            self.starts_s.append(time.monotonic() - worker.started_s)
+        if isinstance(event, FrameDone) and event.cycles is not None:
+            # a frame is closed while the next is in Cycles
+            seconds = max(event.cycles, event.close or 0.0)
+            self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)
+
+
+def _workers(plan: RunPlan, console: Console) -> Workers:
+    return Workers(plan.job, plan.raw, console, shared=True)
+
+
+def _never() -> bool:
+    return False
+
+
+def _lock(held: ExitStack, lock: OutputLock, patience_s: float) -> None:
+    """Where the holder died on another machine, wait until its heartbeat is old."""
     end = time.monotonic() + patience_s
     while True:
         try:

@@ -8,7 +8,14 @@ import subprocess
 import sys
 
 import pytest
+from iclnuim import shipped
+from iclnuim.dataset.sequence_options import SequenceOptions
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.commands import task
+from iclnuim.headless.commands.run_options import add_run_options
+from iclnuim.headless.farm.chunks import numbers_from
+from iclnuim.job import RenderJob
+from iclnuim.settings import declared
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="no node on the PATH (Debian: nodejs)")
 
@@ -68,11 +75,10 @@ def test_every_task_is_a_command_line_that_the_command_takes(compiled):
     for stage in stages:
         assert (stage.sequence, str(stage.out), stage.light, stage.samples) == ("kt1", "/shared/k t", "path", 16)
         assert (stage.seed, stage.denoise, stage.scene, stage.say) == (3, False, "my room.blend", "flamenco")
-    every = tuple(range(882))
-    shared = [task.numbers_from(s.numbers, every) for s in stages if s.action == "frames"]
+    shared = [numbers_from(s.numbers) for s in stages if s.action == "frames"]
     wanted = sorted({3, *range(5, 10), *range(40, 61)})
     assert [n for numbers in shared for n in numbers] == wanted
-    assert list(task.numbers_from(stages[-1].numbers, every)) == wanted
+    assert list(numbers_from(stages[-1].numbers)) == wanted
     assert [t["commands"][0]["totalStepCount"] for t in tasks] == [0, *map(len, shared), len(wanted)]
 
 
@@ -117,3 +123,29 @@ def run(words):
     done = subprocess.run([sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def test_settings_are_those_that_are_declared(compiled):
+    """The job type is a static file: what it repeats of the declarations is compared here."""
+    settings = {s["key"]: s for s in compiled(out="/o")["type"]["settings"]}
+    job, sequence = declared(RenderJob), declared(SequenceOptions)
+    assert (settings["light"]["choices"], settings["light"]["default"]) == (
+        sorted(job["light"].choices),
+        job["light"].default,
+    )
+    assert (settings["seed"]["default"], settings["seed"]["propargs"]["min"]) == (job["seed"].default, job["seed"].low)
+    assert settings["samples"]["propargs"]["min"] == job["samples"].low - 1 == settings["samples"]["default"], (
+        "0: the light's own"
+    )
+    parser = argparse.ArgumentParser()
+    add_run_options(parser, "make")
+    for name in ("depth_noise", "rgb_noise"):
+        assert (
+            settings[name]["default"] == parser.get_default(name)
+            and settings[name]["default"] in sequence[name].choices
+        )
+    camera = PinholeCamera()
+    assert settings["camera"]["default"] == f"{camera.width}x{camera.height}"
+    assert settings["sequence"]["default"] in shipped.sequence_names()
+    known = {*job, *sequence, "camera", "sequence", "frames", "out"}
+    assert set(settings) - known == {"chunk_size", "dataset", "more_options", "iclnuim"}

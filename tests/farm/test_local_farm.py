@@ -9,9 +9,10 @@ import time
 
 import pytest
 from iclnuim.errors import IclnuimError, WorkError
-from iclnuim.headless.farm.local import Care, LocalFarm
-from iclnuim.headless.farm.plan import chunks_of
-from iclnuim.headless.farm.worker_process import WorkerProcess
+from iclnuim.headless.farm.chunks import chunks_of
+from iclnuim.headless.farm.local import LocalFarm
+from iclnuim.headless.farm.run_plan import FarmSettings
+from iclnuim.worker_client import WorkerClient
 
 #: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows OUT/orders.json, frame -> what goes wrong how often.
 PRETENDER = textwrap.dedent("""
@@ -59,19 +60,23 @@ def farm(tmp_path):
         (out / "orders.json").write_text(json.dumps(orders))
         started, heard = [], []
 
-        def start(cores, events: queue.SimpleQueue) -> WorkerProcess:
+        def start(cores, events: queue.SimpleQueue) -> WorkerClient:
             log = tmp_path / f"worker-{len(started)}.log"
-            started.append(WorkerProcess([sys.executable, str(script)], {"cores": cores}, out, log, events))
+            started.append(WorkerClient([sys.executable, str(script)], {"cores": cores}, out, log, events))
             return started[-1]
 
         stop = should_stop
         farm = LocalFarm(
-            start, [[k] for k in range(workers)], heard.append, should_stop=lambda: stop(), care=Care(**care)
+            start,
+            [[k] for k in range(workers)],
+            heard.append,
+            should_stop=lambda: stop(),
+            settings=FarmSettings(**care),
         )
         try:
             return farm.run(chunks_of(frames, size)), heard, started
         finally:
-            assert all(worker.process.poll() is not None for worker in started)
+            assert not any(worker.running for worker in started)
 
     return run
 
@@ -99,7 +104,7 @@ def test_a_frame_that_kills_three_workers_is_given_up_with_its_log_and_its_neigh
 
 def test_a_stopped_worker_is_replaced(farm):
     begun = time.monotonic()
-    outcome, heard, _ = farm(list(range(12)), {"3": ("stop", 1)}, silent_s=1.0)
+    outcome, heard, _ = farm(list(range(12)), {"3": ("stop", 1)}, worker_timeout_s=5.0)
     assert sorted(heard) == list(range(12)) and outcome.deaths == 1
     assert time.monotonic() - begun < 20
 
@@ -114,13 +119,13 @@ def test_a_worker_that_does_not_start_is_not_tried_for_ever(tmp_path):
     log = tmp_path / "log.log"
 
     def start(cores, events):
-        return WorkerProcess([sys.executable, "-c", "import sys; sys.exit('no bpy here')"], {}, tmp_path, log, events)
+        return WorkerClient([sys.executable, "-c", "import sys; sys.exit('no bpy here')"], {}, tmp_path, log, events)
 
     with pytest.raises(WorkError, match="no bpy here"):
         LocalFarm(start, [[0]], lambda number: None).run(chunks_of([1, 2, 3], 1))
 
 
-@pytest.mark.parametrize("name, care", [("fat", {}), ("slim", {"most_frames": 4})])
+@pytest.mark.parametrize("name, care", [("fat", {}), ("slim", {"max_frames": 4})])
 def test_a_worker_is_replaced_after_enough_frames_or_grown_too_big(farm, name, care):
     outcome, heard, started = farm(list(range(16)), {}, workers=1, name=name, **care)
     assert sorted(heard) == list(range(16))
@@ -135,4 +140,4 @@ def test_a_stop_is_obeyed(farm):
 
 def test_processes_of_another_group_survive_ctrl_c_of_the_terminal(farm):
     _, _, started = farm([0], {})
-    assert os.getpgid(0) not in {worker.process.pid for worker in started}
+    assert os.getpgid(0) not in {worker.pid for worker in started}

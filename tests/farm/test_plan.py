@@ -4,17 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from iclnuim.errors import InputError
-from iclnuim.headless.farm.cores import split
-from iclnuim.headless.farm.plan import chunks_of, local_size, size_for_seconds
+from iclnuim.headless.farm.chunks import chunks_of, local_size, numbers_from, numbers_text, size_for_seconds, split
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True, max_size=300), st.integers(1, 400))
 def test_each_frame_is_in_one_chunk_in_its_order_and_none_is_too_long(frames, size):
     chunks = chunks_of(frames, size)
-    assert [n for chunk in chunks for n in chunk.frames] == frames
-    assert all(1 <= len(chunk.frames) <= size for chunk in chunks)
-    assert [chunk.number for chunk in chunks] == list(range(len(chunks)))
-    lengths = [len(chunk.frames) for chunk in chunks] or [0]
+    assert [n for chunk in chunks for n in chunk] == frames
+    assert all(1 <= len(chunk) <= size for chunk in chunks)
+    lengths = [len(chunk) for chunk in chunks] or [0]
     assert max(lengths) - min(lengths) <= 1
 
 
@@ -41,3 +39,15 @@ def test_every_core_has_one_worker_and_every_worker_two_cores(count, light):
 def test_more_workers_than_pairs_of_cores_are_refused():
     with pytest.raises(InputError, match="1 to 2 workers on 4 cores"):
         split("path", 3, [0, 1, 2, 3])
+
+
+@given(st.lists(st.integers(0, 2000), unique=True, min_size=1, max_size=300))
+def test_frame_numbers_go_into_text_and_back(numbers):
+    assert numbers_from(numbers_text(numbers)) == tuple(sorted(numbers))
+
+
+def test_frame_numbers_are_written_as_ranges_and_others_are_refused():
+    assert numbers_text([5, 0, 1, 2, 7]) == "0-2,5,7"
+    for wrong in ("", "1-", "a", "1,,2"):
+        with pytest.raises(InputError, match="0-24,30"):
+            numbers_from(wrong)

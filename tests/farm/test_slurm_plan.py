@@ -4,19 +4,22 @@ import argparse
 import json
 import os
 import stat
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.headless.commands import make, render
-from iclnuim.headless.farm import figures, record, slurm, slurm_queue, tasks
+from iclnuim.headless.commands.run_options import plan_from, with_farm_options
+from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
+from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
 from iclnuim.headless.farm.slurm_settings import SlurmSettings, minutes, read_settings
-from iclnuim.headless.farm.tasks import RunPlan
 from iclnuim.job import shipped_job
 
 TINY = ("--camera", "16x12", "--frames", "0:10")
@@ -88,7 +91,11 @@ def test_settings_come_from_a_file_and_unknown_keys_are_refused(tmp_path):
     assert read_settings(file) == SlurmSettings(
         partition="long", time="45", setup=("module load x",), extra={"reservation": "r"}
     )
-    for text, words in (("partion = 1", "partion"), ("cpus = 0", "cpus of at least 1"), ("cpus = [", "TOML")):
+    for text, words in (
+        ("partion = 1", "partion"),
+        ("cpus = 0", "cpus: expected a whole number of 1 or more"),
+        ("cpus = [", "TOML"),
+    ):
         file.write_text(text)
         with pytest.raises(InputError, match=words):
             read_settings(file)
@@ -149,7 +156,7 @@ def test_frames_of_tasks_in_the_queue_are_not_asked_for_again(pretended, job, tm
     chunks = ((0, 1), (2, 3), (4, 5))
     slurm_queue.record(raw, [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", chunks)])
     pretended(queue="12_1 RUNNING\\n99_2 PENDING\\n")
-    batch = slurm.prepare(RunPlan(job, raw, tuple(range(8))), SlurmSettings())
+    batch = slurm.prepare(RunPlan(job, raw, tuple(range(8))))
     assert batch.waiting == {"12_1": "RUNNING"}
     assert [n for array in batch.arrays for chunk in array for n in chunk] == [4, 5, 6, 7]
 
@@ -164,7 +171,7 @@ def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(pretend
 def test_the_data_set_task_makes_what_is_there_and_tells_what_is_missing(job, tmp_path):
     raw, numbers = tmp_path / "o/raw", (0, 1, 2, 3)
     begun(job, raw, [0, 1, 3])
-    plan = RunPlan(job, raw, numbers, asked_for(tmp_path).sensor, keep_raw=False)
+    plan = RunPlan(job, raw, numbers, asked_for(tmp_path).sequences, keep_raw=False)
     with pytest.raises(WorkError, match=r"1 of 4 frames are not rendered \(the first is 2\)"):
         tasks.dataset(plan, lambda number: None)
     assert plan.missing() == [2] and not slurm.complete(plan)
@@ -180,41 +187,68 @@ def test_the_data_set_task_makes_what_is_there_and_tells_what_is_missing(job, tm
 def test_clean_and_noisy_are_those_of_a_local_make(job, tmp_path):
     raw, plan = tmp_path / "near/raw", asked_for(tmp_path)
     run = begun(job, raw, range(3))
-    near = RunPlan(job, raw, (0, 1, 2), plan.sensor)
-    SequenceWriter(frames_of_run(run, load_trajectory(job), [0, 1, 2]), near.variants).write()
+    near = RunPlan(job, raw, (0, 1, 2), plan.sequences)
+    SequenceWriter(frames_of_run(run, load_trajectory(job), [0, 1, 2]), near.variants()).write()
     begun(job, tmp_path / "far/raw", range(3))
-    tasks.dataset(RunPlan(job, tmp_path / "far/raw", (0, 1, 2), plan.sensor), lambda number: None)
+    tasks.dataset(RunPlan(job, tmp_path / "far/raw", (0, 1, 2), plan.sequences), lambda number: None)
     files = sorted(p.relative_to(tmp_path / "near") for p in (tmp_path / "near").rglob("*.png"))
     assert len(files) == 12
     assert all((tmp_path / "near" / p).read_bytes() == (tmp_path / "far" / p).read_bytes() for p in files)
 
 
-def asked_for(tmp_path):
-    """What `iclnuim make kt2` asks for."""
+def asked_for(tmp_path, *words, command=make):
+    """The plan of `iclnuim make kt2`, or of other words."""
     parser = argparse.ArgumentParser()
-    make.configure(parser)
-    return make.plan(parser.parse_args(["kt2", *TINY, "--out", str(tmp_path / "plan")]))
+    command.configure(parser)
+    args = parser.parse_args([*(words or ("kt2", *TINY)), "--out", str(tmp_path / "plan")])
+    return with_farm_options(plan_from(args, command.__name__.rpartition(".")[2]), args)
 
 
-def test_a_command_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, monkeypatch):
+def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.txt").write_text("0 0 0 0 0 0 0 1\n")
-    parser = argparse.ArgumentParser()
-    make.configure(parser)
-    words = ["--scene", "office", "--trajectory", "mine.txt", "--seed", "4", "--depth-noise", "redwood", "--out", "a"]
-    record.write(record.of("make", parser.parse_args(words)), tmp_path / "a/raw")
-    (tmp_path / "a").rename(tmp_path / "b")
-    raw = record.find(tmp_path / "b")
-    again = record.options(record.read(raw), raw)
-    assert (again.out, again.scene, again.seed) == (tmp_path / "b", "office", 4)
-    assert (again.trajectory, again.depth_noise) == (str(tmp_path / "mine.txt"), "redwood")
+    words = [
+        "--scene",
+        "office",
+        "--trajectory",
+        "mine.txt",
+        "--seed",
+        "4",
+        "--depth-noise",
+        "redwood",
+        "--workers",
+        "1",
+    ]
+    words += ["--format", "tum", "--format", "nerf", "--time", "1:00", "--depth-settings", "{}", "--up=-y"]
+    plan = asked_for(tmp_path, *words)
+    plan.write_record()
+    (tmp_path / "plan").rename(tmp_path / "b")
+    raw = find_run(tmp_path / "b")
+    again = read_plan(raw)
+    assert (again.raw, again.out, again.job.scene, again.job.seed) == (raw, tmp_path / "b", "office", 4)
+    assert (again.job.trajectory, again.sequences.depth_noise) == (str(tmp_path / "mine.txt"), "redwood")
+    assert again == replace(plan, raw=raw)
 
 
-def test_a_record_with_unknown_options_is_refused(tmp_path):
-    asked = {"schema_version": 1, "command": "render", "working_folder": "", "options": {"warp": 9}}
-    record.write(asked, tmp_path)
-    with pytest.raises(InputError, match="warp"):
-        record.options(record.read(tmp_path), tmp_path)
+def test_a_record_with_unknown_keys_or_values_that_do_not_fit_is_refused_by_name(tmp_path, job, capsys):
+    plan = RunPlan(job, tmp_path, (0, 1))
+    plan.write_record()
+    content = json.loads((tmp_path / RECORD).read_text())
+    for change, words in (
+        ({"warp": 9}, "warp"),
+        ({"schema_version": 3}, "schema_version 2"),
+        ({"farm": {"warp": 9}}, "warp"),
+        ({"farm": {"workers": 0}}, "workers: expected a whole number of 1 or more"),
+        ({"frames": "all"}, "0-24,30"),
+    ):
+        (tmp_path / RECORD).write_text(json.dumps({**content, **change}))
+        with pytest.raises(InputError, match=words) as error:
+            read_plan(tmp_path)
+        assert str(error.value).startswith(f"{tmp_path / RECORD}: ")
+    del content["job"]
+    (tmp_path / RECORD).write_text(json.dumps(content))
+    assert main(["resume", str(tmp_path)]) == 2
+    assert "expected the key 'job'" in capsys.readouterr().err
 
 
 def test_resume_of_a_folder_without_a_record_is_bad_input(tmp_path, capsys):
@@ -223,24 +257,23 @@ def test_resume_of_a_folder_without_a_record_is_bad_input(tmp_path, capsys):
 
 
 def test_measured_figures_stand_above_defaults_and_a_first_frame_counts_as_start(job):
-    assert figures.known(job) == figures.default(job)
-    measured = figures.measured([5.0, 1.0, 1.0, 1.0, 1.0], [3.0], 2)
+    assert estimate.known(job) == estimate.default(job)
+    measured = estimate.measured([5.0, 1.0, 1.0, 1.0, 1.0], [3.0], 2)
     assert (measured.frame_core_s, measured.start_s) == (1.0, 5.0)
-    figures.keep(job, measured)
-    assert figures.known(job) == measured
-    assert figures.known(job.changed(samples=8)).frames == 0
+    estimate.keep(job, measured)
+    assert estimate.known(job) == measured
+    assert estimate.known(job.changed(samples=8)).frames == 0
 
 
 def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended, job, tmp_path, capsys):
     out = tmp_path / "o"
     begun(job, out, [0, 1])
-    parser = argparse.ArgumentParser()
-    render.configure(parser)
-    record.write(record.of("render", parser.parse_args(["kt2", *TINY, "--light", "path", "--samples", "1"])), out)
+    asked = asked_for(tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", command=render)
+    replace(asked, raw=out).write_record()
     pretended()
     words = ("resume", str(out), "--engine", "slurm", "--partition", "night", "--print-only", "--json")
     assert main(list(words)) == 2 and "light baked there, path asked" in capsys.readouterr().err
-    record.write(record.of("render", parser.parse_args(["kt2", *TINY])), out)
+    replace(asked_for(tmp_path, "kt2", *TINY, command=render), raw=out).write_record()
     assert main(list(words)) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["estimate"]["frames"] == 8 and {option(s, "partition")[0] for s in said["scripts"]} == {"night"}
@@ -258,3 +291,15 @@ def test_status_says_why_nothing_goes_on(pretended, job, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "1 missing" in said and "in Slurm's queue: nothing" in said
     assert "the last task that failed: 12_1_0_log.err: no space left" in said
+
+
+def test_pairs_in_other_formats_stand_too(job, tmp_path):
+    raw = tmp_path / "o/raw"
+    begun(job, raw, range(3))
+    options = SequenceOptions(depth_noise="kinect2012", formats=("tum", "euroc"))
+    plan = RunPlan(job, raw, (0, 1, 2), options, keep_raw=False)
+    assert tasks.dataset(plan, lambda number: None) == 3
+    assert plan.missing() == [] and list((raw / "exr").iterdir()) == []
+    assert (raw.parent / "noisy/euroc/mav0/cam0").is_dir() and (raw.parent / "clean/tum/rgb.txt").is_file()
+    next((raw.parent / "clean/euroc").rglob("*.png")).unlink()
+    assert len(plan.missing()) == 1

@@ -160,9 +160,9 @@ def test_matrix_rows_in_a_folder_named_pov_are_not_in_the_pov_world(file):
 
 def test_centimetres_are_suspected_in_the_pov_world(file):
     text = "1 0 0 91 0 1 0 465 0 0 1 -292\n"
-    assert "--unit cm" in read_trajectory(file("office_pov.txt", text)).taken.sentence
+    assert "unit cm" in read_trajectory(file("office_pov.txt", text)).taken.sentence
     loaded = read_trajectory(file("office_pov.txt", text), unit_m=0.01)
-    assert "--unit cm" not in loaded.taken.sentence
+    assert "unit cm" not in loaded.taken.sentence
     np.testing.assert_allclose(loaded.trajectory.positions_m, [[-0.91, 2.92, 4.65]])
 
 

@@ -184,5 +184,5 @@ def test_formats_that_are_only_read_say_so(tmp_path):
 
 @pytest.mark.parametrize("name", ["x", "x.dat", "x.gt.freiburg.gz", ""])
 def test_a_name_that_says_nothing_is_refused(name):
-    with pytest.raises(InputError, match="--to FORMAT"):
+    with pytest.raises(InputError, match="try to FORMAT"):
         format_for_name(name)

@@ -7,8 +7,9 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.depth_others import Kinect2012DepthNoise, RedwoodDepthNoise
 from iclnuim.sensor.depth_released import ReleasedDepthNoise
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from iclnuim.sensor.normals import backward_normals, surface_normals
 from iclnuim.sensor.randomness import frame_generator
-from iclnuim.sensor.surface import backward_normals, surface_normals
+from iclnuim.settings import declared
 
 
 @pytest.mark.parametrize("name", DEPTH_MODELS)
@@ -129,10 +130,8 @@ def test_an_unknown_setting_model_or_value_is_one_line():
 
 @pytest.mark.parametrize("models", [DEPTH_MODELS, RGB_MODELS])
 def test_every_setting_has_a_source_and_comes_back_from_its_dictionary(models):
-    from dataclasses import fields
-
     for model in models.values():
-        assert all(f.metadata["source"] for f in fields(model))
+        assert all(setting.source and setting.help for setting in declared(model).values())
         assert model.from_dict(model().to_dict()) == model()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.depth_paper import PaperDepthNoise
-from iclnuim.sensor.randomness import frame_generator
+from iclnuim.sensor.randomness import frame_generator, gaussian
 
 STEPS_CM = 35130.0
 #: Parts switched off one by one: no shift, no disparity noise, steps too small to see.
@@ -85,6 +85,38 @@ def test_sigma_theta_comes_back_by_angle_and_depth(plane, angle_deg, depth_m):
     angle = np.arccos(np.minimum(cosine, 1))
     sigma_m = 1e-5 + 2e-5 * angle + (1e-5 + 0.5e-5 * angle) * depth
     assert (step_m / sigma_m)[1:-1, 1:-1].std() == pytest.approx(1, rel=0.03)
+
+
+class Constant:
+    """A generator whose every number is the same, so that all vertices step equally far."""
+
+    def __init__(self, level):
+        self.level = level
+
+    def integers(self, low, high, size, dtype):
+        return np.full(size, self.level, dtype)
+
+
+@pytest.mark.parametrize("axis", ["u", "v"])
+@pytest.mark.parametrize("level", [2000, 63000])  # 1.9 and 1.8 sigma towards the camera and away from it
+@pytest.mark.parametrize("angle_deg", [-50, 50])
+def test_equal_steps_along_the_normal_move_a_slanted_plane_as_a_whole(plane, axis, level, angle_deg):
+    camera, generator = PinholeCamera(161, 161, 160, 160, 80, 80), Constant(level)
+    none = dict.fromkeys(("sigma_theta_m_per_rad", "sigma_theta_m_per_m", "sigma_theta_m_per_rad_m"), 0.0)
+    model = PaperDepthNoise(sigma_theta_m=0.05, **none, **NO_SHIFT, **NO_STEPS)
+    step_m = 0.05 * gaussian(generator, (1,))[0]
+    depth = plane(camera, angle_deg, 2.0)
+    # the plane lies 2 cos(angle) from the camera; moved along its normal it meets the optical axis this much farther
+    moved = plane(camera, angle_deg, 2.0 + step_m / np.cos(np.radians(angle_deg)))
+    if axis == "v":
+        depth, moved = depth.T, moved.T
+    noisy = model.apply(depth, camera, generator).astype(float)
+    # each point lands on the pixel nearest to its ray, so depth is off by half a pixel's slope at most
+    half_pixel = 0.5 * np.abs(np.stack(np.gradient(moved.astype(float)))).max(0)
+    inner, landed = np.s_[20:-20, 20:-20], noisy > 0
+    assert landed[inner].mean() > 0.6
+    assert (np.abs(noisy - moved) <= 1.1 * half_pixel + 1e-4)[inner][landed[inner]].all()
+    assert np.sign((noisy - depth)[inner][landed[inner]].mean()) == np.sign(step_m)
 
 
 @pytest.mark.parametrize("sigma_px", [0.3, 0.6, 1.0])

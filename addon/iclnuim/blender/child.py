@@ -4,7 +4,7 @@
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
 JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE}. Commands:
-{"frames": [..]}, also with "sequences": {..} to be made of them (dataset/variants.py), {"bake": true}, {"stop": true}. At the end of
+{"frames": [..]}, also with "sequences": {..} to be made of them (dataset/variants.py), {"bake": true}, {"blend": FILE} for a copy of the prepared scene, {"stop": true}. At the end of
 input, or when the parent is gone, the frame in work is finished and the process ends. Events are those of worker_events.py.
 Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
 """
@@ -146,6 +146,9 @@ def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
             if command.get("bake"):
                 rendered, whole = 0, True
                 emit(events.Baked(str(session.bake())))
+            elif command.get("blend"):
+                rendered, whole = 0, True
+                session.save_blend(Path(command["blend"]))
             else:
                 rendered, whole = _render(session, command, emit, stopped.is_set)
             seconds = round(time.perf_counter() - begun, 4)

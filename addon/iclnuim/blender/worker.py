@@ -55,11 +55,10 @@ def render_run(
     frames_asked: str | Sequence[int],
     emit: Emit,
     should_stop: Callable[[], bool],
-    blend: Path | None = None,
 ) -> bool:
     """Render the frames of `job` that are missing in `out`; True when all asked for are done, False when stopped.
 
-    `frames_asked` is a slice as text or the frames' numbers. `blend` keeps a copy of the prepared scene, camera keyed, to be played in Blender. Raises InputError, WorkError.
+    `frames_asked` is a slice as text or the frames' numbers. Raises InputError, WorkError.
     """
     compat.require_supported_version()
     numbers = checked_frames(frames_asked, len(load_trajectory(job)))
@@ -70,8 +69,6 @@ def render_run(
             return True
         session.run.check_space(len(missing))
         session.prepare()
-        if blend is not None:
-            bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()), copy=True, compress=True)
         started = time.perf_counter()
         rendered, whole = session.loop(missing, should_stop)
     seconds = time.perf_counter() - started
@@ -119,6 +116,11 @@ class Session:
         """Find or make the light map; leaves the scene to be built anew."""
         opened, self._ready, self._opened = self._opened, False, False
         return bake_light(self.job, self.emit, self._use_threads, opened)
+
+    def save_blend(self, file: Path) -> None:
+        """A copy of the prepared scene, camera keyed, to be played in Blender."""
+        self.prepare()
+        bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=True)
 
     def render(self, numbers: Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
         """Frames of `numbers` rendered now, and whether all of them are there."""

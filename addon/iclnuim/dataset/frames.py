@@ -161,7 +161,7 @@ def _read_pair(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.
     for path, shape in ((pair.rgb, image.shape), (pair.depth, units.shape)):
         if shape[:2] != size:
             expected = f"{size[1]} x {size[0]} as the camera has it"
-            raise InputError(expected, path=path, found=f"{shape[1]} x {shape[0]}", hint="--camera")
+            raise InputError(expected, path=path, found=f"{shape[1]} x {shape[0]}", hint="{camera}")
     return light_from_srgb8(image), metres_from_depth16(units, camera.depth_units_per_metre)
 
 

@@ -101,7 +101,7 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
         return SequenceCamera(_read_calibration(folder / "calibration.txt", header.width, header.height))
     if (header.width, header.height) != (640, 480):
         found = f"images of {header.width} x {header.height} and no camera.json"
-        raise InputError("a camera", path=folder, found=found, hint="--camera WIDTHxHEIGHT,FX,FY,CX,CY")
+        raise InputError("a camera", path=folder, found=found, hint="{camera} WIDTHxHEIGHT,FX,FY,CX,CY")
     return SequenceCamera(PinholeCamera(), assumed=True)
 
 
@@ -112,7 +112,7 @@ def _read_calibration(path: Path, width: int, height: int) -> PinholeCamera:
     except ValueError:
         k = []
     if len(k) != 9:
-        raise InputError("the nine numbers of K", path=path, hint="--camera")
+        raise InputError("the nine numbers of K", path=path, hint="{camera}")
     return PinholeCamera(width, height, k[0], abs(k[4]), k[2], k[5])
 
 

@@ -214,12 +214,12 @@ def _handedness(
         return
     result.figures["depth_fits_poses_mm"] = round(1000 * fit.as_read_m, 2)
     result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * fit.mirrored_m, 2)
-    told = f"depth meets depth to {1000 * fit.as_read_m:.1f} mm by the poses as they are"
+    measured = f"depth meets depth to {1000 * fit.as_read_m:.1f} mm by the poses as they are"
     if fit.mirrored_m < 0.6 * fit.as_read_m and fit.as_read_m > 0.004:
         mirrored = f"{1000 * fit.mirrored_m:.1f} mm by them mirrored in y"
-        result.wrong.append(f"{told}, to {mirrored}: they look left-handed; try --from gt.freiburg where they are read")
+        result.wrong.append(f"{measured}, to {mirrored}: they look left-handed; read them as gt.freiburg")
     elif fit.as_read_m > 0.05:
-        result.wrong.append(f"{told}: poses, depth or camera do not belong together")
+        result.wrong.append(f"{measured}: poses, depth or camera do not belong together")
 
 
 @dataclass(frozen=True)

@@ -16,36 +16,35 @@ class JournalEntry:
     """Frame number, SHA-256 of both images, how many pixels of rendered depth became 0, by kind, and SHA-256 of ground-truth images, by kind."""
 
     frame: int
-    rgb_sha256: str
-    depth_sha256: str
-    invalid_depth: dict[str, int]
+    rgb_sha256: str = ""
+    depth_sha256: str = ""
+    invalid_depth: dict[str, int] = field(default_factory=dict)
     truth_sha256: dict[str, str] = field(default_factory=dict)
 
     def to_line(self) -> str:
         """JSON; the last item only where there is any."""
         content = asdict(self)
-        return (
-            json.dumps(content if self.truth_sha256 else {k: v for k, v in content.items() if k != "truth_sha256"})
-            + "\n"
-        )
+        if not self.truth_sha256:
+            del content["truth_sha256"]
+        return json.dumps(content) + "\n"
+
+
+def read_entries(path: Path) -> dict[int, JournalEntry]:
+    """The entries of a journal's whole lines, latest of each frame. The file is left as it is: a process may be writing it."""
+    whole = path.read_bytes().rpartition(b"\n")[0] if path.is_file() else b""
+    found = (_parsed(line) for line in whole.decode("utf-8", "replace").split("\n"))
+    return {entry.frame: entry for entry in found if entry is not None}
 
 
 class Journal:
     """The entries of a file, latest of each frame; a line cut short by a crash is dropped."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.entries: dict[int, JournalEntry] = {}
+        self.path, self.entries = path, read_entries(path)
         data = path.read_bytes() if path.is_file() else b""
-        whole, newline, rest = data.rpartition(b"\n")
-        for line in whole.decode("utf-8", "replace").split("\n"):
-            entry = _parsed(line)
-            if entry is not None:
-                self.entries[entry.frame] = entry
-        if rest:
-            os.truncate(
-                path, len(whole + newline)
-            )  # in place: a kill in the middle of writing anew would lose all entries
+        if not data.endswith(b"\n") and data:
+            # in place: a kill in the middle of writing anew would lose all entries
+            os.truncate(path, data.rfind(b"\n") + 1)
 
     def add(self, entry: JournalEntry) -> None:
         """Append one line. Raises WorkError where it cannot be written."""

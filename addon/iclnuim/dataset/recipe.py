@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import platform
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WorkError
-from ..formats.files import read_json, write_json
+from ..formats.files import read_json, sha256, write_json
 from ..formats.libraries import first_library
 from ..formats.png import BACKENDS
 from ..geometry.camera import PinholeCamera
 from ..shipped import source_commit
-from .run_folder import RunFolder
 
 SCHEMA_VERSION = 1
 #: Keys that decide the pixels; the others may differ between two starts.
@@ -40,7 +41,7 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, format
     }
     file = out / "recipe.json"
     if file.is_file():
-        _refuse_other(file, read_recipe(file), recipe)
+        _refuse_other_sequence(file, read_recipe(file), recipe)
     elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
         found = "other files" if out.is_dir() else "a file"
         raise InputError("an empty folder, or a sequence begun there", path=out, found=found, hint="another folder")
@@ -75,14 +76,38 @@ def read_recipe(path: Path) -> dict:
     return recipe
 
 
-def _refuse_other(file: Path, old: dict, new: dict) -> None:
-    a, b = _identity(old), _identity(new)
-    keys = [key for key in b if a.get(key) != b[key]]
-    of_other_models = tuple(key.removesuffix("model") for key in keys if key.endswith("_noise model"))
-    keys = [key for key in keys if key.endswith("_noise model") or not key.startswith(of_other_models)]
-    if keys:
-        found = "; ".join(_difference(key, a.get(key), b[key]) for key in keys)
-        raise InputError("the sequence that was begun there", path=file, found=found, hint="another folder")
+def refuse_other(what: str, place: Path, there: Mapping, asked: Mapping, hint: str) -> None:
+    """Raises InputError, naming every value that differs, where `what` was begun at `place` from other values than those asked for."""
+    different = [key for key in sorted({*there, *asked}) if there.get(key) != asked.get(key)]
+    if different:
+        found = "; ".join(_difference(key, there.get(key), asked.get(key)) for key in different)
+        raise InputError(f"the {what} that was begun there", path=place, found=found, hint=hint)
+
+
+def _difference(key: str, there: object, asked: object) -> str:
+    text = f"{key} {there} there, {asked} asked"
+    return text if len(text) < 100 and not key.endswith("_sha256") else f"another {key.removesuffix('_sha256')}"
+
+
+def run_identity(recipe: dict) -> dict:
+    """What decides the pixels of a run. Names and places of scene and trajectory do not: their hashes stand for them."""
+    job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
+    job = {key: value for key, value in job.items() if key not in ("sequence", "scene", "trajectory")}
+    return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
+
+
+def run_key(recipe: dict) -> str:
+    """16 hex digits that stand for everything that decides the pixels of a run."""
+    return sha256(json.dumps(run_identity(recipe), sort_keys=True).encode())[:16]
+
+
+def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
+    """Of another noise model only its name is told, not all of its settings."""
+    there, asked = _identity(old), _identity(new)
+    models = [key for key in asked if key.endswith("_noise model") and there.get(key) != asked[key]]
+    settings = tuple(key.removesuffix("model") for key in models)
+    told = [key for key in asked if key in models or not key.startswith(settings)]
+    refuse_other("sequence", file, {k: there.get(k) for k in told}, {k: asked[k] for k in told}, "another folder")
 
 
 def _identity(recipe: dict) -> dict:
@@ -96,13 +121,8 @@ def _identity(recipe: dict) -> dict:
             identity[key] = value
     run = recipe.get("source", {}).get("run")
     if isinstance(run, dict) and isinstance(run.get("job"), dict):
-        identity["source"] = RunFolder(Path(), run).key
+        identity["source"] = run_key(run)
     return identity
-
-
-def _difference(key: str, there: object, asked: object) -> str:
-    text = f"{key} {there} there, {asked} asked"
-    return text if len(text) < 100 else f"another {key}"
 
 
 def _versions() -> dict:

@@ -9,7 +9,6 @@ OUT/sequence.json        the recipe: effective settings, seed, versions, source 
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -21,12 +20,13 @@ import numpy as np
 from .. import shipped
 from ..errors import InputError, WorkError
 from ..formats import exr
-from ..formats.files import read_json, sha256, write_json
+from ..formats.files import read_json, write_json
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
 from .ground_truth import CHANNELS
+from .recipe import refuse_other, run_identity, run_key
 
 #: Bytes a pixel may take in a finished frame (half RGB, float Z, not compressed), for the check of space.
 BYTES_PER_PIXEL = 10
@@ -42,7 +42,7 @@ class RunFolder:
     @property
     def key(self) -> str:
         """16 hex digits that stand for everything that decides the pixels; each frame's header carries them."""
-        return sha256(json.dumps(_identity(self.recipe), sort_keys=True).encode())[:16]
+        return run_key(self.recipe)
 
     @property
     def camera(self) -> PinholeCamera:
@@ -110,7 +110,7 @@ def load_trajectory(job: RenderJob) -> Trajectory:
 
 
 def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
-    """Make the folder with ground truth, camera and recipe, or take up the run that is there.
+    """Make the folder with ground truth, camera and recipe, or open the run that is there.
 
     Raises InputError where it holds another recipe (naming the settings that differ) or other people's files, WorkError where it
     cannot be written.
@@ -118,7 +118,7 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
     path = Path(path)
     existing = path / "sequence.json"
     if existing.is_file():
-        _refuse_other_recipe(existing, read_json(existing), recipe)
+        refuse_other("run", existing, run_identity(read_json(existing)), run_identity(recipe), "another {out}")
     elif path.is_dir() and any(path.iterdir()):
         if not _is_unstarted(path):
             raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another {out}")
@@ -150,27 +150,3 @@ def _is_unstarted(path: Path) -> bool:
     return not frames and all(
         p.name in ("exr", "camera.json", "groundtruth.txt") or p.name.startswith(".") for p in path.iterdir()
     )
-
-
-def _identity(recipe: dict) -> dict:
-    """What decides the pixels. Names and places of scene and trajectory do not: their hashes stand for them."""
-    job = {key: value for key, value in recipe["job"].items() if key not in ("sequence", "scene", "trajectory")}
-    return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
-
-
-def _refuse_other_recipe(file: Path, old: dict, new: dict) -> None:
-    a, b = _identity(old) if isinstance(old.get("job"), dict) else {}, _identity(new)
-    different = [
-        f"another {key.removesuffix('_sha256')}"
-        if key.endswith("_sha256")
-        else f"{key} {_brief(a.get(key))} there, {_brief(b.get(key))} asked"
-        for key in sorted({*a, *b})
-        if a.get(key) != b.get(key)
-    ]
-    if different:
-        raise InputError("the run that was begun there", path=file, found="; ".join(different), hint="another {out}")
-
-
-def _brief(value: object) -> str:
-    text = str(value)
-    return text if len(text) < 40 else text[:8]

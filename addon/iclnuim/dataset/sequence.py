@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from . import ground_truth
 from .depth_units import UNITS_PER_METRE, total
 from .frame_pool import FramePool, cores
 from .frames import FrameSource, frames_of_run
-from .journal import Journal, JournalEntry
+from .journal import Journal, JournalEntry, read_entries
 from .noisy_frame import SequenceSettings, noisy_images
 from .recipe import begin, finish
 from .run_folder import RunFolder
@@ -116,11 +117,28 @@ class SequenceWriter:
 
     def stands(self, number: int) -> bool:
         """Whether the frame's images, read back, are in every sequence what its journal says."""
-        return all(_stands(t.journal, number, t.places[number]) for t in self.targets)
+        return all(_stands(t.journal.entries, number, t.places[number]) for t in self.targets)
 
     def complete(self) -> list[WrittenSequence]:
         """Lists and recipe of all frames, once they are made."""
         return [target.completed(self.source) for target in self.targets]
+
+
+def standing_frames(source: FrameSource, folders: Iterable[Path], formats: Iterable[str]) -> set[int]:
+    """Frames of the source whose images, read back, are in every folder what its journal says. Nothing is written."""
+    chosen = [sequence_format(name) for name in formats]
+    journals = {out: read_entries(out / "frames.jsonl") for out in folders}
+    kinds = ground_truth.KINDS if source.truth_images else ()
+
+    def stands(number: int) -> bool:
+        frame = _frame(source, number)
+        return all(
+            _stands(entries, number, _image_files(chosen, _folders(out, chosen), frame, kinds))
+            for out, entries in journals.items()
+        )
+
+    with ThreadPoolExecutor(4) as pool:
+        return {n for n, good in zip(source.numbers, pool.map(stands, source.numbers), strict=True) if good}
 
 
 def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
@@ -191,7 +209,7 @@ def _target(source: FrameSource, out: Path, settings: SequenceSettings, formats:
     folders = _folders(out, formats)
     kinds = ground_truth.KINDS if source.truth_images else ()
     places = {n: _image_files(formats, folders, _frame(source, n), kinds) for n in source.stamps_s}
-    finished = frozenset(n for n in places if _stands(journal, n, places[n]))
+    finished = frozenset(n for n in places if _stands(journal.entries, n, places[n]))
     _clear(out)
     _make_folders(places[n] for n in source.numbers)
     return _Target(out, settings, formats, recipe, journal, places, finished)
@@ -231,9 +249,9 @@ def _image_files(
     }
 
 
-def _stands(journal: Journal, number: int, files: Places) -> bool:
+def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places) -> bool:
     """Whether all images of a frame are there as the journal has them."""
-    entry = journal.entries.get(number)
+    entry = entries.get(number)
     if entry is None:
         return False
     digests = {"rgb": entry.rgb_sha256, "depth": entry.depth_sha256, **entry.truth_sha256}

@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 
 from ..errors import InputError
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
-from ..sensor.parameters import NoiseSettings
+from ..sensor.noise_model import NoiseModel
 from ..settings import Choices, Settings, setting
 from .depth_units import UNITS_PER_METRE
 from .noisy_frame import SequenceSettings
 from .sequence_formats import FORMATS
 
 
-def _summaries(models: Mapping[str, type[NoiseSettings]]) -> Choices:
+def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
     return {name: model.summary for name, model in models.items()}
 
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
-from . import euroc, freiburg, matrix_rows, pov_cameras, pov_commands, sim, tum
+from . import pov
+from .columns import COLUMNS
 from .files import atomic_write_text
-from .loaded import LoadedTrajectory, ReadOptions, Source, Taken
-from .written import WriteOptions, check_writable
+from .trajectory_file import (
+    LoadedTrajectory,
+    ReadOptions,
+    Source,
+    Taken,
+    TrajectoryFormat,
+    WriteOptions,
+    check_writable,
+)
 
 __all__ = [
     "FORMATS",
@@ -26,34 +32,8 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Format:
-    """One format: whether a file is of it (by name and content), how it is read, how it is written (None: not)."""
-
-    sniff: Callable[[Source], bool]
-    read: Callable[[Source, ReadOptions], LoadedTrajectory]
-    write: Callable[[Trajectory, WriteOptions], str] | None = None
-    goes_to: str = ""
-
-
-def _only_when_told(source: Source) -> bool:
-    return False
-
-
 #: name -> format, in the order in which they are asked whether a file is theirs
-FORMATS = {
-    "pov-cameras": Format(pov_cameras.sniff, pov_cameras.read),
-    "gt.freiburg": Format(freiburg.sniff, freiburg.read, freiburg.write, freiburg.GOES_TO),
-    "gt.sim": Format(sim.sniff, sim.read, sim.write, sim.GOES_TO),
-    "pov-commands": Format(pov_commands.sniff, pov_commands.read, pov_commands.write, pov_commands.GOES_TO),
-    "euroc": Format(euroc.sniff, euroc.read, euroc.write, euroc.GOES_TO),
-    "pov-matrix": Format(matrix_rows.sniff_pov, matrix_rows.read_pov, matrix_rows.write_pov, matrix_rows.GOES_TO_POV),
-    "kitti": Format(
-        matrix_rows.sniff_kitti, matrix_rows.read_kitti, matrix_rows.write_kitti, matrix_rows.GOES_TO_KITTI
-    ),
-    "tum": Format(tum.sniff, tum.read, tum.write, tum.GOES_TO),
-    "tum-ids": Format(_only_when_told, tum.read_ids),
-}
+FORMATS = {**pov.FORMATS, **{columns.name: columns.format for columns in COLUMNS}}
 
 
 def read_trajectory(
@@ -99,25 +79,22 @@ def sniffed(source: Source) -> str:
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")
     found = f"{source.columns} columns"
-    raise InputError(expected, path=source.path, line=source.first_line_number, found=found, hint="--from FORMAT")
+    raise InputError(expected, path=source.path, line=source.first_line_number, found=found, hint="{from} FORMAT")
 
 
 def format_for_name(path: str | os.PathLike[str]) -> str:
     """The format that a file to be written has by its name. Raises InputError where the name says nothing."""
     name = os.path.basename(os.fspath(path)).lower()
-    endings = {".gt.freiburg": "gt.freiburg", ".gt.sim": "gt.sim", ".csv": "euroc", ".kitti": "kitti", ".tum": "tum"}
-    for ending, format in endings.items():
-        if name.endswith(ending):
+    for format, known in FORMATS.items():
+        texts = (".txt", ".sh") if format == "pov-commands" else (".txt",)
+        if name.endswith(known.endings) or (known.word and known.word in name and name.endswith(texts)):
             return format
-    if name.endswith((".txt", ".sh")) and "command" in name:
-        return "pov-commands"
-    if name.endswith(".txt"):
-        return "pov-matrix" if "pov" in name else "kitti" if "kitti" in name else "tum"
-    expected = "a name ending in .tum, .txt, .csv, .kitti, .gt.freiburg or .gt.sim"
-    raise InputError(expected, path=path, found=os.path.splitext(name)[1] or "no ending", hint="--to FORMAT")
+    endings = ".tum, .txt, .csv, .kitti, .gt.freiburg or .gt.sim"
+    found = os.path.splitext(name)[1] or "no ending"
+    raise InputError(f"a name ending in {endings}", path=path, found=found, hint="{to} FORMAT")
 
 
-def _known(format: str) -> Format:
+def _known(format: str) -> TrajectoryFormat:
     if format not in FORMATS:
         raise InputError(f"a trajectory format ({', '.join(FORMATS)})", found=format)
     return FORMATS[format]

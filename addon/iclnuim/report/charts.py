@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..formats.columns import ANCHORED_WORLD
 from ..formats.files import atomic_write, check_picture
-from ..formats.freiburg import ANCHORED_WORLD
-from ..formats.loaded import LoadedTrajectory
+from ..formats.trajectories import LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 
 #: Told apart also without colour vision (Okabe and Ito's set, without yellow).

@@ -35,8 +35,7 @@ from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from ..evaluation.align import Alignment, MirrorCheck
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
-from ..formats.loaded import LoadedTrajectory
-from ..formats.trajectories import read_trajectory
+from ..formats.trajectories import LoadedTrajectory, read_trajectory
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .disparity import KINECT_CM_PX
+from .depth_paper import KINECT_CM_PX
 from .transfer import light_from_srgb
 
 #: Values nearer than this to black or white may be clipped and tell nothing of response or noise.

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
-from .parameters import NoiseSettings, parameter
+from .noise_model import NoiseModel, parameter
+from .normals import surface_normals
 from .randomness import gaussian
 from .sampling import as_depth, pixel_grid, sample_within_surface
-from .surface import surface_normals
 
 _NGUYEN = "C. V. Nguyen, S. Izadi, D. Lovell: Modeling Kinect sensor noise ..., 3DIMPVT 2012"
 _REDWOOD = (
@@ -20,7 +20,7 @@ _REDWOOD = (
 
 
 @dataclass(frozen=True)
-class NoDepthNoise(NoiseSettings):
+class NoDepthNoise(NoiseModel):
     """Depth as rendered."""
 
     name = "none"
@@ -32,7 +32,7 @@ class NoDepthNoise(NoiseSettings):
 
 
 @dataclass(frozen=True)
-class Kinect2012DepthNoise(NoiseSettings):
+class Kinect2012DepthNoise(NoiseModel):
     """Axial sigma a + b (z - c)^2 + d / sqrt(z) t^2 / (pi/2 - t)^2, lateral sigma e + f t / (pi/2 - t).
 
     t is the angle between normal and camera ray.
@@ -41,17 +41,26 @@ class Kinect2012DepthNoise(NoiseSettings):
     name = "kinect2012"
     summary = "axial and lateral noise of a Kinect, Nguyen et al. 2012"
 
-    axial_m: float = parameter(0.0012, "m", _NGUYEN)
-    axial_per_m: float = parameter(0.0019, "1/m", _NGUYEN)
-    axial_nearest_m: float = parameter(0.4, "m", _NGUYEN)
-    axial_angle: float = parameter(0.0001, "m^(3/2)", _NGUYEN)
-    lateral_px: float = parameter(0.8, "px", _NGUYEN)
-    lateral_angle_px: float = parameter(0.035, "px", _NGUYEN)
+    axial_m: float = parameter(0.0012, "a", unit="m", low=0.0, source=_NGUYEN)
+    axial_per_m: float = parameter(0.0019, "b", unit="1/m", low=0.0, source=_NGUYEN)
+    axial_nearest_m: float = parameter(0.4, "c", unit="m", low=0.0, source=_NGUYEN)
+    axial_angle: float = parameter(0.0001, "d", unit="m^(3/2)", low=0.0, source=_NGUYEN)
+    lateral_px: float = parameter(0.8, "e", unit="px", low=0.0, source=_NGUYEN)
+    lateral_angle_px: float = parameter(0.035, "f", unit="px", low=0.0, source=_NGUYEN)
     missing_angle_deg: float = parameter(
-        82.0, "degrees", "the formulas grow without end; limit as in the model released", 0, 89.9
+        82.0,
+        "pixels seen more obliquely go missing, as the formulas grow without end",
+        unit="degrees",
+        low=0.0,
+        high=89.9,
+        source="limit as in the model released",
     )
     edge_share: float = parameter(
-        0.1, "share of depth", "neighbours differing by more are another surface; own choice", 1e-6
+        0.1,
+        "neighbours that differ by more are another surface",
+        unit="share of depth",
+        low=1e-6,
+        source="own choice",
     )
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
@@ -81,20 +90,24 @@ class Kinect2012DepthNoise(NoiseSettings):
 
 
 @dataclass(frozen=True)
-class RedwoodDepthNoise(NoiseSettings):
+class RedwoodDepthNoise(NoiseModel):
     """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to 1/8 step."""
 
     name = "redwood"
     summary = "distortion and quantisation of the Redwood simulation, Choi et al. 2015"
 
-    sigma_s_px: float = parameter(0.25, "px", _REDWOOD)
-    snap_px: float = parameter(2, "px", _REDWOOD, 1, 64)
-    far_m: float = parameter(10.0, "m", _REDWOOD, 1e-3)
-    disparity_m: float = parameter(35.130, "m x disparity steps", _REDWOOD, 1e-6)
-    sigma_d: float = parameter(0.027778, "disparity steps", _REDWOOD)
-    steps: float = parameter(8.0, "per disparity step", _REDWOOD, 1e-3)
-    map_first_m: float = parameter(1.0, "m", "depth of the distortion map's first layer")
-    map_step_m: float = parameter(2.0, "m", "depth between two of its layers", 1e-6)
+    sigma_s_px: float = parameter(0.25, "shift in u and v", unit="px", low=0.0, source=_REDWOOD)
+    snap_px: float = parameter(
+        2, "rows and columns are cut to multiples of it", unit="px", low=1.0, high=64.0, source=_REDWOOD
+    )
+    far_m: float = parameter(10.0, "nothing is measured from here on", unit="m", low=1e-3, source=_REDWOOD)
+    disparity_m: float = parameter(
+        35.130, "disparity times depth", unit="m x disparity steps", low=1e-6, source=_REDWOOD
+    )
+    sigma_d: float = parameter(0.027778, "disparity noise", unit="disparity steps", low=0.0, source=_REDWOOD)
+    steps: float = parameter(8.0, "rounding of disparity", unit="per disparity step", low=1e-3, source=_REDWOOD)
+    map_first_m: float = parameter(1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD)
+    map_step_m: float = parameter(2.0, "depth between two of its layers", unit="m", low=1e-6, source=_REDWOOD)
 
     def apply(
         self,

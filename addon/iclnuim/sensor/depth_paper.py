@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
-from .bands import bands
-from .disparity import KINECT_CM_PX, quantised
-from .parameters import NoiseSettings, parameter
+from .noise_model import NoiseModel, parameter
+from .normals import Normals, ray_slopes, surface_normals
 from .randomness import gaussian
-from .sampling import as_depth, pixel_grid, sample_within_surface
-from .surface import Normals, ray_slopes, surface_normals
+from .sampling import as_depth, bands, pixel_grid, sample_within_surface
 
+#: Paper, equation 3, from the Kinect's baseline (Barron and Malik 2013): disparity = 35130 / Z with Z in centimetres.
+KINECT_CM_PX = 35130.0
 _NGUYEN = (
     "the paper prints none; least-squares bilinear fit, over 0..75 degrees and 0.5..4.5 m, of the part of the axial "
     "noise that grows with the angle, 0.0001 / sqrt(z) * angle^2 / (pi/2 - angle)^2 m (Nguyen, Izadi, Lovell 2012); "
@@ -22,28 +22,36 @@ _NGUYEN = (
 
 
 @dataclass(frozen=True)
-class PaperDepthNoise(NoiseSettings):
+class PaperDepthNoise(NoiseModel):
     """Section V.A. sigma_theta = a + b angle + c z + d angle z, never below 0, angle between normal and camera ray."""
 
     name = "paper"
     summary = "the paper's model: lateral shift, disparity noise and quantisation"
 
-    sigma_s_px: float = parameter(0.5, "px", "paper, footnote 4")
-    sigma_d: float = parameter(1 / 6, "disparity steps", "paper, footnote 4")
-    disparity_cm: float = parameter(KINECT_CM_PX, "cm x disparity steps", "paper, equation 3; Z in centimetres", 1e-3)
+    sigma_s_px: float = parameter(0.5, "shift in u and v", unit="px", low=0.0, source="paper, footnote 4")
+    sigma_d: float = parameter(1 / 6, "disparity noise", unit="disparity steps", low=0.0, source="paper, footnote 4")
+    disparity_cm: float = parameter(
+        KINECT_CM_PX, "disparity times depth", unit="cm x disparity steps", low=1e-3, source="paper, equation 3"
+    )
     edge_share: float = parameter(
         0.1,
-        "share of depth",
-        "neighbours differing by more are another surface (89 degrees at this camera); own choice",
-        1e-6,
+        "neighbours that differ by more are another surface",
+        unit="share of depth",
+        low=1e-6,
+        source="own choice: 89 degrees at this camera",
     )
-    lateral: bool = parameter(True, "", "paper, section V.A, last paragraph")
-    sigma_theta_m: float = parameter(-4.04e-4, "m", _NGUYEN, -np.inf)
-    sigma_theta_m_per_rad: float = parameter(1.118e-3, "m/rad", _NGUYEN, -np.inf)
-    sigma_theta_m_per_m: float = parameter(6.26e-5, "m/m", _NGUYEN, -np.inf)
-    sigma_theta_m_per_rad_m: float = parameter(-1.732e-4, "m/(rad m)", _NGUYEN, -np.inf)
+    lateral: bool = parameter(True, "the step along the normal", source="paper, section V.A, last paragraph")
+    sigma_theta_m: float = parameter(-4.04e-4, "step along the normal, constant term", unit="m", source=_NGUYEN)
+    sigma_theta_m_per_rad: float = parameter(1.118e-3, "its growth with the angle", unit="m/rad", source=_NGUYEN)
+    sigma_theta_m_per_m: float = parameter(6.26e-5, "its growth with the depth", unit="m/m", source=_NGUYEN)
+    sigma_theta_m_per_rad_m: float = parameter(-1.732e-4, "with both", unit="m/(rad m)", source=_NGUYEN)
     missing_angle_deg: float = parameter(
-        82.0, "degrees", "pixels seen more obliquely go missing; the angle measured on the released frames", 0, 90
+        82.0,
+        "pixels seen more obliquely go missing",
+        unit="degrees",
+        low=0.0,
+        high=90.0,
+        source="the angle measured on the released frames",
     )
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
@@ -93,6 +101,24 @@ class PaperDepthNoise(NoiseSettings):
                 shift_v[rows] = np.float32(camera.fy) * step_m * (n.y - y[rows] * n.z) / moved
                 moved_z_m[rows] = np.where((z > 0) & (moved > 0), moved, np.float32(0))
         return _projected(moved_z_m, shift_u, shift_v)
+
+
+def quantised(
+    depth_z_m: np.ndarray, disparity_cm: float, sigma_d: float, rng: np.random.Generator, bias: float = 0.0
+) -> np.ndarray:
+    """Depth to disparity, plus N(bias, sigma_d^2), to the nearest integer, back to depth; 0 stays 0.
+
+    Equation 3 of the paper: floor(d + noise + 0.5) is the rounding itself. (Rounding that sum again is the bias of the
+    released frames.) Float32 in metres, (h, w). A disparity of 0 or less is no measurement.
+    """
+    disparity_m = np.float32(disparity_cm / 100)
+    with np.errstate(divide="ignore"):
+        steps = disparity_m / depth_z_m
+        steps += np.float32(sigma_d) * gaussian(rng, depth_z_m.shape) + np.float32(bias)
+        steps = np.floor(steps + np.float32(0.5))
+        quantised_m = disparity_m / steps
+    quantised_m[~((steps > 0) & (steps < np.inf))] = 0
+    return quantised_m
 
 
 def _projected(depth_z_m: np.ndarray, shift_u: np.ndarray, shift_v: np.ndarray) -> np.ndarray:

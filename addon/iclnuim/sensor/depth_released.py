@@ -7,32 +7,45 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
-from .disparity import KINECT_CM_PX, quantised
-from .parameters import NoiseSettings, parameter
+from .depth_paper import KINECT_CM_PX, quantised
+from .noise_model import NoiseModel, parameter
+from .normals import backward_normals
 from .randomness import gaussian
 from .sampling import as_depth, pixel_grid, sample_with_zeros
-from .surface import backward_normals
 
 _MEASURED = "measured on the official noisy office kt3 frames"
 
 
 @dataclass(frozen=True)
-class ReleasedDepthNoise(NoiseSettings):
+class ReleasedDepthNoise(NoiseModel):
     """Beside the paper's words: a wider shift, half a pixel of offset, zeros that mix in, disparity biased by 1/2."""
 
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
 
-    sigma_s_px: float = parameter(1.15, "px", _MEASURED)
-    offset_px: float = parameter(-0.5, "px", _MEASURED, -np.inf)
-    missing_angle_deg: float = parameter(82.0, "degrees", _MEASURED, 0, 90)
-    sigma_d: float = parameter(1 / 6, "disparity steps", "paper, footnote 4; holds in the released frames too")
-    disparity_bias: float = parameter(
-        0.5, "disparity steps", _MEASURED + ": the sum of equation 3 rounded again", -np.inf
+    sigma_s_px: float = parameter(1.15, "shift in u and v", unit="px", low=0.0, source=_MEASURED)
+    offset_px: float = parameter(-0.5, "mean of the shift", unit="px", source=_MEASURED)
+    missing_angle_deg: float = parameter(
+        82.0, "pixels seen more obliquely go missing", unit="degrees", low=0.0, high=90.0, source=_MEASURED
     )
-    disparity_cm: float = parameter(KINECT_CM_PX, "cm x disparity steps", "paper, equation 3; Z in centimetres", 1e-3)
-    input_step_m: float = parameter(0.01, "m", _MEASURED + ": whole centimetres before", 1e-6)
-    output_step_m: float = parameter(0.001, "m", _MEASURED + ": cut to whole millimetres after", 1e-6)
+    sigma_d: float = parameter(
+        1 / 6,
+        "disparity noise",
+        unit="disparity steps",
+        low=0.0,
+        source="paper, footnote 4; holds in the released frames too",
+    )
+    disparity_bias: float = parameter(
+        0.5,
+        "mean of the disparity noise",
+        unit="disparity steps",
+        source=_MEASURED + ": the sum of equation 3 rounded again",
+    )
+    disparity_cm: float = parameter(
+        KINECT_CM_PX, "disparity times depth", unit="cm x disparity steps", low=1e-3, source="paper, equation 3"
+    )
+    input_step_m: float = parameter(0.01, "rounding before the disparity", unit="m", low=1e-6, source=_MEASURED)
+    output_step_m: float = parameter(0.001, "steps that depth is cut to after it", unit="m", low=1e-6, source=_MEASURED)
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""

@@ -1,8 +1,12 @@
-"""Every noise model by name, and a user's own as `module:function`."""
+"""The registry of noise models, and a user's own as `module:function`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib
+import inspect
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,15 +16,14 @@ from ..geometry.camera import PinholeCamera
 from .depth_others import Kinect2012DepthNoise, NoDepthNoise, RedwoodDepthNoise
 from .depth_paper import PaperDepthNoise
 from .depth_released import ReleasedDepthNoise
-from .own_noise import own_noise
-from .parameters import NoiseSettings
+from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 
 #: In the order in which a saved .blend numbers them: new ones go to the end.
-DEPTH_MODELS: dict[str, type[NoiseSettings]] = {
+DEPTH_MODELS: dict[str, type[NoiseModel]] = {
     m.name: m for m in (NoDepthNoise, ReleasedDepthNoise, PaperDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
 }
-RGB_MODELS: dict[str, type[NoiseSettings]] = {m.name: m for m in (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)}
+RGB_MODELS: dict[str, type[NoiseModel]] = {m.name: m for m in (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)}
 
 _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 
@@ -55,9 +58,61 @@ def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> RgbNoise:
     return _model("RGB", name, settings or {}, RGB_MODELS)
 
 
-def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseSettings]]) -> Any:
+def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseModel]]) -> Any:
     if ":" in name:
-        return own_noise(kind, name, settings, _ARGUMENTS[kind])
+        return _user_noise(kind, name, settings, _ARGUMENTS[kind])
     if name not in known:
         raise InputError(f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name)
-    return known[name].from_dict(dict(settings))
+    try:
+        return known[name].from_dict(settings)
+    except InputError as error:
+        if error.setting is None:
+            raise
+        expected = f"{error.setting} of the noise model {name!r} as {error.expected}"
+        raise InputError(expected, found=error.found) from None
+
+
+@dataclass(frozen=True)
+class UserNoise:
+    """A function of the same signature as a model's `apply`, and settings handed to it by keyword."""
+
+    name: str
+    function: Callable[..., np.ndarray] = field(repr=False)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def apply(self, *arguments: Any) -> np.ndarray:
+        """What the function returns. Raises InputError, with the place in the user's file, for what it raises."""
+        try:
+            return self.function(*arguments, **self.settings)
+        except InputError:
+            raise
+        except Exception as error:  # whatever a user's function may raise
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            found = f"{type(error).__name__}: {error} (line {place.lineno} of {place.filename})"
+            raise InputError(f"the noise {self.name} to run", found=found) from error
+
+    def to_dict(self) -> dict[str, Any]:
+        return dict(self.settings)
+
+
+def _user_noise(kind: str, name: str, settings: Mapping[str, Any], arguments: tuple[str, ...]) -> UserNoise:
+    """`module:function`, which must take `arguments` and the settings. Raises InputError where it cannot be had."""
+    module_name, _, function_name = name.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # whatever stands in a user's file
+        hint = f"a folder with {module_name.split('.')[0]}.py on PYTHONPATH"
+        found = f"{name} ({type(error).__name__}: {error})"
+        raise InputError(f"{kind} noise as MODULE:FUNCTION", found=found, hint=hint) from error
+    function = getattr(module, function_name, None)
+    if not callable(function):
+        found = "none" if function is None else type(function).__name__
+        raise InputError(f"a function {function_name} in the module {module_name}", found=found)
+    try:
+        inspect.signature(function).bind(*arguments, **settings)
+    except TypeError as error:
+        call = ", ".join([*arguments, *(f"{key}=..." for key in settings)])
+        raise InputError(f"a function to call as {function_name}({call})", found=error) from None
+    except ValueError:  # a builtin without a signature: it will show
+        pass
+    return UserNoise(name, function, dict(settings))

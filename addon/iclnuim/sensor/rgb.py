@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .bands import bands
-from .parameters import NoiseSettings, parameter
+from .noise_model import NoiseModel, parameter
 from .randomness import gaussian
+from .sampling import bands
 from .transfer import srgb8, srgb8_in_place
 
-_EXPOSURE = "gain of the light before noise and clipping; 1 shows the scene as rendered"
 _BRIGHTEST = np.float32(65504)  # of half precision; infinite light would have infinite noise
 _MEASURED = "measured on 15 pairs of official clean and noisy office frames, quantisation included"
 _CHOSEN = (
@@ -27,13 +26,13 @@ _CHOSEN = (
 
 
 @dataclass(frozen=True)
-class NoRgbNoise(NoiseSettings):
-    """The light through the transfer function."""
+class NoRgbNoise(NoiseModel):
+    """No noise: scene-linear RGB through the sRGB transfer function."""
 
     name = "none"
     summary = "scene-linear light to sRGB, nothing else"
 
-    exposure: float = parameter(1.0, "", _EXPOSURE, 1e-6)
+    exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
@@ -41,15 +40,15 @@ class NoRgbNoise(NoiseSettings):
 
 
 @dataclass(frozen=True)
-class PaperRgbNoise(NoiseSettings):
+class PaperRgbNoise(NoiseModel):
     """Section V.B with the noise level function of its reference [5]: variance sigma_c^2 + I sigma_s^2, I in light."""
 
     name = "paper"
     summary = "the paper's model: intensity-dependent noise through a camera response"
 
-    exposure: float = parameter(1.0, "", _EXPOSURE, 1e-6)
-    sigma_c: float = parameter(0.0005, "share of white", "read noise; " + _CHOSEN)
-    sigma_s: float = parameter(0.0156, "share of white", "shot noise at white; " + _CHOSEN)
+    exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
+    sigma_c: float = parameter(0.0005, "read noise", unit="share of white", low=0.0, source=_CHOSEN)
+    sigma_s: float = parameter(0.0156, "shot noise at white", unit="share of white", low=0.0, source=_CHOSEN)
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
@@ -67,17 +66,21 @@ class PaperRgbNoise(NoiseSettings):
 
 
 @dataclass(frozen=True)
-class ReleasedRgbNoise(NoiseSettings):
+class ReleasedRgbNoise(NoiseModel):
     """Variance a + b I of the 8-bit value I; neighbours in a row correlated; cut to whole values, not rounded."""
 
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
 
-    exposure: float = parameter(1.0, "", _EXPOSURE, 1e-6)
-    variance: tuple[float, ...] = parameter((1.48, 0.95, 1.61), "8-bit steps^2", _MEASURED)
-    variance_per_value: tuple[float, ...] = parameter((0.0266, 0.0105, 0.0246), "8-bit steps", _MEASURED)
-    correlation_1px: float = parameter(0.6, "", _MEASURED, 0, 1)
-    correlation_2px: float = parameter(0.2, "", _MEASURED, 0, 1)
+    exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
+    variance: tuple[float, float, float] = parameter(
+        (1.48, 0.95, 1.61), "of black, in R, G, B", unit="8-bit steps^2", low=0.0, source=_MEASURED
+    )
+    variance_per_value: tuple[float, float, float] = parameter(
+        (0.0266, 0.0105, 0.0246), "growth with the value, in R, G, B", unit="8-bit steps", low=0.0, source=_MEASURED
+    )
+    correlation_1px: float = parameter(0.6, "of neighbours in a row", low=0.0, high=1.0, source=_MEASURED)
+    correlation_2px: float = parameter(0.2, "of pixels two apart in a row", low=0.0, high=1.0, source=_MEASURED)
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""

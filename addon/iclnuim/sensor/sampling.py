@@ -1,11 +1,20 @@
-"""Reading a depth image between its pixels. Depth 0 is no measurement."""
+"""Depth images in parts and between their pixels. Depth 0 is no measurement."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..errors import InputError
-from .bands import bands
+
+#: Arrays of so few rows stay in the cache; whole images took three times as long.
+_ROWS = 48
+
+
+def bands(height: int) -> Iterator[slice]:
+    """Slices that cover the rows 0..height-1 in order."""
+    return (slice(top, min(top + _ROWS, height)) for top in range(0, height, _ROWS))
 
 
 def as_depth(depth_z_m: np.ndarray) -> np.ndarray:

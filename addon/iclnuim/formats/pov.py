@@ -1,0 +1,187 @@
+"""ICL-NUIM's POV-Ray files, LEFT-handed, y up; metres in the living room, centimetres in the office (unit_m = 0.01).
+
+Commands, one pose a line: `... +Oscene_00_0012.png ... Declare=val00=... Declare=val32=...`, a row-vector matrix: rows 0 to 2 are
+the images of the camera's x, y, z axes, row 3 is the position.
+Camera files, one a frame in a folder: `cam_pos = [91, 465, -292]';` and so on; z = dir/|dir|, x = up x z normalised, y = z x x.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import axes
+from ..geometry.trajectory import Trajectory
+from .files import read_text
+from .table import Table, data_lines
+from .trajectory_file import (
+    OUR_WORLD,
+    LoadedTrajectory,
+    ReadOptions,
+    Source,
+    Taken,
+    TrajectoryFormat,
+    WriteOptions,
+    frame_numbers,
+    poses_of,
+    trajectory_of_frames,
+    unit_warning,
+)
+
+FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
+COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="
+#: Where r00 r01 ... r22 stand among val00 val01 ... val32, and the position.
+_ROTATION, _POSITION = [0, 3, 6, 1, 4, 7, 2, 5, 8], slice(9, 12)
+
+_NAMES = [f"val{row}{column}" for row in range(4) for column in range(3)]
+_DECLARE = re.compile(
+    r"Declare\s*=\s*(val[0-3][0-2])\s*=\s*([-+]?[\d.]+(?:e[-+]?\d+)?)(?=[\s+]|$)", re.IGNORECASE | re.ASCII
+)
+_OUTPUT = re.compile(r"\+O\S*?(\d{1,9})\.\w+(?=\s|$)", re.ASCII)
+_LINE = (
+    "povray +Iscene.pov +Oscene_00_%04d.png +W640 +H480 " + " ".join(f"Declare={name}=%.12f" for name in _NAMES) + "\n"
+)
+
+
+def is_commands(source: Source) -> bool:
+    return any(re.search(r"declare\s*=\s*val\d\d", line, re.IGNORECASE) for line in source.first_lines)
+
+
+def read_commands(source: Source, options: ReadOptions) -> LoadedTrajectory:
+    """POV world -> our world; the frame number is the image's (+O) where all lines have one, else the line's from 0."""
+    lines = [(number, line) for number, line in data_lines(source.text) if "declare" in line.lower()]
+    if not lines:
+        raise InputError(COMMAND, path=source.path, found="no line with Declare")
+    values = np.array([_declared(source, number, line) for number, line in lines])
+    table = Table(values, lambda row: (source.path, lines[row][0]))
+    numbers, counted = _frame_numbers([line for _, line in lines])
+    pov = poses_of(table, values[:, _POSITION] * options.unit_m, _ROTATION)
+    trajectory = trajectory_of_frames(table, numbers, axes.world_cv_from_pov(pov), options.rate_hz)
+    sentence = (
+        f"pov-commands: LEFT-handed poses in the POV world (y up), turned into {OUR_WORLD}, "
+        f"stamps frame/{options.rate_hz:g} s by the number of {counted}"
+    )
+    return LoadedTrajectory(trajectory, Taken("pov-commands", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
+
+
+def write_commands(trajectory: Trajectory, options: WriteOptions) -> str:
+    """One render command a line; the scene's name is to be filled in by whoever renders."""
+    numbers = frame_numbers(trajectory, options.rate_hz)
+    pov = axes.pov_from_world_cv(trajectory.T_world_camera)
+    rows = np.concatenate([np.swapaxes(pov.rotation, 1, 2), pov.translation[:, None] / options.unit_m], axis=1) + 0.0
+    return "".join(
+        [_LINE % (number, *row) for number, row in zip(numbers.tolist(), rows.reshape(-1, 12).tolist(), strict=True)]
+    )
+
+
+def _declared(source: Source, number: int, line: str) -> list[float]:
+    """The twelve values of one command in order. Raises InputError naming the first that is missing or no number."""
+    pairs = _DECLARE.findall(line)
+    values = {name.lower(): text for name, text in pairs}
+    for name in _NAMES:
+        try:
+            values[name] = float(values[name])
+        except (KeyError, ValueError):
+            stands = re.search(rf"{name}\s*=\s*(\S*)", line, re.IGNORECASE)
+            found = f"{name}={stands[1]}" if stands else f"no {name}"
+            raise InputError(COMMAND, path=source.path, line=number, found=found) from None
+    if len(pairs) != 12:
+        raise InputError(f"{COMMAND}, each once", path=source.path, line=number, found=f"{len(pairs)} of them")
+    return [values[name] for name in _NAMES]
+
+
+def _frame_numbers(lines: list[str]) -> tuple[np.ndarray, str]:
+    """(n,) and what they were taken from."""
+    names = [_OUTPUT.search(line) for line in lines]
+    if all(names):
+        return np.array([float(name[1]) for name in names if name]), "the image's name"
+    return np.arange(float(len(lines))), "the line, from 0"
+
+
+def is_cameras(source: Source) -> bool:
+    """A folder, or a single camera file."""
+    return source.is_folder or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
+
+
+def read_cameras(source: Source, options: ReadOptions) -> LoadedTrajectory:
+    """POV world -> our world; the frame number is the last number in the file's name."""
+    files = _numbered(source.path) if source.is_folder else [(_number(source.path) or 0, source.path)]
+    values = np.array([_camera(path) for _, path in files])
+    table = Table(values, lambda row: (files[row][1], None))
+    pov = poses_of(table, values[:, _POSITION] * options.unit_m, _ROTATION)
+    numbers = np.array([float(number) for number, _ in files])
+    trajectory = trajectory_of_frames(table, numbers, axes.world_cv_from_pov(pov), options.rate_hz)
+    sentence = (
+        f"pov-cameras: LEFT-handed poses of POV-Ray camera files (y up), turned into {OUR_WORLD}, "
+        f"stamps frame/{options.rate_hz:g} s by the number in the file's name"
+    )
+    return LoadedTrajectory(trajectory, Taken("pov-cameras", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
+
+
+def _numbered(folder: Path) -> list[tuple[int, Path]]:
+    """(frame number, file) of all text files whose name ends in a number, in the order of the numbers."""
+    found = [(number, path) for path in folder.glob("*.txt") if (number := _number(path)) is not None]
+    if not found:
+        raise InputError(FOLDER, path=folder, found="no such file in it", hint="the trajectory file itself")
+    found.sort()
+    for (before, first), (number, second) in zip(found, found[1:], strict=False):
+        if number == before:
+            raise InputError("one camera file a frame", path=second, found=f"frame {number} again, as in {first.name}")
+    return found
+
+
+def _number(path: Path) -> int | None:
+    digits = re.search(r"(\d{1,18})$", path.stem, re.ASCII)
+    return int(digits[1]) if digits else None
+
+
+def _camera(path: Path) -> list[float]:
+    """Twelve numbers: the camera's x, y, z axes and position in the POV world. Raises InputError naming the file."""
+    text = read_text(path, "a POV-Ray camera file")
+    position, direction, up = (_vector(path, text, name) for name in ("cam_pos", "cam_dir", "cam_up"))
+    z = _normalised(direction)
+    x = _normalised(np.cross(_normalised(up), z))
+    if not (np.isfinite(z).all() and np.isfinite(x).all()):
+        raise InputError(
+            "cam_dir and cam_up that span a plane", path=path, found=f"{direction.tolist()} and {up.tolist()}"
+        )
+    return [*x, *np.cross(z, x), *z, *position]
+
+
+def _vector(path: Path, text: str, name: str) -> np.ndarray:
+    """(3,) finite numbers of `name = [a, b, c]';`."""
+    expected = f"{name} = [x, y, z]';"
+    item = re.search(rf"^\s*{name}\s*=\s*(.*)$", text, re.MULTILINE)
+    if not item:
+        raise InputError(expected, path=path, found=f"no {name}")
+    line = text.count("\n", 0, item.start(1)) + 1
+    inside = re.fullmatch(r"\[(.*)\]\s*'?\s*;?\s*", item[1])
+    try:
+        values = np.array([float(part) for part in inside[1].split(",")] if inside else [])
+    except ValueError:
+        values = np.array([])
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise InputError(expected, path=path, line=line, found=item[0].strip())
+    return values
+
+
+def _normalised(vector: np.ndarray) -> np.ndarray:
+    """Length one; NaN where there is next to no length."""
+    length = math.hypot(*vector)
+    return vector / length if 1e-9 < length < 1e9 else np.full(3, np.nan)
+
+
+FORMATS = {
+    "pov-cameras": TrajectoryFormat(is_cameras, read_cameras),
+    "pov-commands": TrajectoryFormat(
+        is_commands,
+        read_commands,
+        write_commands,
+        "pov-commands: LEFT-handed poses in the POV world (y up), the frame number in the image's name",
+        word="command",
+    ),
+}

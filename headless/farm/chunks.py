@@ -1,0 +1,82 @@
+"""How a run is divided: missing frames into chunks, a machine's cores among workers. What is done, the output folder alone says."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Sequence
+from math import ceil
+
+from iclnuim.errors import InputError
+
+#: Frames that one worker renders in one go.
+Chunk = tuple[int, ...]
+#: Threads a worker takes unless the number of workers says otherwise: `iclnuim bench farm` measures them. One alone would spin.
+THREADS = {"baked": 2, "path": 2}
+
+
+def chunks_of(frames: Sequence[int], size: int) -> list[Chunk]:
+    """Chunks of at most `size` frames, in the order given, as even as they can be. No frames, no chunks."""
+    if size < 1:
+        raise InputError("chunks of at least 1 frame", found=size)
+    count = ceil(len(frames) / size)
+    bounds = [len(frames) * k // count for k in range(count + 1)] if count else [0]
+    return [tuple(frames[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
+
+
+def size_for_seconds(seconds: float, seconds_a_frame: float, limit: int = 100_000) -> int:
+    """Frames that fill `seconds`: chunks of several minutes on a cluster, where starting a worker costs half a minute."""
+    if seconds <= 0 or seconds_a_frame <= 0:
+        raise InputError("times above 0 s", found=f"{seconds} s, {seconds_a_frame} s a frame")
+    return max(1, min(limit, round(seconds / seconds_a_frame)))
+
+
+def local_size(frames: int, workers: int, limit: int = 25) -> int:
+    """Chunk size on one machine: small enough that all workers end together, at least eight chunks for each."""
+    return max(1, min(limit, frames // (8 * max(1, workers))))
+
+
+def split(light: str, workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
+    """The cores of each worker, at least two where there are two. Raises InputError for more workers than that allows."""
+    cores = own_cores() if cores is None else cores
+    limit = max(1, len(cores) // 2)
+    if workers is None:
+        workers = max(1, min(limit, len(cores) // THREADS[light]))
+    if not 1 <= workers <= limit:
+        raise InputError(f"1 to {limit} workers on {len(cores)} cores, two for each", setting="workers", found=workers)
+    return [cores[len(cores) * k // workers : len(cores) * (k + 1) // workers] for k in range(workers)]
+
+
+def own_cores() -> list[int]:
+    """Those that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def granted_cores() -> list[int]:
+    """Cores of a scheduler's task: of all that it may use, as many as the scheduler counts for it."""
+    own = own_cores()
+    return own[: int(os.environ.get("SLURM_CPUS_PER_TASK") or len(own))]
+
+
+def numbers_from(text: str) -> tuple[int, ...]:
+    """Frame numbers of `0-24,30`, both ends included, in order. Raises InputError."""
+    numbers: set[int] = set()
+    for part in text.split(","):
+        found = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        if found is None:
+            raise InputError("frame numbers such as 0-24,30", setting="numbers", found=text)
+        numbers.update(range(int(found[1]), int(found[2] or found[1]) + 1))
+    return tuple(sorted(numbers))
+
+
+def numbers_text(numbers: Iterable[int]) -> str:
+    """The shortest text of which numbers_from makes these numbers."""
+    ranges: list[list[int]] = []
+    for number in sorted(numbers):
+        if ranges and number == ranges[-1][1] + 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+    return ",".join(f"{first}-{last}" if last > first else f"{first}" for first, last in ranges)

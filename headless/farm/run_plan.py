@@ -1,0 +1,211 @@
+"""All that a run was asked for: job, frames, sequences, and how the work is shared. Its record in the run folder is what `resume` reads."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from iclnuim.dataset.frames import frames_of_run
+from iclnuim.dataset.run_folder import load_trajectory, read_run
+from iclnuim.dataset.sequence import SequenceSettings, standing_frames
+from iclnuim.dataset.sequence_options import SequenceOptions
+from iclnuim.errors import InputError
+from iclnuim.formats.files import read_json, write_json
+from iclnuim.geometry.trajectory import frame_slice
+from iclnuim.job import RenderJob
+from iclnuim.settings import Settings, refuse_unknown, setting
+
+from .chunks import numbers_from, numbers_text
+from .slurm_settings import SlurmSettings, read_settings
+
+SCHEMA_VERSION = 2
+#: Where a run's record lies, below the run folder.
+RECORD = ".farm/command.json"
+_KEYS = ("schema_version", "command", "working_folder", "job", "frames", "sequences", "keep_raw", "farm", "slurm")
+
+
+@dataclass(frozen=True)
+class FarmSettings(Settings):
+    """How the work is shared: nothing here changes a pixel."""
+
+    group: ClassVar[str] = "the farm"
+
+    engine: str = setting("local", "where it runs", choices={"local": "this machine", "slurm": "an existing Slurm"})
+    workers: int | None = setting(
+        None, "processes that render, two cores or more for each; default: all cores, two each", low=1
+    )
+    worker_timeout_s: float = setting(
+        120.0,
+        "a worker that has sent nothing for so long is replaced; it sends a heartbeat every 2 s",
+        unit="s",
+        low=5.0,
+        option="--worker-timeout",
+    )
+    start_timeout_s: float = setting(1800.0, "the same, until the scene is prepared", unit="s", low=1.0, option="")
+    frame_timeout_s: float = setting(
+        3600.0, "the same, without a finished frame: heartbeats may outlive the renderer", unit="s", low=1.0, option=""
+    )
+    attempts: int = setting(3, "a frame that has ended so many workers is given up", low=1, option="")
+    max_frames: int = setting(2000, "a worker is replaced after so many frames", low=1, option="")
+    max_mb: float = setting(6000.0, "a worker is replaced when it takes more memory", unit="MB", low=1.0, option="")
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """Frames `numbers` of `job` into the run folder `raw`, and with `sequences` the sequences clean/ and noisy/ beside it.
+
+    working_folder: where the command was given; a user's own noise model may lie there.
+    """
+
+    job: RenderJob
+    raw: Path
+    numbers: tuple[int, ...]
+    sequences: SequenceOptions | None = None
+    keep_raw: bool = True
+    farm: FarmSettings = field(default_factory=FarmSettings)
+    slurm: SlurmSettings = field(default_factory=SlurmSettings)
+    working_folder: str = field(default_factory=lambda: str(Path.cwd()))
+
+    @property
+    def command(self) -> str:
+        """`make` where there are sequences, else `render`."""
+        return "render" if self.sequences is None else "make"
+
+    @property
+    def out(self) -> Path:
+        """What --out of the command was."""
+        return self.raw if self.sequences is None else self.raw.parent
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """Of the sequences."""
+        return () if self.sequences is None else self.sequences.formats
+
+    def variants(self) -> dict[Path, SequenceSettings]:
+        """Folder -> settings of the sequences. Raises InputError for an unknown noise model or parameter."""
+        if self.sequences is None:
+            return {}
+        return {
+            self.out / "clean": self.sequences.without_noise(),
+            self.out / "noisy": self.sequences.sequence_settings(),
+        }
+
+    def missing(self) -> list[int]:
+        """Frames that are neither finished nor turned into pairs, as the folder alone says."""
+        if not (self.raw / "sequence.json").is_file():
+            return list(self.numbers)
+        run, made = read_run(self.raw), set()
+        if self.sequences is not None:
+            source = frames_of_run(run, load_trajectory(self.job), list(self.numbers))
+            made = standing_frames(source, self.variants(), self.formats)
+        return run.missing([n for n in self.numbers if n not in made])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record; without the run folder, which may be moved."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "command": self.command,
+            "working_folder": self.working_folder,
+            "job": self.job.to_dict(),
+            "frames": numbers_text(self.numbers),
+            "sequences": None if self.sequences is None else self.sequences.to_dict(),
+            "keep_raw": self.keep_raw,
+            "farm": self.farm.to_dict(),
+            "slurm": self.slurm.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], raw: Path) -> RunPlan:
+        """The inverse, for the folder where the run lies now. Raises InputError for unknown keys and values that do not fit.
+
+        The folder in which the command was given is searched for a user's own noise model.
+        """
+        if content.get("schema_version") == 1:
+            return _from_version_1(content, raw)
+        if content.get("schema_version") != SCHEMA_VERSION:
+            raise InputError(
+                f"schema_version {SCHEMA_VERSION}", found=content.get("schema_version"), hint="a newer iclnuim"
+            )
+        refuse_unknown(content, _KEYS, "the record of a run")
+        _find_modules_of(content)
+        sequences = content["sequences"]
+        return cls(
+            RenderJob.from_dict(content["job"]),
+            raw,
+            numbers_from(content["frames"]),
+            None if sequences is None else SequenceOptions.from_dict(sequences),
+            content["keep_raw"],
+            FarmSettings.from_dict(content["farm"]),
+            SlurmSettings.from_dict(content["slurm"]),
+            content["working_folder"],
+        )
+
+    def write_record(self) -> None:
+        """Beside the frames."""
+        (self.raw / RECORD).parent.mkdir(parents=True, exist_ok=True)
+        write_json(self.raw / RECORD, self.to_dict())
+
+
+def find_run(folder: Path) -> Path:
+    """The run folder (that of the frames) of what --out was. Raises InputError where no command was recorded."""
+    for raw in (folder, folder / "raw"):
+        if (raw / RECORD).is_file():
+            return raw
+    raise InputError("a folder in which `iclnuim render` or `make` was begun", path=folder, found=f"no {RECORD}")
+
+
+def read_plan(raw: Path) -> RunPlan:
+    """The recorded plan of a run folder. Raises InputError, naming the record, where it cannot be used."""
+    try:
+        return RunPlan.from_dict(read_json(raw / RECORD), raw)
+    except KeyError as error:
+        raise InputError(f"the key {error}", path=raw / RECORD) from None
+    except InputError as error:
+        if error.path is not None:
+            raise
+        raise InputError(
+            error.expected, path=raw / RECORD, setting=error.setting, found=error.found, hint=error.hint
+        ) from None
+
+
+def _find_modules_of(record: Mapping[str, Any]) -> None:
+    if record["working_folder"] not in sys.path:
+        sys.path.append(record["working_folder"])
+
+
+def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
+    """The plan of a run that iclnuim 0.1.0 began: the job of its recipe, the rest from the options that were recorded then."""
+    if not (raw / "sequence.json").is_file():
+        raise InputError(
+            "a run that has begun to render: 0.1.0 has only submitted it", path=raw, hint="its command again"
+        )
+    _find_modules_of(record)
+    options, job = record["options"], RenderJob.from_dict(read_run(raw).recipe["job"])
+    frames = options["frames"] or ("::30" if options["quick"] else "::")
+    given = {name.removeprefix("slurm_"): value for name, value in options.items() if name.startswith("slurm_")}
+    slurm = read_settings(Path(options["slurm"])) if options["slurm"] else SlurmSettings()
+    sequences = None
+    if record["command"] == "make":
+        sequences = SequenceOptions(
+            depth_noise=options["depth_noise"],
+            rgb_noise=options["rgb_noise"],
+            depth_settings=json.loads(options["depth_settings"]),
+            rgb_settings=json.loads(options["rgb_settings"]),
+            seed=options["seed"] or 0,
+        )
+    return RunPlan(
+        job,
+        raw,
+        tuple(frame_slice(frames, len(load_trajectory(job)))),
+        sequences,
+        options.get("keep_raw", True),
+        FarmSettings().changed(
+            engine=options["engine"], workers=options["workers"], worker_timeout_s=options["stuck_after"]
+        ),
+        slurm.changed(**given),
+        record["working_folder"],
+    )

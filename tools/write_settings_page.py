@@ -1,0 +1,79 @@
+"""Writes docs/settings.md: a table of every group of declared settings. `python tools/write_settings_page.py`; with --check only compares it."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from iclnuim.settings import Setting, Settings, declared, table
+
+PAGE = Path(__file__).resolve().parents[1] / "docs/settings.md"
+#: The modules whose groups are on the page, in its order. What these import counts with them.
+MODULES = (
+    "iclnuim.job",
+    "iclnuim.geometry.scene_axes",
+    "iclnuim.dataset.sequence_options",
+    "iclnuim.sensor.models",
+    "iclnuim.evaluation.associate",
+    "iclnuim.evaluation.align",
+    "iclnuim.evaluation.relative_error",
+    "iclnuim.odometry.registry",
+    "iclnuim.headless.farm.run_plan",
+    "iclnuim.headless.farm.slurm_settings",
+)
+HEAD = """# Settings
+
+Each setting is declared once, in a dataclass; checks, JSON, options of the command line, the panel's fields and this page are made from
+the declaration. This page is written by `python tools/write_settings_page.py`.
+"""
+
+
+def page() -> str:
+    """The text of docs/settings.md."""
+    return "\n".join([HEAD, *(_section(group) for group in groups())])
+
+
+def groups() -> list[type[Settings]]:
+    """Every group with declared settings, in the order of MODULES; those that repeat the settings of another one are left out."""
+    for name in MODULES:
+        importlib.import_module(name)
+    order = {name: k for k, name in enumerate(MODULES)}
+    found = [g for g in _below(Settings) if g.__module__.startswith("iclnuim.")]
+    found.sort(key=lambda g: (order.get(g.__module__, len(order)), g.__module__, inspect.getsourcelines(g)[1]))
+    shown: list[Setting] = []
+    kept = []
+    for group in found:
+        settings = list(declared(group).values())
+        if any(setting not in shown for setting in settings):
+            kept.append(group)
+            shown += settings
+    return kept
+
+
+def _below(group: type[Settings]) -> Iterator[type[Settings]]:
+    for one in group.__subclasses__():
+        yield one
+        yield from _below(one)
+
+
+def _section(group: type[Settings]) -> str:
+    summary = (group.__doc__ or "").strip().partition("\n\n")[0]
+    title = f"## {group.group[0].upper()}{group.group[1:]} (`{group.__module__}.{group.__name__}`)"
+    meanings = [
+        f"- `{name}` `{choice}`: {meaning}"
+        for name, setting in declared(group).items()
+        for choice, meaning in (setting.choices or {}).items()
+        if meaning not in ("", choice)
+    ]
+    parts = [title, " ".join(summary.split()), table(group), "\n".join(meanings)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+if __name__ == "__main__":
+    if "--check" not in sys.argv:
+        PAGE.write_text(page(), "utf-8")
+    elif PAGE.read_text("utf-8") != page():
+        sys.exit(f"{PAGE} is not what the declarations say; try: python tools/write_settings_page.py")
