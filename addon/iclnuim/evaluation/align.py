@@ -37,8 +37,10 @@ class AlignmentSettings(Settings):
     group = "alignment settings"
 
     method: str = setting("se3", "alignment of the estimate", choices=METHODS, option="--align", label="Alignment")
-    first: int | None = setting(None, "align on the first N pairs only; default: all", low=1, option="--align-first")
-    up: str = setting("z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""))
+    first: int | None = setting(
+        None, "align on the first N pairs only; default: all", low=1, option="--align-first", label="First pairs"
+    )
+    up: str = setting("z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""), label="Yaw axis")
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,7 +182,9 @@ class ICLNUIM_PT_evaluate(_SubPanel, bpy.types.Panel):
     bl_label = "Evaluate"
 
     def content(self, layout, settings, context):
-        _props(layout, settings, ("estimate", "truth", *names_of(AlignmentSettings), "delta"))
+        unused = () if settings.align_method == "yaw" else ("align_up",)
+        alignment = (name for name in names_of(AlignmentSettings) if name not in unused)
+        _props(layout, settings, ("estimate", "truth", *alignment, "delta"))
         row = layout.row(align=True)
         row.operator("iclnuim.evaluate", icon="VIEWZOOM")
         row.operator("iclnuim.plot", icon="FCURVE")
