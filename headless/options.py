@@ -141,10 +141,9 @@ def action(
 
 
 def check_pictures(args: argparse.Namespace) -> None:
-    """Before work that may be long: InputError where its picture (plot, chart) could not be written after it."""
-    for name in ("plot", "chart"):
-        if getattr(args, name, None):
-            check_picture(getattr(args, name))
+    """Before work that may be long: InputError where its picture could not be written after it."""
+    if getattr(args, "plot", None):
+        check_picture(args.plot)
 
 
 def count(text: str) -> int:

@@ -12,12 +12,12 @@ from iclnuim.blender import output
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.console import Console
-from iclnuim.headless.options import action
+from iclnuim.headless.options import action, renamed
 
 
 def configure(actions: argparse._SubParsersAction) -> None:
     help = "triangles and texels against depth error, colour error and times; what of them no path sees"
-    detail = action(actions, "detail", help, "iclnuim bench detail --chart detail.png", _detail)
+    detail = action(actions, "detail", help, "iclnuim bench detail --plot detail.png", _detail)
     detail.add_argument("rooms", nargs="*", metavar="ROOM", help="default: living_room office")
     detail.add_argument(
         "--levels", type=_numbers, default=(0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0), metavar="D,D",
@@ -36,7 +36,8 @@ def configure(actions: argparse._SubParsersAction) -> None:
     detail.add_argument("--views", type=int, default=12, metavar="N", help="spread over all paths; default: 12")
     detail.add_argument("--every", type=int, default=30, metavar="N", help="of the poses that may see; default: 30")
     detail.add_argument("--camera", default="320x240", metavar="WxH", help="default: 320x240")
-    detail.add_argument("--chart", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    detail.add_argument("--plot", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    renamed(detail, "--chart", "--plot", type=Path)
 
 
 def _numbers(text: str) -> tuple[float, ...]:
@@ -78,8 +79,8 @@ def _measure(rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, 
         light = maps[room][-1].folder if maps[room] else None
         unseen.append(detail_unseen.measure(room, args.every, camera, light, lambda: None))
         progress.advance()
-    if args.chart:
-        plots.save(detail_chart.figure(levels, maps), args.chart)
+    if args.plot:
+        plots.save(detail_chart.figure(levels, maps), args.plot)
     parts = [f"{r}\n{detail_chart.table(levels[r])}" for r in rooms]
     parts += [f"{r}\n{detail_chart.maps_table(maps[r])}" for r in rooms if maps[r]]
     values = {

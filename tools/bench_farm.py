@@ -18,7 +18,7 @@ from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.console import Console
-from iclnuim.headless.options import action
+from iclnuim.headless.options import action, renamed
 from iclnuim.job import RenderJob
 
 
@@ -29,7 +29,7 @@ def configure(actions: argparse._SubParsersAction) -> None:
 
 def _configure_farm(actions: argparse._SubParsersAction) -> None:
     help = "frames an hour against workers and threads, time lost to start-up, and a model of many machines"
-    farm = action(actions, "farm", help, "iclnuim bench farm kt2 --chart farm.png", _farm)
+    farm = action(actions, "farm", help, "iclnuim bench farm kt2 --plot farm.png", _farm)
     farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     farm.add_argument("--light", choices=("baked", "path"), help="default: both")
     farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 64 path-traced")
@@ -40,12 +40,13 @@ def _configure_farm(actions: argparse._SubParsersAction) -> None:
     farm.add_argument("--camera", metavar="WxH", help="default: 640x480")
     farm.add_argument("--nodes", type=int, default=1000, metavar="N", help="machines of the model; default: 1000")
     farm.add_argument("--sequences", type=int, default=10_000, metavar="N", help="of the model; default: 10000")
-    farm.add_argument("--chart", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    farm.add_argument("--plot", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    renamed(farm, "--chart", "--plot", type=Path)
 
 
 def _configure_chaos(actions: argparse._SubParsersAction) -> None:
     help = "make killed, stopped and left without space again and again, and plain Blender under the same kills"
-    chaos = action(actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --chart chaos.png", _chaos)
+    chaos = action(actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --plot chaos.png", _chaos)
     chaos.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     chaos.add_argument("--kills", type=int, default=30, metavar="N", help="default: 30")
     chaos.add_argument("--camera", default="640x480", metavar="WxH", help="default: 640x480")
@@ -54,7 +55,8 @@ def _configure_chaos(actions: argparse._SubParsersAction) -> None:
     where = "keeps what was made; default: a temporary folder"
     chaos.add_argument("--work", type=Path, metavar="DIR", help=where)
     chaos.add_argument("--no-plain", action="store_true", help="leave plain Blender out")
-    chaos.add_argument("--chart", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    chaos.add_argument("--plot", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    renamed(chaos, "--chart", "--plot", type=Path)
 
 
 def _farm(args: argparse.Namespace, console: Console) -> int:
@@ -72,8 +74,8 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
         known = {"sequences": args.sequences, "frames_a_sequence": len(load_trajectory(job))}
         models.append(farm_model.of(farm_throughput.best(measured), **known))
         results += measured
-    if args.chart:
-        plots.save(farm_chart.figure(results, models, args.nodes), args.chart)
+    if args.plot:
+        plots.save(farm_chart.figure(results, models, args.nodes), args.plot)
     values = {"splits": list(map(asdict, results)), "models": [farm_model.figures(m, args.nodes) for m in models]}
     words = [farm_chart.table(results), *(farm_model.summary(m, args.nodes) for m in models)]
     console.result(values, "\n".join(words))
@@ -106,8 +108,8 @@ def _chaos(args: argparse.Namespace, console: Console) -> int:
         console.note(farm_chart.damage_table(damages))
         if not args.no_plain:
             damages["plain Blender"] = _plain(args, base, console)
-    if args.chart:
-        plots.save(farm_chart.damage_figure(damages), args.chart)
+    if args.plot:
+        plots.save(farm_chart.damage_figure(damages), args.plot)
     console.result({name: asdict(d) for name, d in damages.items()}, farm_chart.damage_table(damages))
     return 0 if ours.none else 3
 

@@ -16,7 +16,7 @@ from iclnuim.geometry.trajectory import frame_slice
 
 from ..benchmark import evaluate_times
 from ..console import Console
-from ..options import action, subcommands
+from ..options import action, renamed, subcommands
 from . import bench_odometry
 
 
@@ -69,14 +69,15 @@ def _configure_render(actions: argparse._SubParsersAction) -> None:
         metavar="N,N",
         help="sides of light maps; default: 512,1024,2048",
     )
-    render.add_argument("--chart", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
+    render.add_argument("--plot", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
+    renamed(render, "--chart", "--plot", type=Path)
     render.add_argument("--only", metavar="TEXT", help="only ways whose name holds this, such as `baked`")
     render.add_argument("--light", choices=("baked", "path"), default="baked", help="of --breakdown; default: baked")
     render.add_argument("--samples", type=int, metavar="N", help="of --breakdown")
 
 
 def _configure_noise(actions: argparse._SubParsersAction) -> None:
-    example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --chart noise.png"
+    example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
     help = "speed of the noise models beside that of the files alone, and likeness to published noisy frames"
     noise = action(actions, "noise", help, example, _noise)
     noise.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
@@ -86,7 +87,8 @@ def _configure_noise(actions: argparse._SubParsersAction) -> None:
     both = "holds clean/ and noisy/ of the same frames, such as the original's"
     noise.add_argument("--official", type=Path, metavar="DIR", help=both)
     picture = "time against likeness as a picture (.png, .pdf, .svg)"
-    noise.add_argument("--chart", type=Path, metavar="FILE", help=picture)
+    noise.add_argument("--plot", type=Path, metavar="FILE", help=picture)
+    renamed(noise, "--chart", "--plot", type=Path)
 
 
 def _sizes(text: str) -> tuple[int, ...]:
@@ -130,8 +132,8 @@ def _race(args: argparse.Namespace, console: Console) -> int:
         results.append(race.run(way))
         console.note(light_chart.row(results[-1]))
         progress.advance()
-    if args.chart:
-        plots.save(light_chart.figure(results), args.chart)
+    if args.plot:
+        plots.save(light_chart.figure(results), args.plot)
     console.result(
         {"machine": light_race.machine(), "ways": [asdict(r) for r in results]},
         light_chart.table(results) + "\n" + light_chart.summary(results, job),
@@ -150,8 +152,8 @@ def _noise(args: argparse.Namespace, console: Console) -> int:
     times_ms = noise_race.model_times_ms(args.raw, args.frames)
     progress = console.progress(args.rounds * len(noise_race.PAIRS), "bench noise", "rounds")
     pairs = noise_race.race(args.raw, args.frames, args.rounds, args.workers, progress.advance)
-    if args.chart:
-        plots.save(noise_chart.figure(pairs, times_ms, overlaps), args.chart)
+    if args.plot:
+        plots.save(noise_chart.figure(pairs, times_ms, overlaps), args.plot)
     values = {"pairs": [asdict(p) for p in pairs], "model_ms": times_ms, "overlap_with_official": overlaps}
     console.result(values, noise_chart.table(pairs, times_ms, overlaps))
     return 0

@@ -9,13 +9,13 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.odometry.registry import NAMES, odometer
 
 from ..console import Console
-from ..options import action, count
+from ..options import action, count, renamed
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
 from .odometry import RENAMED_METHODS
 
 
 def configure(actions: argparse._SubParsersAction) -> None:
-    example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --chart odometry.png"
+    example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
     help = "speed and error of our odometers and third-party ones in one run"
     parser = action(actions, "odometry", help, example, _run)
     what = "sequences with ground truth, or results of --json from before"
@@ -25,7 +25,8 @@ def configure(actions: argparse._SubParsersAction) -> None:
     parser.add_argument("--first", type=count, metavar="N", help="only the first N frames")
     parser.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
     help = "time against error as a picture (.png, .pdf, .svg)"
-    parser.add_argument("--chart", type=Path, metavar="FILE", help=help)
+    parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
+    renamed(parser, "--chart", "--plot", type=Path)
 
 
 def _run(args: argparse.Namespace, console: Console) -> int:
@@ -42,12 +43,12 @@ def _run(args: argparse.Namespace, console: Console) -> int:
         which = _installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder) for folder in folders]
     results += [comparison.compare(s, which, args.preset, args.first, console.progress) for s in sequences]
-    if args.chart:
+    if args.plot:
         from iclnuim.report import charts
 
         from ..benchmark import odometry_chart
 
-        charts.save(odometry_chart.figure(results), args.chart)
+        charts.save(odometry_chart.figure(results), args.plot)
     console.result({"races": results}, "\n\n".join(comparison.text(result) for result in results))
     return 0
 

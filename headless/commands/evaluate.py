@@ -71,7 +71,8 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
     add("estimate", metavar="EST", help="estimated trajectory")
     add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, gt.freiburg, kitti ...")
     add("--reference-from", metavar="FORMAT", help="format of GT; default: by name and content, as for EST")
-    add("--rate", type=float, default=30.0, metavar="HZ", help="of files that number their frames; default: 30")
+    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of files that number their frames; default: 30")
+    renamed(parser, "--rate", "--file-rate", type=float)
     add_settings(parser, AssociationSettings)
     add("--csv", metavar="FILE", help="write the error of every pair as a table")
     add("--plot", metavar="FILE", help="draw the trajectories, and the error along them and over time")
@@ -93,9 +94,9 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
 
 def _sources(args: argparse.Namespace, console: Console) -> tuple[Source, Source]:
     """Ground truth and estimate; how each was read is noted."""
-    reference = Source.read(args.reference, args.reference_from, args.rate)
+    reference = Source.read(args.reference, args.reference_from, args.file_rate)
     console.note(f"{reference.path}: {reference.loaded.taken.sentence}")
-    estimate = Source.read(args.estimate, args.format, args.rate)
+    estimate = Source.read(args.estimate, args.format, args.file_rate)
     console.note(f"{estimate.path}: {estimate.loaded.taken.sentence}")
     return reference, estimate
 

@@ -15,7 +15,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 from ..console import Console
-from ..options import action, subcommands
+from ..options import action, renamed, subcommands
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -91,7 +91,7 @@ def run_convert(args: argparse.Namespace, console: Console) -> None:
     _refuse_to_overwrite(args)
     trajectory = _read(args, args.source, console)
     if args.restamp:
-        trajectory = Trajectory.at_rate(trajectory.T_world_camera, args.fps)
+        trajectory = Trajectory.at_rate(trajectory.T_world_camera, args.file_rate)
     _write(args, trajectory, console)
 
 
@@ -176,7 +176,7 @@ def run_resample(args: argparse.Namespace, console: Console) -> None:
     source = _read(args, args.source, console)
     resampled = paths.resample(source, args.rate)
     console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
-    args.fps = args.rate
+    args.file_rate = args.rate
     _write(args, resampled, console)
 
 
@@ -196,8 +196,9 @@ def _reading(parser: argparse.ArgumentParser) -> None:
         help="of the input: m (default), cm, mm or metres as a number",
     )
     parser.add_argument(
-        "--fps", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)"
+        "--file-rate", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)"
     )
+    renamed(parser, "--fps", "--file-rate", type=float)
 
 
 def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
@@ -221,7 +222,7 @@ def _unit(text: str) -> float:
 
 
 def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:
-    return files.read_trajectory(file, args.source_format, rate_hz=args.fps, unit_m=args.unit)
+    return files.read_trajectory(file, args.source_format, rate_hz=args.file_rate, unit_m=args.unit)
 
 
 def _read(args: argparse.Namespace, file: str, console: Console) -> Trajectory:
@@ -238,7 +239,7 @@ def _refuse_to_overwrite(args: argparse.Namespace) -> None:
 
 
 def _write(args: argparse.Namespace, trajectory: Trajectory, console: Console) -> None:
-    options = files.WriteOptions(args.fps, args.out_unit, args.start_z)
+    options = files.WriteOptions(args.file_rate, args.out_unit, args.start_z)
     if args.out is None:
         console.result({}, files.trajectory_text(trajectory, args.out_format, options).rstrip("\n"))
         return

@@ -191,7 +191,7 @@ def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_na
             ("ate", "truth.txt", "estimate.txt", "--max-difference", "nan"),
             "--max-difference: expected a number of 1e-09 or more (s), found nan",
         ),
-        (("ate", "truth.txt", "estimate.txt", "--rate", "0"), "rate"),
+        (("ate", "truth.txt", "estimate.txt", "--file-rate", "0"), "rate"),
         (("ate", "truth.txt", "estimate.txt", "--from", "word"), "format"),
         (("ate", "truth.txt", "estimate.txt", "--plot", "e.bmp"), "e.bmp: expected a picture's name"),
         (("rpe", "truth.txt", "estimate.txt", "--delta", "soon"), "expected a delta as 10"),
