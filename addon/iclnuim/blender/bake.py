@@ -24,10 +24,10 @@ from ..lightmap import denoise, filling
 from ..lightmap.contrast import contrast
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
-from . import baked_materials, compat, light_map, light_passes, light_surfaces, light_view, lit_scene, scene_key
-from .light_passes import Halves
-from .light_surfaces import Part
+from . import baked_materials, compat, light_map, light_sampling, lit_scene, scene_key, surfaces
+from .light_sampling import Halves
 from .lit_scene import LitScene, MapLayout
+from .surfaces import Part
 
 Report = Callable[[str], None]
 #: A frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
@@ -41,7 +41,7 @@ RENDER_SETTINGS = {
 _VIEWPOINTS = 64
 #: The back of a surface needs no light when this little of it is seen, compared with the front: cracks between walls.
 _GLIMPSE = 0.02
-_MOST_BOUNCES = 8
+_MAX_BOUNCES = 8
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
@@ -66,11 +66,11 @@ class BakeSettings:
         object.__setattr__(self, "coarse_size", min(self.coarse_size, self.size))
 
 
-def prepare(scene_key_extra: dict, settings: BakeSettings, cache: Path, report: Report = lambda text: None) -> Path:
+def prepare(settings: BakeSettings, cache: Path, report: Report = lambda text: None) -> Path:
     """The folder in `cache` with the light map of the open scene, found or made. Leaves the scene as it was."""
     scene = bpy.context.scene
-    with light_surfaces.as_rendered(scene) as depsgraph:
-        found = light_surfaces.parts(depsgraph)
+    with surfaces.as_rendered(scene) as depsgraph:
+        found = surfaces.parts(depsgraph)
         if not found:
             raise InputError("a scene with surfaces to bake light on", found="none")
         try:
@@ -80,7 +80,7 @@ def prepare(scene_key_extra: dict, settings: BakeSettings, cache: Path, report: 
                 "settings": asdict(settings),
                 "blender": compat.version_line(),
                 "iclnuim": __version__,
-                "extra": scene_key_extra,
+                "extra": {},
             }
             name = hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
             folder = cache / "light" / name
@@ -95,10 +95,10 @@ def prepare(scene_key_extra: dict, settings: BakeSettings, cache: Path, report: 
 def apply(folder: Path) -> LitScene:
     """Show the open scene by the light map in `folder`, in memory; the result can be reverted."""
     scene = bpy.context.scene
-    with light_surfaces.as_rendered(scene) as depsgraph:
-        found = light_surfaces.parts(depsgraph)
+    with surfaces.as_rendered(scene) as depsgraph:
+        found = surfaces.parts(depsgraph)
         lit = lit_scene.show(found, light_map.load_layout(folder), light_map.load_image(folder))
-    lit_scene.put_out_lamps(lit)
+    lit_scene.disable_lamps(lit)
     return lit
 
 
@@ -114,18 +114,18 @@ def _make(
     folder: Path, found: list[Part], depsgraph: bpy.types.Depsgraph, settings: BakeSettings, key: dict, report: Report
 ) -> None:
     started = time.perf_counter()
-    surfaces = light_surfaces.surfaces(found)
-    places = light_view.viewpoints(depsgraph, surfaces, _VIEWPOINTS, settings.seed)
-    report(f"light map: {len(found)} objects, {surfaces.faces} faces, {len(places)} viewpoints")
+    whole = surfaces.joined(found)
+    places = light_sampling.viewpoints(depsgraph, whole, _VIEWPOINTS, settings.seed)
+    report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
-    coarse = lay_out(surfaces, np.repeat(sends[:, None], 2, 1), settings.coarse_size)
-    seen = light_view.seen(*coarse.points(), places, settings.seed)
+    coarse = lay_out(whole, np.repeat(sends[:, None], 2, 1), settings.coarse_size)
+    seen = light_sampling.seen(*coarse.points(), places, settings.seed)
     wanted, exposure = _seen_sides(coarse, seen, shows, translucent)
     coarse = _Points(coarse, seen > 0, places, settings.coarse_samples, settings.seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
-    fine = lay_out(surfaces, wanted, settings.size, exposure, coarse.contrast(first))
-    seen = light_view.seen(*fine.points(), places, settings.seed + 1)
+    fine = lay_out(whole, wanted, settings.size, exposure, coarse.contrast(first))
+    seen = light_sampling.seen(*fine.points(), places, settings.seed + 1)
     fine = _Points(fine, seen > 0, places, settings.samples, settings.seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
@@ -152,7 +152,7 @@ def _bounced(found: list[Part], coarse: _Points, first: Halves) -> Iterator[None
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
     lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image, gathering=True)
     try:
-        for _ in range(min(cycles.max_bounces, cycles.diffuse_bounces, _MOST_BOUNCES) - 1):
+        for _ in range(min(cycles.max_bounces, cycles.diffuse_bounces, _MAX_BOUNCES) - 1):
             lit_scene.set_pixels(image, coarse.map(first + coarse.gathered()))
         yield
     finally:
@@ -187,7 +187,7 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for part in found:
         kinds = [baked_materials.kind(m) for m in part.mesh.materials] or [baked_materials.kind(None)]
         table = np.array([(k.diffuse, k.translucent, k.sends) for k in kinds])
-        rows.append(table[np.maximum(light_surfaces.material_of_face(part), 0)])
+        rows.append(table[np.maximum(surfaces.material_of_face(part), 0)])
     diffuse, translucent, sends = np.concatenate(rows).T
     return diffuse | translucent, translucent, sends
 
@@ -209,7 +209,7 @@ class _Points:
         """(N,) texels that show: those `seen`, and those whose light shines through to a side in view."""
         seen = seen.copy()
         rows = np.flatnonzero(translucent & ~seen)
-        seen[rows] = light_view.seen(self.points_m[rows], -self.normals[rows], places, self.seed) > 0
+        seen[rows] = light_sampling.seen(self.points_m[rows], -self.normals[rows], places, self.seed) > 0
         return seen
 
     def _into_view(self, places: np.ndarray) -> None:
@@ -223,7 +223,9 @@ class _Points:
         points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         seen = (
-            light_view.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed).reshape(points.shape[:2])
+            light_sampling.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed).reshape(
+                points.shape[:2]
+            )
             > 0
         )
         seen[-1] = True  # the seen texel itself
@@ -232,10 +234,10 @@ class _Points:
         self.visible.ravel()[hidden] = True
 
     def direct(self) -> Halves:
-        return light_passes.direct(self.points_m, self.normals, self.samples, self.seed, list(bpy.data.materials))
+        return light_sampling.direct(self.points_m, self.normals, self.samples, self.seed, list(bpy.data.materials))
 
     def gathered(self) -> Halves:
-        return light_passes.gathered(self.points_m, self.normals, self.samples, self.seed)
+        return light_sampling.gathered(self.points_m, self.normals, self.samples, self.seed)
 
     def contrast(self, light: Halves) -> np.ndarray:
         """(F, 2) how much light changes on each side from texel to texel."""

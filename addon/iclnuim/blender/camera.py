@@ -1,4 +1,4 @@
-"""The keyframed camera: one key of location and quaternion a frame, exactly the trajectory's poses."""
+"""Cameras of the open scene: keyed with a trajectory's exact poses; an animated one read as a trajectory, its lens as a pinhole."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import bpy
 import mathutils
 import numpy as np
 
+from ..errors import InputError
 from ..geometry import axes
 from ..geometry.camera import BlenderCamera, PinholeCamera, blender_from_pinhole
 from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory
 from . import compat
 
 NAME = "ICL-NUIM camera"
@@ -73,3 +75,59 @@ def _linear_keys(curve: bpy.types.FCurve, values: np.ndarray) -> None:
     points.foreach_set("co", np.stack([np.arange(len(values)), values], -1).astype(np.float32).ravel())
     points.foreach_set("interpolation", np.ones(len(values), np.int32))  # 1 is LINEAR
     curve.update()
+
+
+def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
+    """The camera of that name, or the active one. Raises InputError where there is none."""
+    cameras = [o for o in scene.objects if o.type == "CAMERA"]
+    if name is not None:
+        found = next((o for o in cameras if o.name == name), None)
+        if found is None:
+            names = ", ".join(sorted(o.name for o in cameras)) or "none"
+            raise InputError(f"a camera of the scene: {names}", found=name)
+        return found
+    if scene.camera is None:
+        raise InputError("an active camera", found="none", hint="adding a camera (Add > Camera), or another trajectory")
+    return scene.camera
+
+
+def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -> Trajectory:
+    """The camera at every frame of the timeline, stamps from 0 at the scene's frame rate; the current frame stays as it was.
+
+    Markers that change the active camera are followed where no `camera` is given.
+    """
+    if camera is None:
+        active(scene)
+    before, matrices = scene.frame_current, []
+    for frame in range(scene.frame_start, scene.frame_end + 1):
+        scene.frame_set(frame)
+        matrices.append(np.array((camera or active(scene)).matrix_world))
+    scene.frame_set(before)
+    rate_hz = scene.render.fps / scene.render.fps_base
+    return Trajectory.at_rate(axes.world_cv_from_world_blender(_poses(np.array(matrices))), rate_hz)
+
+
+def _poses(matrices: np.ndarray) -> SE3:
+    """Rigid poses of matrices (n, 4, 4) that may scale or mirror: view and up are kept, the right hand follows."""
+    back = matrices[:, :3, 2] / np.linalg.norm(matrices[:, :3, 2], axis=1, keepdims=True)
+    right = np.cross(matrices[:, :3, 1], back)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return SE3(np.stack([right, np.cross(back, right), back], -1), matrices[:, :3, 3])
+
+
+def pinhole(scene: bpy.types.Scene, camera: bpy.types.Object) -> PinholeCamera | None:
+    """Its K at the render's resolution; None for what is no perspective."""
+    lens, render = camera.data, scene.render
+    if lens.type != "PERSP":
+        return None
+    width = max(1, render.resolution_x * render.resolution_percentage // 100)
+    height = max(1, render.resolution_y * render.resolution_percentage // 100)
+    across, down = width * render.pixel_aspect_x, height * render.pixel_aspect_y
+    horizontal = lens.sensor_fit == "HORIZONTAL" or (lens.sensor_fit == "AUTO" and across >= down)
+    view, sensor = (across, lens.sensor_width) if horizontal else (down, lens.sensor_height)
+    sensor = lens.sensor_width if lens.sensor_fit == "AUTO" else sensor
+    focal = lens.lens * view / sensor
+    fx, fy = focal / render.pixel_aspect_x, focal / render.pixel_aspect_y
+    cx = (width - 1) / 2 - lens.shift_x * view / render.pixel_aspect_x
+    cy = (height - 1) / 2 + lens.shift_y * view / render.pixel_aspect_y
+    return PinholeCamera(width, height, fx, fy, cx, cy)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import bpy
 
 from ..errors import InputError
@@ -18,6 +21,28 @@ def require_supported_version() -> None:
 def version_line() -> str:
     """`4.5.3 LTS (hash)`: what tells one build from another."""
     return f"{bpy.app.version_string} ({bpy.app.build_hash.decode(errors='replace')})"
+
+
+@contextmanager
+def temporarily(thing: object, **settings: object) -> Iterator[None]:
+    """Settings of a Blender struct for a while; those that this version lacks are left out."""
+    before = {name: getattr(thing, name) for name in settings if hasattr(thing, name)}
+    try:
+        for name in before:
+            setattr(thing, name, settings[name])
+        yield
+    finally:
+        for name, value in before.items():
+            setattr(thing, name, value)
+
+
+def empty_material(name: str) -> tuple[bpy.types.Material, bpy.types.NodeTree]:
+    """A new material and its node tree, without nodes. From 5.0 on every material has a tree."""
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    material.node_tree.nodes.clear()
+    return material, material.node_tree
 
 
 def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:

@@ -1,8 +1,13 @@
-"""Rendering one frame to arrays: scene-linear RGB and exact planar Z, by way of Blender's multilayer EXR."""
+"""Rendering one frame to arrays, by way of Blender's multilayer EXR: scene-linear RGB, exact planar Z, and a shutter that takes its time.
+
+Motion blur and rolling shutter are many cheap renders at poses inside the exposure, averaged in linear light, band by band.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -10,6 +15,9 @@ import numpy as np
 
 from ..errors import InputError, WorkError
 from ..formats import exr
+from ..geometry.camera import PinholeCamera
+from ..geometry.trajectory import Trajectory, sample
+from ..sensor.exposure import Band, Exposure, motion_px, plan
 
 #: Blender writes 1e10 where a ray meets nothing.
 _BACKGROUND = 1e9
@@ -38,8 +46,8 @@ def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     channels = _whole(raw_file)
     with_depth = channels if raw_depth_file == raw_file else _whole(raw_depth_file)
-    rgb = np.stack([_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
-    depth_z_m = _ending(with_depth, "Depth.Z")
+    rgb = np.stack([channel_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
+    depth_z_m = channel_ending(with_depth, "Depth.Z")
     return rgb, np.where(depth_z_m < _BACKGROUND, depth_z_m, 0.0).astype(np.float32)
 
 
@@ -50,9 +58,80 @@ def _whole(raw_file: Path) -> dict[str, np.ndarray]:
         raise WorkError(f"cannot write a whole frame, is the disk full? {error}") from None
 
 
-def _ending(channels: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """The channel of that name in whichever view layer."""
-    found = [array for key, array in channels.items() if key.endswith(name)]
+def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
+    """The channel of one of these names in whichever view layer. Raises WorkError where there is not exactly one."""
+    found = [array for key, array in channels.items() if key.endswith(names)]
     if len(found) != 1:
-        raise WorkError(f"expected one channel *{name} in Blender's frame, found {sorted(channels)}")
+        raise WorkError(f"expected one channel *{names[0]} in Blender's frame, found {sorted(channels)}")
     return found[0]
+
+
+def shoot(
+    number: int,
+    exposure: Exposure,
+    trajectory: Trajectory,
+    camera: PinholeCamera,
+    depth_z_m: np.ndarray,
+    raw_file: Path,
+) -> np.ndarray:
+    """(h, w, 3) scene-linear RGB of frame `number` of the open scene; depth_z_m (h, w) is that of its stamp.
+
+    At the ends of the trajectory the camera is taken to stand still.
+    """
+    bands = plan(exposure, camera.height, *_motions_px(number, exposure, trajectory, camera, depth_z_m))
+    rgb = np.empty((camera.height, camera.width, 3), np.float32)
+    for band in bands:
+        with _rows(band, camera.height):
+            rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
+    return rgb
+
+
+def _motions_px(
+    number: int, exposure: Exposure, trajectory: Trajectory, camera: PinholeCamera, depth_z_m: np.ndarray
+) -> list[float]:
+    """During exposure and during readout."""
+    here, stamps_s = trajectory.T_world_camera[number], trajectory.stamps_s
+    result = []
+    for duration in (exposure.exposure_s, exposure.readout_s):
+        first, last = np.clip(stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1])
+        # the speed may change at every pose of the trajectory
+        stops = np.concatenate([[first], stamps_s[(stamps_s > first) & (stamps_s < last)], [last]])
+        still = len(trajectory) < 2 or last <= first
+        poses = None if still else here.inverse() @ sample(trajectory, stops)
+        moved = 0.0 if poses is None else motion_px(depth_z_m, camera, poses, stops)
+        result.append(moved * duration / (last - first) if moved else 0.0)
+    return result
+
+
+def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:
+    """Mean light of a band's instants; each with noise of its own, the same whenever the frame is rendered."""
+    cycles = bpy.context.scene.cycles
+    seed, total = cycles.seed, 0.0
+    try:
+        for k, offset in enumerate(band.offsets_s):
+            cycles.seed = (seed + 7919 * k) % (1 << 31)
+            render(_timeline(trajectory, trajectory.stamps_s[number] + offset), raw_file)
+            total = total + read(raw_file, raw_file)[0].astype(np.float64)
+    finally:
+        cycles.seed = seed
+    return (total / len(band.offsets_s)).astype(np.float32)
+
+
+def _timeline(trajectory: Trajectory, stamp_s: float) -> float:
+    """The place on Blender's timeline, where pose i is keyed at frame i."""
+    return float(np.interp(stamp_s, trajectory.stamps_s, np.arange(len(trajectory))))
+
+
+@contextmanager
+def _rows(band: Band, height: int) -> Iterator[None]:
+    """Only these rows are rendered."""
+    settings = bpy.context.scene.render
+    whole = band.top == 0 and band.bottom == height
+    settings.use_border = settings.use_crop_to_border = not whole
+    settings.border_min_x, settings.border_max_x = 0.0, 1.0
+    # Blender cuts to whole rows: a quarter of a row keeps rounding from taking one more or less
+    settings.border_min_y, settings.border_max_y = ((height - row + 0.25) / height for row in (band.bottom, band.top))
+    try:
+        yield
+    finally:
+        settings.use_border = settings.use_crop_to_border = False

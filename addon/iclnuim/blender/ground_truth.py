@@ -1,4 +1,4 @@
-"""Ground truth beside colour and depth: whose surface a pixel's centre shows, and how that surface lies there.
+"""Ground truth beside colour and depth: whose surface a pixel's centre shows, how that surface lies there, and the table of objects.
 
 Both come from each pixel's first ray, as Z does. Cycles' own Normal pass is the mean of the normals that the closures use, and
 gloss bends them at grazing angles; so every material also puts out the shading normal itself, by a shader output variable (AOV).
@@ -11,14 +11,20 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .. import scene_classes as classes
 from ..dataset.ground_truth import INSTANCE, NORMAL
 from ..errors import InputError
 from ..formats import exr
+from ..geometry.points import upright_box
 from ..geometry.se3 import SE3
+from . import surfaces
+from .frames import channel_ending
+from .surfaces import SURFACE_TYPES, Part, array_of
 
+SCHEMA_VERSION = 1
+_DIGITS = 6  # micrometres
 _AOV = "ShadingNormal"
-_MOST_OBJECTS = 32767  # of Blender's pass index
-_SURFACES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+_MAX_OBJECTS = 32767  # of Blender's pass index
 
 
 def number_objects() -> None:
@@ -27,24 +33,22 @@ def number_objects() -> None:
     An `instance_id` of the scene's own stays where it is a whole number that no other object has; the others get the numbers
     that are left, in alphabetical order. Instances of one object share its number. Raises InputError for more than 32767 objects.
     """
-    things = sorted((o for o in bpy.context.scene.objects if o.type in _SURFACES), key=lambda o: o.name)
+    things = sorted((o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name)
     instanced = {i.object.original for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance}
-    things += sorted((o for o in instanced if o.type in _SURFACES and o not in things), key=lambda o: o.name)
-    if len(things) > _MOST_OBJECTS:
-        raise InputError(
-            f"at most {_MOST_OBJECTS} objects for instance numbers", found=len(things), hint="joining some"
-        )
+    things += sorted((o for o in instanced if o.type in SURFACE_TYPES and o not in things), key=lambda o: o.name)
+    if len(things) > _MAX_OBJECTS:
+        raise InputError(f"at most {_MAX_OBJECTS} objects for instance numbers", found=len(things), hint="joining some")
     taken: set[int] = set()
     for thing in things:
         own = thing.get("instance_id")
-        thing.pass_index = own if type(own) is int and 0 < own <= _MOST_OBJECTS and own not in taken else 0
+        thing.pass_index = own if type(own) is int and 0 < own <= _MAX_OBJECTS and own not in taken else 0
         taken.add(thing.pass_index)
-    free = (n for n in range(1, _MOST_OBJECTS + 1) if n not in taken)
+    free = (n for n in range(1, _MAX_OBJECTS + 1) if n not in taken)
     for thing in things:
         thing.pass_index = thing.pass_index or next(free)
 
 
-def put_out() -> None:
+def add_passes() -> None:
     """Have Cycles write instance and normals into its frames; call it once light and materials are as they stay."""
     layer = bpy.context.scene.view_layers[0]
     layer.use_pass_object_index = layer.use_pass_normal = True
@@ -52,10 +56,10 @@ def put_out() -> None:
     variable.name, variable.type = _AOV, "COLOR"
     for material in bpy.data.materials:
         if material.use_nodes and material.node_tree:
-            _put_out_normal(material.node_tree)
+            _output_normal(material.node_tree)
 
 
-def _put_out_normal(tree: bpy.types.NodeTree) -> None:
+def _output_normal(tree: bpy.types.NodeTree) -> None:
     output, geometry = tree.nodes.new("ShaderNodeOutputAOV"), tree.nodes.new("ShaderNodeNewGeometry")
     output.aov_name = _AOV
     tree.links.new(geometry.outputs["Normal"], output.inputs["Color"])
@@ -64,15 +68,64 @@ def _put_out_normal(tree: bpy.types.NodeTree) -> None:
 def read(raw_file: Path, T_world_camera: SE3) -> dict[str, np.ndarray]:
     """The channels of a one-sample frame by Blender: instance, and unit normals in the cv camera's frame. (h, w) float32 each."""
     channels = exr.read_exr(raw_file)
-    index = _ending(channels, "IndexOB.X", "Object Index.X")  # the name changed with Blender 5.0
-    normal = np.stack([_ending(channels, f"{_AOV}.{c}") for c in "RGB"], -1).astype(float)
+    index = channel_ending(channels, "IndexOB.X", "Object Index.X")  # the name changed with Blender 5.0
+    normal = np.stack([channel_ending(channels, f"{_AOV}.{c}") for c in "RGB"], -1).astype(float)
     bare = np.linalg.norm(normal, axis=-1) < 0.5  # materials without nodes have no AOV
-    normal[bare] = np.stack([_ending(channels, f".Normal.{c}") for c in "XYZ"], -1)[bare]
+    normal[bare] = np.stack([channel_ending(channels, f".Normal.{c}") for c in "XYZ"], -1)[bare]
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     normal_camera = (normal / np.where(length > 0, length, 1.0)) @ T_world_camera.rotation
     by_name = {name: normal_camera[..., k] for k, name in enumerate(NORMAL)}
     return {name: array.astype(np.float32) for name, array in {INSTANCE: np.rint(index), **by_name}.items()}
 
 
-def _ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
-    return next(array for key, array in channels.items() if key.endswith(names))
+def objects_table() -> dict:
+    """Of what renders, by number; call it after number_objects(). A thing that is instanced has a row for each place.
+
+    `T_world_object`: Blender's matrix, rows; may hold a scale. `box_world_m`: least and greatest x, y, z. `box_m`: the smallest upright
+    box: centre and quaternion (x y z w) in the world, its x along the longer level side; its full sides.
+    """
+    with surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        found = surfaces.parts(depsgraph)
+        try:
+            kinds = classes.kinds_of([_class_name(part.source) for part in found])
+            rows = [_row(part, kinds[_class_name(part.source)]) for part in found]
+        finally:
+            for part in found:
+                bpy.data.meshes.remove(part.mesh)
+    rows.sort(key=lambda row: (row["id"], row["box_m"]["centre"]))
+    listed = sorted({kind.id: kind for kind in kinds.values()}.values(), key=lambda kind: kind.id)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "world": "metres, right-handed, z up",
+        "objects": rows,
+        "classes": [{"id": k.id, "name": k.name, "nyu40_id": k.nyu40_id, "nyu40": k.nyu40} for k in listed],
+    }
+
+
+def _class_name(thing: bpy.types.Object) -> str | None:
+    own = thing.get("class_name")
+    return own if isinstance(own, str) and own else None
+
+
+def _row(part: Part, kind: classes.Kind) -> dict:
+    matrix = np.array(part.matrix, float)
+    points_m = array_of(part.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    box = upright_box(points_m)
+    return {
+        "id": part.source.pass_index,
+        "name": part.source.name,
+        "class": kind.name,
+        "class_id": kind.id,
+        "nyu40_id": kind.nyu40_id,
+        "T_world_object": _listed(matrix),
+        "box_world_m": {"min": _listed(points_m.min(0)), "max": _listed(points_m.max(0))},
+        "box_m": {
+            "centre": _listed(box.T_world_box.translation),
+            "quat_xyzw": _listed(box.T_world_box.quat_xyzw),
+            "size": _listed(box.size_m),
+        },
+    }
+
+
+def _listed(values: np.ndarray) -> list:
+    return (np.round(values, _DIGITS) + 0.0).tolist()

@@ -1,22 +1,42 @@
-"""A baked light map on disk: one folder in the cache, whole or not there at all."""
+"""Baked light maps on disk: one folder each in the cache, whole or not there at all; and notes of which one belongs to which scene file,
+so that a window can tell without opening the scene.
+"""
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import json
 import shutil
 import tempfile
+import time
 import zipfile
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ..errors import WorkError
+from .. import __version__
+from ..errors import IclnuimError, WorkError
 from ..formats.exr import write_exr
+from ..formats.files import read_bytes, read_json, sha256, write_json
+from ..job import RenderJob
 from ..shipped import cache_folder as cache_folder
+from . import compat, scene
 from .lit_scene import MapLayout
 
 MAP, LAYOUT, RECIPE = "light.exr", "layout.npz", "recipe.json"
+
+
+@dataclass(frozen=True)
+class KnownMap:
+    """A light map in the cache: its folder, size on disk in bytes, age in seconds."""
+
+    folder: Path
+    size_bytes: int
+    age_s: float
 
 
 def is_whole(folder: Path) -> bool:
@@ -75,3 +95,54 @@ def load_image(folder: Path) -> bpy.types.Image:
 def read_recipe(folder: Path) -> dict:
     """What the map was made from."""
     return json.loads((folder / RECIPE).read_text(encoding="utf-8"))
+
+
+def note(cache: Path, job: RenderJob, folder: Path) -> None:
+    """Remember that `folder` holds the light of the job's scene. A cache that cannot be written stays without the note."""
+    with suppress(IclnuimError, OSError):
+        (cache / "light/known").mkdir(parents=True, exist_ok=True)
+        write_json(_note_file(cache, job), {"map": folder.name})
+
+
+def find(cache: Path, job: RenderJob) -> KnownMap | None:
+    """The map noted for the job's scene, settings and Blender; None where there is none, or not any more."""
+    try:
+        folder = cache / "light" / str(read_json(_note_file(cache, job))["map"])
+        if not is_whole(folder):
+            return None
+        files = [path.stat() for path in folder.iterdir()]
+    except (IclnuimError, OSError, KeyError):
+        return None
+    return KnownMap(folder, sum(f.st_size for f in files), time.time() - max(f.st_mtime for f in files))
+
+
+def _note_file(cache: Path, job: RenderJob) -> Path:
+    decides = [
+        _scene_hash(job.scene),
+        job.reading.to_dict(),
+        job.map_size,
+        job.map_samples,
+        job.seed,
+        job.lambertian,
+        compat.version_line(),
+        __version__,
+    ]
+    return cache / "light/known" / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
+
+
+def _scene_hash(name: str) -> str:
+    """Of the scene's own file alone: what lies beside it is known only once it is open."""
+    if scene.is_shipped(name):
+        return _shipped_hash(name)
+    path = Path(name)
+    return _file_hash(path, path.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=4)
+def _shipped_hash(name: str) -> str:
+    return scene.scene_sha256(name)
+
+
+@functools.lru_cache(maxsize=4)
+def _file_hash(path: Path, changed_ns: int) -> str:
+    return sha256(read_bytes(path))

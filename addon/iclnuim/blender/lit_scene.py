@@ -9,10 +9,10 @@ import numpy as np
 
 from ..errors import WorkError
 from ..lightmap.surfaces import BACK, FRONT
-from . import baked_materials, light_surfaces
-from .light_surfaces import Part
+from . import baked_materials
+from .surfaces import Part, array_of, material_of_face
 
-_OBJECT_SETTINGS = (
+_OBJECT_SETTINGS = [
     "pass_index",
     "color",
     "visible_camera",
@@ -23,7 +23,7 @@ _OBJECT_SETTINGS = (
     "visible_shadow",
     "is_holdout",
     "is_shadow_catcher",
-)
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
     return lit
 
 
-def put_out_lamps(lit: LitScene) -> None:
+def disable_lamps(lit: LitScene) -> None:
     """Lamps that reflections do not show have given all their light to the map."""
     for lamp in bpy.context.scene.objects:
         portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
@@ -125,8 +125,8 @@ def _show_part(
     for side, name in ((FRONT, baked_materials.FRONT_UV), (BACK, baked_materials.BACK_UV))[: 1 + two_sided]:
         _add_uv(mesh, name, _uv(layout, side, corners))
     lit_faces = layout.has[:, corners].any(0)
-    slots = light_surfaces.material_of_face(part)
-    used = set(np.unique(np.repeat(slots, _face_sizes(mesh))[lit_faces]))
+    slots = material_of_face(part)
+    used = set(np.unique(np.repeat(slots, array_of(mesh.polygons, "loop_total", 1, np.int32))[lit_faces]))
     for slot in used:
         original = mesh.materials[slot] if slot >= 0 else None
         key = (original, two_sided)
@@ -147,12 +147,6 @@ def _uv(layout: MapLayout, side: int, corners: slice) -> np.ndarray:
     """A side without a chart is never seen: it takes the other side's place."""
     has = layout.has[side, corners]
     return np.where(has[:, None], layout.uv[side, corners], layout.uv[1 - side, corners])
-
-
-def _face_sizes(mesh: bpy.types.Mesh) -> np.ndarray:
-    sizes = np.empty(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    return sizes
 
 
 def _add_uv(mesh: bpy.types.Mesh, name: str, uv: np.ndarray) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from ..errors import InputError
 from ..formats.scene_model import Look, SceneModel
 from ..sensor.transfer import srgb8
-from . import ground_truth, light_surfaces
-from .light_surfaces import Part
+from . import ground_truth, surfaces
+from .surfaces import Part, array_of
 
 _GREY = (0.8, 0.8, 0.8)
 #: Where a material's colour is looked for, in this order.
@@ -26,8 +26,8 @@ _SHADERS = {
 def scene_model() -> SceneModel:
     """Numbers its objects as frames have them. Raises InputError for a scene without surfaces."""
     ground_truth.number_objects()
-    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
-        parts = light_surfaces.parts(depsgraph)
+    with surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        parts = surfaces.parts(depsgraph)
         try:
             return _model([part for part in parts if part.source.visible_camera])
         finally:
@@ -38,9 +38,11 @@ def scene_model() -> SceneModel:
 def _model(parts: list[Part]) -> SceneModel:
     if not parts:
         raise InputError("a scene with surfaces", found="none")
-    found = light_surfaces.surfaces(parts)
+    found = surfaces.joined(parts)
     looks: dict[bpy.types.Material | None, int] = {}
-    material = [_materials(part, looks)[_faces(part)] for part in parts]
+    material = [
+        _materials(part, looks)[array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32)] for part in parts
+    ]
     return SceneModel(
         corners_m=found.corners_m[found.triangles],
         normals=found.normals[found.triangles],
@@ -52,30 +54,19 @@ def _model(parts: list[Part]) -> SceneModel:
     )
 
 
-def _faces(part: Part) -> np.ndarray:
-    """(m,) the face of each triangle."""
-    faces = np.empty(len(part.mesh.loop_triangles), np.int32)
-    part.mesh.loop_triangles.foreach_get("polygon_index", faces)
-    return faces
-
-
 def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:
     """(F,) number of each face's material in looks, which grows."""
     slots = [part.mesh.materials[k] for k in range(len(part.mesh.materials))] or [None]
     numbers = np.array([looks.setdefault(material, len(looks)) for material in slots])
-    return numbers[np.maximum(light_surfaces.material_of_face(part), 0)]
+    return numbers[np.maximum(surfaces.material_of_face(part), 0)]
 
 
 def _uv(part: Part) -> np.ndarray:
     """(m, 3, 2), the map that renders; 0 where there is none."""
     mesh = part.mesh
-    loops = np.empty(len(mesh.loop_triangles) * 3, np.int32)
-    mesh.loop_triangles.foreach_get("loops", loops)
-    uv = np.zeros(len(mesh.loops) * 2, np.float32)
     layer = next((u for u in mesh.uv_layers if u.active_render), None)
-    if layer is not None:
-        layer.data.foreach_get("uv", uv)
-    return uv.reshape(-1, 2)[loops].reshape(-1, 3, 2).astype(float)
+    uv = np.zeros((len(mesh.loops), 2)) if layer is None else array_of(layer.data, "uv", 2).astype(float)
+    return uv[array_of(mesh.loop_triangles, "loops", 3, np.int32)]
 
 
 def _look(material: bpy.types.Material | None) -> Look:

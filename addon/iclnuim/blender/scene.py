@@ -1,4 +1,4 @@
-"""Opening a scene: a shipped one, or anybody's file. The file itself is never written."""
+"""Opening a scene: a shipped one, or a user-provided file. The file itself is never written."""
 
 from __future__ import annotations
 
@@ -11,16 +11,23 @@ from .. import shipped
 from ..errors import InputError
 from ..geometry.scene_axes import SceneReading
 from ..scenes import SCENES
-from . import import_files, own_scene, scene_paths, session
+from . import compat, scene_paths, user_scene
+
+
+def open_empty() -> None:
+    """An empty scene with factory settings, whatever the user's start-up file holds. Scripts in .blend files do not run."""
+    compat.require_supported_version()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.preferences.filepaths.use_scripts_auto_execute = False
 
 
 def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
-    """Reset the session and open `name`; returns notes worth telling. Raises InputError for what cannot be opened."""
-    session.reset()
+    """Open `name`; returns notes worth telling. Raises InputError for what cannot be opened."""
+    open_empty()
     if is_shipped(name):
         bpy.ops.wm.open_mainfile(filepath=str(_shipped_file(name)), load_ui=False, use_scripts=False)
         return []
-    return own_scene.open_file(_checked_file(name), reading or SceneReading())
+    return user_scene.open_file(_checked_file(name), reading or SceneReading())
 
 
 def is_shipped(name: str) -> bool:
@@ -39,7 +46,7 @@ def scene_sha256(name: str) -> str:
 
 def _checked_file(name: str) -> Path:
     try:
-        return import_files.checked_file(name)
+        return user_scene.checked_file(name)
     except InputError as error:
         if error.path is not None:
             raise

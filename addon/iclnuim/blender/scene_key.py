@@ -8,10 +8,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .light_surfaces import Part
+from .surfaces import Part, array_of
 
 #: Cycles settings that change light itself, not its noise.
-_CYCLES = (
+_CYCLES = [
     "max_bounces",
     "diffuse_bounces",
     "glossy_bounces",
@@ -25,40 +25,43 @@ _CYCLES = (
     "sample_clamp_indirect",
     "light_sampling_threshold",
     "use_fast_gi",
+]
+#: Properties of nodes and lamps that do not change light.
+_NOT_LIGHT = set(
+    [
+        "rna_type",
+        "name",
+        "location",
+        "width",
+        "height",
+        "select",
+        "show_options",
+        "show_preview",
+        "hide",
+        "label",
+        "color",
+        "use_custom_color",
+        "parent",
+        "inputs",
+        "outputs",
+        "internal_links",
+        "dimensions",
+        "bl_idname",
+        "location_absolute",
+        "warning_propagation",
+        "name_full",
+        "users",
+        "use_fake_user",
+        "tag",
+        "session_uid",
+        "is_missing",
+        "preview",
+        "asset_data",
+        "library",
+        "image_user",
+        "show_texture",
+    ]
 )
-_NOT_LIGHT = {
-    "rna_type",
-    "name",
-    "location",
-    "width",
-    "height",
-    "select",
-    "show_options",
-    "show_preview",
-    "hide",
-    "label",
-    "color",
-    "use_custom_color",
-    "parent",
-    "inputs",
-    "outputs",
-    "internal_links",
-    "dimensions",
-    "bl_idname",
-    "location_absolute",
-    "warning_propagation",
-    "name_full",
-    "users",
-    "use_fake_user",
-    "tag",
-    "session_uid",
-    "is_missing",
-    "preview",
-    "asset_data",
-    "library",
-    "image_user",
-    "show_texture",
-}
 
 
 def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
@@ -100,22 +103,16 @@ def _part(part: Part) -> bytes:
     mesh = part.mesh
     arrays = [
         np.array(part.matrix, np.float32),
-        _array(mesh.vertices, "co", 3, np.float32),
-        _array(mesh.loops, "vertex_index", 1, np.int32),
-        _array(mesh.polygons, "loop_start", 1, np.int32),
-        _array(mesh.polygons, "material_index", 1, np.int32),
-        np.round(_array(mesh.corner_normals, "vector", 3, np.float32) * 1e4).astype(np.int32),
-        *[_array(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers],
+        array_of(mesh.vertices, "co", 3, np.float32),
+        array_of(mesh.loops, "vertex_index", 1, np.int32),
+        array_of(mesh.polygons, "loop_start", 1, np.int32),
+        array_of(mesh.polygons, "material_index", 1, np.int32),
+        np.round(array_of(mesh.corner_normals, "vector", 3, np.float32) * 1e4).astype(np.int32),
+        *[array_of(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers],
     ]
     names = [m.name if m else "" for m in mesh.materials]
     rays = [getattr(part.source, f"visible_{ray}", True) for ray in ("diffuse", "glossy", "transmission", "shadow")]
     return _hash(*[a.tobytes() for a in arrays], _text([part.name, names, rays])).encode()
-
-
-def _array(collection: bpy.types.bpy_prop_collection, name: str, width: int, kind: type) -> np.ndarray:
-    values = np.empty(len(collection) * width, kind)
-    collection.foreach_get(name, values)
-    return values
 
 
 def _material(material: bpy.types.Material) -> dict:

@@ -32,18 +32,15 @@ from . import (
     bake,
     camera,
     compat,
-    exposure,
     frames,
     ground_truth,
     lambertian,
-    light_index,
     light_map,
-    objects,
     output,
-    own_scene,
     preflight,
     scene,
     settings,
+    user_scene,
 )
 
 Emit = Callable[[Event], None]
@@ -176,7 +173,7 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     """Open somebody's own scene before its run is taken up: its textures count in the recipe, and what moves decides the light."""
     with output.blender_output_in(Path(os.devnull)):
         notes = scene.open_scene(job.scene, job.reading)
-        job, more = own_scene.lit_as_it_can_be(job)
+        job, more = user_scene.lit_as_it_can_be(job)
     for text in [*notes, *more]:
         emit(events.Note(text))
     return job
@@ -196,12 +193,12 @@ def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -
     settings.apply(job)
     if job.ground_truth:
         ground_truth.number_objects()
-        table = objects.table()
+        table = ground_truth.objects_table()
     if job.light == "baked":
         bake.apply(_light(job, note))
         bake.apply_render_settings(bpy.context.scene)
     if job.ground_truth:
-        ground_truth.put_out()
+        ground_truth.add_passes()
     camera.keyframe(trajectory.T_world_camera, job.camera)
     return table if job.ground_truth else None
 
@@ -219,7 +216,7 @@ def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambd
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
         for text in [] if opened else scene.open_scene(job.scene, job.reading):
             note(text)
-        hindrance = own_scene.why_not_baked(bpy.context.scene)
+        hindrance = user_scene.why_not_baked(bpy.context.scene)
         if hindrance:
             raise InputError(
                 "a scene whose light can be baked",
@@ -240,8 +237,8 @@ def _light(job: RenderJob, note: Callable[[str], None]) -> Path:
     """The light map of the open scene."""
     map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
     cache = light_map.cache_folder()
-    folder = bake.prepare({}, map_settings, cache, note)
-    light_index.note(cache, job, folder)
+    folder = bake.prepare(map_settings, cache, note)
+    light_map.note(cache, job, folder)
     return folder
 
 
@@ -291,7 +288,7 @@ def _render(number: int, name: Path, depth_apart: bool) -> tuple[Path, Path]:
 def _blurred(number: int, job: RenderJob, trajectory: Trajectory, raw_depth: Path, work: Path) -> np.ndarray:
     """RGB through a shutter that takes its time; Z stays that of the stamp."""
     depth_z_m = frames.read(raw_depth, raw_depth)[1]
-    return exposure.shoot(number, job.exposure, trajectory, job.camera, depth_z_m, work / "instant.exr")
+    return frames.shoot(number, job.exposure, trajectory, job.camera, depth_z_m, work / "instant.exr")
 
 
 def _close(

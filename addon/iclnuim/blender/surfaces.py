@@ -1,19 +1,30 @@
-"""What the open scene shows in a render, as arrays and as real mesh objects that may be given light maps."""
+"""The surfaces that the open scene shows in a render: as triangles in the world, and as mesh objects that may be given light maps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import mathutils
 import numpy as np
 
 from ..lightmap.surfaces import Surfaces, join
-from .light_points import kept
+from .compat import temporarily
 
-_SURFACE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+SURFACE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names, one per object."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    owners: np.ndarray
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +42,64 @@ class Part:
     single: bool
 
 
+def triangles() -> Surface:
+    """All surfaces a camera ray can meet: evaluated as for a render (modifiers, instances), without what is hidden from it."""
+    with as_rendered(bpy.context.scene) as depsgraph:
+        return _triangles(depsgraph)
+
+
+def _triangles(depsgraph: bpy.types.Depsgraph) -> Surface:
+    vertices, faces, owners, names, count = [], [], [], [], 0
+    for instance in depsgraph.object_instances:
+        thing = instance.object
+        if not _is_seen(thing):
+            continue
+        mesh = thing.to_mesh()
+        mesh.calc_loop_triangles()
+        points = array_of(mesh.vertices, "co", 3).astype(float)
+        corners = array_of(mesh.loop_triangles, "vertices", 3, np.int32)
+        thing.to_mesh_clear()
+        if len(corners):
+            to_world = np.array(instance.matrix_world)
+            vertices.append(points @ to_world[:3, :3].T + to_world[:3, 3])
+            faces.append(corners + count)
+            owners.append(np.full(len(corners), len(names), np.int32))
+            names.append(thing.name)
+            count += len(points)
+    if not vertices:
+        return Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int32), ())
+    return Surface(np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners), tuple(names))
+
+
+def triangle_count() -> int:
+    """How many triangles the open scene renders, those of every instance counted; curves and texts left out."""
+    with as_rendered(bpy.context.scene) as depsgraph:
+        shown = (i.object for i in depsgraph.object_instances)
+        meshes = (thing.data for thing in shown if thing.type == "MESH" and _is_seen(thing))
+        return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
+
+
+def _is_seen(thing: bpy.types.Object) -> bool:
+    return thing.type in SURFACE_TYPES and thing.visible_camera and not thing.hide_render
+
+
 @contextmanager
 def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
     """The evaluated scene as the renderer would see it: what is hidden only in the viewport is shown, and the reverse."""
     with ExitStack() as stack:
         for collection in scene.collection.children_recursive:
-            stack.enter_context(kept(collection, hide_viewport=collection.hide_render))
+            stack.enter_context(temporarily(collection, hide_viewport=collection.hide_render))
         for layer in _layers(bpy.context.view_layer.layer_collection):
-            stack.enter_context(kept(layer, hide_viewport=False))
+            stack.enter_context(temporarily(layer, hide_viewport=False))
         for thing in scene.objects:
-            stack.enter_context(kept(thing, hide_viewport=thing.hide_render))
+            stack.enter_context(temporarily(thing, hide_viewport=thing.hide_render))
             hidden = thing.hide_get()
             thing.hide_set(False)
             stack.callback(thing.hide_set, hidden)
             for modifier in thing.modifiers:
-                stack.enter_context(kept(modifier, show_viewport=modifier.show_render))
+                stack.enter_context(temporarily(modifier, show_viewport=modifier.show_render))
                 if hasattr(modifier, "render_levels") and hasattr(modifier, "levels"):
-                    stack.enter_context(kept(modifier, levels=modifier.render_levels))
+                    stack.enter_context(temporarily(modifier, levels=modifier.render_levels))
         depsgraph = bpy.context.evaluated_depsgraph_get()
         depsgraph.update()
         yield depsgraph
@@ -63,7 +115,7 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
     found = []
     for instance in depsgraph.object_instances:
         thing = instance.object
-        if not instance.show_self or thing.type not in _SURFACE_TYPES or thing.original.hide_render:
+        if not instance.show_self or thing.type not in SURFACE_TYPES or thing.original.hide_render:
             continue
         mesh = bpy.data.meshes.new_from_object(thing, preserve_all_data_layers=True, depsgraph=depsgraph)
         if mesh is None or not len(mesh.polygons):
@@ -94,7 +146,7 @@ def _own_materials(mesh: bpy.types.Mesh, thing: bpy.types.Object) -> None:
             mesh.materials.append(material)
 
 
-def surfaces(found: list[Part]) -> Surfaces:
+def joined(found: list[Part]) -> Surfaces:
     """All parts as arrays in world coordinates, numbered in their order."""
     return join([_surfaces(part) for part in found])
 
@@ -102,20 +154,19 @@ def surfaces(found: list[Part]) -> Surfaces:
 def _surfaces(part: Part) -> Surfaces:
     mesh, matrix = part.mesh, np.array(part.matrix)
     mesh.calc_loop_triangles()
-    vertices = _get(mesh.vertices, "co", 3) @ matrix[:3, :3].T + matrix[:3, 3]
-    vertex_of_corner = _get(mesh.loops, "vertex_index", 1, np.int32)
-    normals = _get(mesh.corner_normals, "vector", 3) @ np.linalg.inv(matrix[:3, :3])
-    triangles = _get(mesh.loop_triangles, "loops", 3, np.int32)
+    vertices = array_of(mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    vertex_of_corner = array_of(mesh.loops, "vertex_index", 1, np.int32)
+    normals = array_of(mesh.corner_normals, "vector", 3).astype(float) @ np.linalg.inv(matrix[:3, :3])
+    triangles = array_of(mesh.loop_triangles, "loops", 3, np.int32).astype(int)
+    mirrored = np.linalg.det(matrix[:3, :3]) < 0  # wound the other way
     welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
     return Surfaces(
         corners_m=vertices[vertex_of_corner],
         normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12),
         vertex=welded[vertex_of_corner],
-        face_start=np.append(_get(mesh.polygons, "loop_start", 1, np.int32), len(mesh.loops)),
-        triangles=triangles[:, ::-1]
-        if np.linalg.det(matrix[:3, :3]) < 0
-        else triangles,  # mirrored: wound the other way
-        triangle_face=_get(mesh.loop_triangles, "polygon_index", 1, np.int32),
+        face_start=np.append(array_of(mesh.polygons, "loop_start", 1, np.int32).astype(int), len(mesh.loops)),
+        triangles=triangles[:, ::-1] if mirrored else triangles,
+        triangle_face=array_of(mesh.loop_triangles, "polygon_index", 1, np.int32).astype(int),
         face_object=np.zeros(len(mesh.polygons), int),
     )
 
@@ -123,12 +174,12 @@ def _surfaces(part: Part) -> Surfaces:
 def material_of_face(part: Part) -> np.ndarray:
     """(F,) index into part.mesh.materials, clipped as Blender does; -1 where the mesh has none."""
     slots = len(part.mesh.materials)
-    index = _get(part.mesh.polygons, "material_index", 1, np.int32)
+    index = array_of(part.mesh.polygons, "material_index", 1, np.int32).astype(int)
     return np.minimum(index, slots - 1)
 
 
-def _get(collection: bpy.types.bpy_prop_collection, name: str, width: int, kind: type = np.float32) -> np.ndarray:
+def array_of(collection: Any, name: str, width: int = 1, kind: type = np.float32) -> np.ndarray:
+    """(n, width), or (n,) for width 1: an attribute of all elements of a mesh's vertices, corners or faces, in Blender's own type."""
     values = np.empty(len(collection) * width, kind)
     collection.foreach_get(name, values)
-    values = values.astype(np.float64 if kind is np.float32 else np.int64)
     return values.reshape(-1, width) if width > 1 else values

@@ -1,4 +1,4 @@
-"""Turns, scales and mirrors what was brought into the session so that it stands in metres with z up."""
+"""The axes and units of an imported scene: what was brought into the session is turned, scaled and mirrored into metres, z up."""
 
 from __future__ import annotations
 
@@ -11,17 +11,21 @@ import mathutils
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import scene_axes
+from ..geometry import axes, scene_axes
 from ..geometry.scene_axes import SceneReading
-from . import surface
-from .import_files import SILENT, importers_turn
+from . import surfaces
+from .surfaces import array_of
 
 ROOT = "placed in metres, z up"
+#: What Blender's importer itself has done to the file's axes.
+_TURNED = {".glb": axes.Z_UP_FROM_Y_UP, ".gltf": axes.Z_UP_FROM_Y_UP}
+#: Formats that say nothing about axes and units, and the axis that mostly points up in them.
+_SILENT = {".obj": "y", ".ply": "z"}
 
 
 @dataclass(frozen=True)
-class Placed:
-    """How the file was taken: up, unit_m, mirror, and a sentence that says so, guesses included.
+class Oriented:
+    """How the file is read: up, unit_m, mirror, and a sentence that says so, guesses included.
 
     worth_telling: not just as its format has it.
     """
@@ -33,28 +37,28 @@ class Placed:
     worth_telling: bool
 
 
-def place(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> Placed:
+def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> Oriented:
     """Put the `objects` that came from `path` in their place, below an empty where they have to move.
 
     Raises InputError for a file without surfaces whose shape should be guessed by.
     """
-    kind, turn = path.suffix.lower(), importers_turn(path)
-    placed = _decided(path, kind, reading)
-    matrix = scene_axes.linear(placed.up, placed.unit_m, placed.mirror) @ turn.T
+    kind, turn = path.suffix.lower(), _TURNED.get(path.suffix.lower(), np.eye(3))
+    oriented = _decided(path, kind, reading)
+    matrix = scene_axes.linear(oriented.up, oriented.unit_m, oriented.mirror) @ turn.T
     if not np.allclose(matrix, np.eye(3), atol=1e-9):
         _move(objects, matrix)
-    return placed
+    return oriented
 
 
-def _decided(path: Path, kind: str, reading: SceneReading) -> Placed:
+def _decided(path: Path, kind: str, reading: SceneReading) -> Oriented:
     usual = "y" if kind in (".glb", ".gltf") else "z"
     up, unit_m, reasons = reading.up or usual, reading.unit_m, []
-    if kind in SILENT and (reading.up is None or unit_m is None):
-        found = surface.triangles()
+    if kind in _SILENT and (reading.up is None or unit_m is None):
+        found = surfaces.triangles()
         if not len(found.triangles):
             raise InputError("a scene with at least one surface", path=path, found="none")
         shape = scene_axes.shape_of(found.vertices, found.triangles)
-        up = reading.up or scene_axes.guess_up(shape, SILENT[kind])
+        up = reading.up or scene_axes.guess_up(shape, _SILENT[kind])
         unit_m = unit_m or scene_axes.guess_unit_m(shape, up)
         reasons.append(_guess(reading, shape.extent * unit_m, up))
     elif unit_m is None:
@@ -62,7 +66,7 @@ def _decided(path: Path, kind: str, reading: SceneReading) -> Placed:
     sentence = f"{up} up, {scene_axes.unit_name(unit_m)}"
     sentence += f", {reading.mirror} mirrored" if reading.mirror != "none" else ""
     told = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
-    return Placed(up, unit_m, reading.mirror, "; ".join([f"the scene is read as {sentence}", *reasons]), told)
+    return Oriented(up, unit_m, reading.mirror, "; ".join([f"the scene is read as {sentence}", *reasons]), told)
 
 
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
@@ -110,17 +114,15 @@ def _is_plain(thing: bpy.types.Object) -> bool:
 
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
-    shading = np.empty(len(mesh.loops) * 3, np.float32)
-    mesh.corner_normals.foreach_get("vector", shading)
+    shading = array_of(mesh.corner_normals, "vector", 3)
     agree = _wound_as_shaded(mesh, shading)
     custom = mesh.has_custom_normals
     mesh.transform(whole)
     thing.matrix_basis.identity()
     if whole.determinant() < 0 and agree:
-        order = _flip(mesh)
-        shading = shading.reshape(-1, 3)[order].ravel()
+        shading = shading[_flip(mesh)]
     if custom and whole.determinant() < 0:
-        turned = shading.reshape(-1, 3) @ np.linalg.inv(np.array(whole)[:3, :3])
+        turned = shading @ np.linalg.inv(np.array(whole)[:3, :3])
         mesh.normals_split_custom_set(turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12))
     mesh.update()
 
@@ -130,11 +132,8 @@ def _wound_as_shaded(mesh: bpy.types.Mesh, shading: np.ndarray) -> bool:
 
     A file that was mirrored by a change of sign alone has kept its normals outside and turned its faces inside.
     """
-    normals = np.empty(len(mesh.polygons) * 3, np.float32)
-    mesh.polygons.foreach_get("normal", normals)
-    sizes = np.empty(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    return float((np.repeat(normals.reshape(-1, 3), sizes, axis=0) * shading.reshape(-1, 3)).sum()) >= 0
+    normals, sizes = array_of(mesh.polygons, "normal", 3), array_of(mesh.polygons, "loop_total", 1, np.int32)
+    return float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
 
 
 def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
@@ -142,8 +141,7 @@ def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
     numbers = mesh.attributes.new("corner before", "INT", "CORNER")
     numbers.data.foreach_set("value", np.arange(len(mesh.loops), dtype=np.int32))
     mesh.flip_normals()
-    order = np.empty(len(mesh.loops), np.int32)
-    mesh.attributes["corner before"].data.foreach_get("value", order)
+    order = array_of(mesh.attributes["corner before"].data, "value", 1, np.int32)
     mesh.attributes.remove(mesh.attributes["corner before"])
     return order
 

@@ -1,0 +1,355 @@
+"""Light at any points of the open scene, by Cycles' own baking: irradiance source by source, and whether cameras can see the point.
+
+A target of one tiny white triangle a point, which no ray can meet, is baked into a list of pixels. So the points are exactly
+the ones asked for, whatever meshes, UV maps and materials the scene has, and both sides of a sheet can be asked for.
+
+Sources are sampled one after another: every lamp alone, the sky, then what the lit surfaces themselves send. Many lamps sampled together
+bring far more noise than each one alone: with one lamp a sample is wasted only in its penumbra. So small lamps need few samples;
+windows, skies and surfaces need many.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, redirect_stdout
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ..errors import WorkError
+from ..geometry.points import farthest_points
+from ..lightmap.surfaces import Surfaces
+from . import compat
+from .compat import temporarily
+
+#: Points lie this far in front of their surface, so that a ray from one cannot meet the surface itself.
+LIFT_M = 2e-4
+_TRIANGLE_M = 5e-5
+_ROW = 1024
+#: As many points as one target takes: about 0.7 GB in Blender.
+AT_ONCE = 1 << 20
+#: Lamps beyond this number share passes.
+_PASSES = 12
+#: A lamp is small when its radius is below this, a sun when its angle (radians) is.
+_SMALL_M, _SMALL_RAD = 0.15, 0.1
+#: A small lamp takes this part of the samples.
+_SMALL_SHARE = 8
+#: More large lamps than this share the samples that so many would take: each is then the smaller part of the light.
+_LARGE = 3
+#: A place counts as free when less than this share of its sight lines ends at the back of a surface.
+_BACKS = 0.1
+#: Of free places those are taken that are enclosed nearly as much as the most enclosed: inside rooms, if there are any. Where
+#: fewer than half of them are, the scene is open and those few are nooks: then all that see a fair part of what the best one sees.
+_ENCLOSED, _IN_THE_OPEN = 0.9, 0.25
+_RAYS = 48
+_NEAREST_M, _FARTHEST_M = 0.1, 4.0
+#: Test lamps outshine by far what glows in the scene, which baking cannot be told to leave out (W; radiance).
+_POWER, _GLOW = 1e9, 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class Halves:
+    """Light (n, 3) by two independent halves of the samples."""
+
+    a: np.ndarray
+    b: np.ndarray
+
+    def __add__(self, other: Halves) -> Halves:
+        return Halves(self.a + other.a, self.b + other.b)
+
+    @property
+    def mean(self) -> np.ndarray:
+        return (self.a + self.b) / 2
+
+
+def direct(
+    points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]
+) -> Halves:
+    """Light that comes straight from lamps and sky of the open scene; what `materials` emit is left out."""
+    light = _nothing(len(points_m))
+    with without_glow(materials):
+        for part in batches(len(points_m)):
+            with Target(points_m[part], normals[part]) as target:
+                for number, (lamps, world, share) in enumerate(_sources()):
+                    with only(lamps, world):
+                        _add(light, part, target, max(1, samples // (2 * share)), seed + 100 * number)
+    return light
+
+
+def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> Halves:
+    """Light that the surfaces of the open scene send, shown as they glow: by emission, or by baked light."""
+    light = _nothing(len(points_m))
+    with only([], False):
+        for part in batches(len(points_m)):
+            with Target(points_m[part], normals[part]) as target:
+                _add(light, part, target, max(1, samples // 2), seed)
+    return light
+
+
+def _nothing(count: int) -> Halves:
+    return Halves(np.zeros((count, 3), np.float32), np.zeros((count, 3), np.float32))
+
+
+def _add(light: Halves, part: slice, target: Target, samples: int, seed: int) -> None:
+    light.a[part] += target.irradiance(samples, 2 * seed)
+    light.b[part] += target.irradiance(samples, 2 * seed + 1)
+
+
+def _sources() -> list[tuple[list[bpy.types.Object], bool, int]]:
+    """Lamps that shine together, whether the sky does, and by how much fewer samples they need."""
+    lamps = [thing for thing in bpy.context.scene.objects if thing.type == "LIGHT" and not thing.hide_render]
+    portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
+    lamps = [lamp for lamp in lamps if lamp not in portals]
+    groups = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
+    small = [len(group) == 1 and _is_small(group[0].data) for group in groups]
+    large = max(1, -(-small.count(False) // _LARGE))
+    found = [(group, False, _SMALL_SHARE if s else large) for group, s in zip(groups, small, strict=True)]
+    return [*found, (portals, True, 1)] if bpy.context.scene.world else found
+
+
+def _is_small(lamp: bpy.types.Light) -> bool:
+    if lamp.type == "SUN":
+        return lamp.angle < _SMALL_RAD
+    return lamp.type != "AREA" and lamp.shadow_soft_size < _SMALL_M
+
+
+@contextmanager
+def only(lamps: list[bpy.types.Object], world: bool) -> Iterator[None]:
+    """The open scene with these lamps alone, with or without its world."""
+    scene = bpy.context.scene
+    with ExitStack() as stack:
+        for thing in scene.objects:
+            if thing.type == "LIGHT" and thing not in lamps:
+                stack.enter_context(temporarily(thing, hide_render=True))
+        if not world:
+            stack.enter_context(temporarily(scene, world=None))
+        yield
+
+
+@contextmanager
+def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
+    """Materials that emit nothing for a while."""
+    with ExitStack() as stack:
+        for material in materials:
+            if material.node_tree is not None:
+                _darken(material.node_tree, stack)
+        yield
+
+
+def _darken(tree: bpy.types.NodeTree, stack: ExitStack) -> None:
+    for node in tree.nodes:
+        if node.type == "EMISSION":
+            stack.enter_context(temporarily(node, mute=True))
+        elif node.type == "BSDF_PRINCIPLED":
+            strength = node.inputs["Emission Strength"]
+            stack.enter_context(temporarily(strength, default_value=0.0))
+            for link in strength.links:
+                stack.enter_context(temporarily(link, is_muted=True))
+        elif node.type == "GROUP" and node.node_tree:
+            _darken(node.node_tree, stack)
+
+
+def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int) -> np.ndarray:
+    """(up to count, 3) places in metres spread over the scene's free space: in rooms, not inside solids nor behind walls."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(_RAYS, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    places = [_place_before(depsgraph, surfaces, rng) for _ in range(count * 24)]
+    hits = np.array([_front_hits(depsgraph, p, directions) for p in places])
+    enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
+    share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
+    free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
+    return free if len(free) <= count else farthest_points(free, count)
+
+
+def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator) -> np.ndarray:
+    """A place on a sight line from a triangle of an object, each object as likely as any other, before or behind it."""
+    faces = np.searchsorted(surfaces.face_object, [k := rng.integers(surfaces.face_object[-1] + 1), k + 1])
+    rows = np.searchsorted(surfaces.triangle_face, faces)
+    corners = surfaces.corners_m[surfaces.triangles[rng.integers(*rows)]]
+    ray = rng.normal(size=3)
+    ray /= np.linalg.norm(ray)
+    start = rng.dirichlet(np.ones(3)) @ corners + 1e-3 * ray
+    hit, location, *_ = depsgraph.scene.ray_cast(depsgraph, Vector(start), Vector(ray), distance=_FARTHEST_M)
+    reach = np.linalg.norm(np.array(location) - start) if hit else _FARTHEST_M
+    return start + rng.uniform(0.1, 0.9) * reach * ray
+
+
+def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:
+    """How many sight lines end at a front; 0 for a place that is not free."""
+    scene, origin = depsgraph.scene, Vector(place)
+    backs = fronts = 0
+    for direction in directions:
+        hit, location, normal, *_ = scene.ray_cast(depsgraph, origin, Vector(direction))
+        if hit and (location - origin).length < _NEAREST_M:
+            return 0
+        back = hit and normal.dot(Vector(direction)) > 0
+        backs, fronts = backs + back, fronts + (hit and not back)
+        if backs > _BACKS * _RAYS:
+            return 0
+    return fronts
+
+
+def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int, rounds: int = 3) -> np.ndarray:
+    """(n,) light of point lamps at the places on each point; 0 where none reaches its front, glass let through.
+
+    Such light falls with distance and slant as the number of pixels does that cameras at those places spend on a surface. Each
+    sample tries one of the lamps. Points still dark after a round are tried with four times as many, at last 4^rounds.
+    """
+    light = np.zeros(len(points_m), np.float32)
+    if not len(places_m):
+        return light + 1
+    with _only_lamps(bpy.context.scene, places_m):
+        for turn in range(rounds):
+            dark = np.flatnonzero(light == 0)
+            for part in batches(len(dark)):
+                rows = dark[part]
+                with Target(points_m[rows], normals[rows]) as target:
+                    light[rows] = target.irradiance(4 ** (turn + 1), seed + turn).max(1)
+            light[light < _GLOW] = 0.0
+    return light
+
+
+@contextmanager
+def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
+    """The scene lit by nothing but one point lamp at each place."""
+    data = bpy.data.lights.new("light test", "POINT")
+    data.energy, data.shadow_soft_size = _POWER, 0.0
+    lamps = [bpy.data.objects.new("light test", data) for _ in places_m]
+    with only([], world=False), temporarily(scene.cycles, use_light_tree=False):
+        for lamp, place in zip(lamps, places_m, strict=True):
+            lamp.location = place
+            scene.collection.objects.link(lamp)
+        try:
+            yield
+        finally:
+            for lamp in lamps:
+                bpy.data.objects.remove(lamp)
+            bpy.data.lights.remove(data)
+
+
+class Target:
+    """Points (n, 3) in metres with unit normals (n, 3), in the open scene for as long as the `with` block lasts."""
+
+    def __init__(self, points_m: np.ndarray, normals: np.ndarray) -> None:
+        self.count = len(points_m)
+        self.rows = -(-self.count // _ROW)
+        self.image = bpy.data.images.new("light points", _ROW, self.rows, float_buffer=True, is_data=True)
+        self.material = _white(self.image)
+        self.mesh = _target_mesh(points_m, normals, self.rows)
+        self.mesh.materials.append(self.material)
+        self.object = bpy.data.objects.new("light points", self.mesh)
+        # camera rays may see it: baking sends none, and needs one kind that does
+        for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+            setattr(self.object, f"visible_{ray}", False)
+
+    def __enter__(self) -> Target:
+        bpy.context.scene.collection.objects.link(self.object)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        bpy.data.objects.remove(self.object)
+        bpy.data.meshes.remove(self.mesh)
+        bpy.data.materials.remove(self.material)
+        bpy.data.images.remove(self.image)
+
+    def irradiance(self, samples: int, seed: int) -> np.ndarray:
+        """(n, 3) light on a white surface at each point, as the radiance that it sends back: what lamps, world and glowing
+        surfaces give directly. Raises WorkError where Cycles fails.
+        """
+        scene = bpy.context.scene
+        with (
+            temporarily(
+                scene.cycles,
+                samples=samples,
+                seed=seed,
+                use_animated_seed=False,
+                use_adaptive_sampling=False,
+                sample_offset=0,
+                time_limit=0.0,
+                max_bounces=0,
+                light_sampling_threshold=0.0,
+                use_denoising=False,
+            ),
+            temporarily(scene.render, engine="CYCLES", use_persistent_data=False),
+            temporarily(
+                scene.render.bake,
+                use_pass_direct=True,
+                use_pass_indirect=True,
+                use_pass_color=False,
+                margin=0,
+                use_clear=True,
+                target="IMAGE_TEXTURES",
+                use_selected_to_active=False,
+                use_multires=False,
+                use_split_materials=False,
+                view_from="ABOVE_SURFACE",
+            ),
+        ):
+            _run_bake(self.object)
+        pixels = np.empty(self.rows * _ROW * 4, np.float32)
+        self.image.pixels.foreach_get(pixels)
+        return pixels.reshape(-1, 4)[: self.count, :3]
+
+
+def batches(count: int) -> list[slice]:
+    """Slices of at most AT_ONCE points."""
+    return [slice(first, min(first + AT_ONCE, count)) for first in range(0, count, AT_ONCE)]
+
+
+def _run_bake(target: bpy.types.Object) -> None:
+    layer = bpy.context.view_layer
+    layer.update()  # else an object that was just linked may not be among its objects yet
+    for thing in layer.objects:
+        thing.select_set(thing == target)
+    layer.objects.active = target
+    try:
+        with redirect_stdout(io.StringIO()):  # where Blender says each time that the image is not saved
+            result = bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"})
+    except RuntimeError as error:
+        raise WorkError(f"light map: Blender: {' '.join(str(error).split())}") from None
+    if result != {"FINISHED"}:
+        raise WorkError("light map: Blender stopped baking")
+
+
+def _white(image: bpy.types.Image) -> bpy.types.Material:
+    """White diffuse, with the image that Blender bakes into as its active node."""
+    material, tree = compat.empty_material("light points")
+    output, diffuse, texture = (tree.nodes.new(f"ShaderNode{n}") for n in ("OutputMaterial", "BsdfDiffuse", "TexImage"))
+    diffuse.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    texture.image = image
+    tree.nodes.active = texture
+    return material
+
+
+def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.types.Mesh:
+    """One triangle a point, facing along its normal; its texture triangle covers the centre of the point's own pixel only."""
+    n = len(points_m)
+    side = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    x = np.cross(side, normals)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    y = np.cross(normals, x)
+    turn = np.array([0, 2, 4]) * np.pi / 3
+    around = np.cos(turn)[:, None] * x[:, None] + np.sin(turn)[:, None] * y[:, None]
+    corners = (points_m + LIFT_M * normals)[:, None] + _TRIANGLE_M * around
+    pixel = np.stack([np.arange(n) % _ROW, np.arange(n) // _ROW], -1) + 0.5
+    uv = (pixel[:, None] + 0.45 * np.stack([np.cos(turn), np.sin(turn)], -1)) / [_ROW, rows]
+    return _mesh(corners.reshape(-1, 3), uv.reshape(-1, 2))
+
+
+def _mesh(vertices: np.ndarray, uv: np.ndarray) -> bpy.types.Mesh:
+    mesh = bpy.data.meshes.new("light points")
+    count = len(vertices)
+    mesh.vertices.add(count)
+    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.loops.add(count)
+    mesh.loops.foreach_set("vertex_index", np.arange(count, dtype=np.int32))
+    mesh.polygons.add(count // 3)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, count, 3, dtype=np.int32))
+    mesh.uv_layers.new(name="pixel").data.foreach_set("uv", uv.astype(np.float32).ravel())
+    mesh.update(calc_edges=True)
+    return mesh

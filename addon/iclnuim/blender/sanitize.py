@@ -1,0 +1,292 @@
+"""Makes a scene that came from outside safe to render: broken numbers, missing pictures, colours that only vertices carry, displacement
+by materials, drivers written in Python.
+
+All in memory. Functions that return sentences say what was found and done.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, redirect_stdout, suppress
+from pathlib import Path
+
+import bmesh
+import bpy
+import numpy as np
+
+from ..errors import WorkError
+from . import compat
+from .compat import temporarily
+from .surfaces import array_of
+
+_ATTRIBUTE = "displaced position"
+#: Coordinates beyond this are as good as no number: float32 has no millimetres there.
+_MAX_COORDINATE = 1e7
+#: A face of less area than this (file units squared) is a line or a point.
+_MIN_AREA = 1e-14
+
+
+def sanitize(scene: bpy.types.Scene) -> list[str]:
+    """All of it, on the open session."""
+    return [*_lost_objects(scene), *_broken_meshes(), *missing_images(), *_vertex_colours(scene), *_sleeping_scripts()]
+
+
+def _lost_objects(scene: bpy.types.Scene) -> list[str]:
+    """An object whose matrix holds no numbers cannot stand anywhere."""
+    lost = [o for o in scene.objects if not np.isfinite(np.array(o.matrix_world)).all()]
+    for thing in lost:
+        thing.hide_render = thing.hide_viewport = True
+    return [f"objects without a place ({_names(lost)}): left out"] if lost else []
+
+
+def _broken_meshes() -> list[str]:
+    gone = flat = texture = repaired = 0
+    for mesh in bpy.data.meshes:
+        gone += _without_lost_vertices(mesh)
+        repaired += bool(mesh.validate(clean_customdata=False))
+        flat += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
+        texture += sum(_finite_uv(layer) for layer in mesh.uv_layers)
+    found = []
+    if gone:
+        found.append(f"{gone} vertices are no numbers or farther than {_MAX_COORDINATE:.0e}: left out with their faces")
+    if repaired:
+        found.append(f"{repaired} meshes named vertices that are not there, or faces twice: such faces are left out")
+    if flat:
+        found.append(f"{flat} faces have no area: no ray meets them")
+    if texture:
+        found.append(f"{texture} texture coordinates are no numbers: taken as 0")
+    return found
+
+
+def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
+    places = array_of(mesh.vertices, "co", 3)
+    lost = np.flatnonzero(~(np.abs(places) < _MAX_COORDINATE).all(1))
+    if len(lost):
+        # far away first: deleting walks over edges whose length must be a number
+        places[lost] = 0.0
+        mesh.vertices.foreach_set("co", places.ravel())
+        edited = bmesh.new()
+        try:
+            edited.from_mesh(mesh)
+            edited.verts.ensure_lookup_table()
+            bmesh.ops.delete(edited, geom=[edited.verts[int(k)] for k in lost], context="VERTS")
+            edited.to_mesh(mesh)
+        finally:
+            edited.free()
+    return len(lost)
+
+
+def _finite_uv(layer: bpy.types.MeshUVLoopLayer) -> int:
+    uv = array_of(layer.data, "uv", 2).ravel()
+    lost = ~np.isfinite(uv)
+    if lost.any():
+        layer.data.foreach_set("uv", np.where(lost, 0.0, uv).astype(np.float32))
+    return int(lost.sum())
+
+
+def missing_images() -> list[str]:
+    """Pictures that are not there, or cannot be read, are taken out of the materials: their plain values show, not magenta."""
+    missing = [image for image in bpy.data.images if _is_missing(image)]
+    if not missing:
+        return []
+    shown = [n for tree in _trees() for n in tree.nodes if getattr(n, "image", None) in missing]
+    for node in shown:
+        for output in node.outputs:
+            for link in list(output.links):
+                node.id_data.links.remove(link)
+    names = _names(missing)
+    for image in missing:
+        bpy.data.images.remove(image)
+    return [f"textures that are missing or broken ({names}): plain colour in their place"] if shown else []
+
+
+def _is_missing(image: bpy.types.Image) -> bool:
+    if image.source in ("GENERATED", "VIEWER"):
+        return False
+    with suppress(RuntimeError, OSError, ValueError):
+        if image.source in ("SEQUENCE", "TILED"):
+            return not any(Path(bpy.path.abspath(image.filepath, library=image.library)).parent.glob("*"))
+        return not (image.size[0] and image.size[1])
+    return True
+
+
+def _trees() -> Iterator[bpy.types.NodeTree]:
+    yield from bpy.data.node_groups
+    for block in (*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights):
+        if block.node_tree is not None:
+            yield block.node_tree
+
+
+def _vertex_colours(scene: bpy.types.Scene) -> list[str]:
+    """A mesh without any material that carries colours (a scan as PLY) shows them."""
+    coloured = [
+        o
+        for o in scene.objects
+        if o.type == "MESH" and not any(o.material_slots[k].material for k in range(len(o.material_slots)))
+        if o.data.color_attributes
+    ]
+    for thing in coloured:
+        thing.data.materials.clear()
+        thing.data.materials.append(_coloured_by(thing.data.color_attributes[0].name))
+    return ["surfaces without a material show the colours of their vertices"] if coloured else []
+
+
+def _coloured_by(attribute: str) -> bpy.types.Material:
+    name = f"colours of {attribute}"
+    if name in bpy.data.materials:
+        return bpy.data.materials[name]
+    material, tree = compat.empty_material(name)
+    source, matt, output = (tree.nodes.new(f"ShaderNode{n}") for n in ("Attribute", "BsdfDiffuse", "OutputMaterial"))
+    source.attribute_name = attribute
+    tree.links.new(source.outputs["Color"], matt.inputs["Color"])
+    tree.links.new(matt.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def _sleeping_scripts() -> list[str]:
+    scripts = [t.name for t in bpy.data.texts if t.use_module]
+    return [f"scripts in the file ({_names(scripts)}): not run"] if scripts else []
+
+
+def _names(things: Iterable) -> str:
+    names = sorted(t if isinstance(t, str) else t.name for t in things)
+    shown = ", ".join(names[:5])
+    return shown[:160] + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+def displace_meshes(scene: bpy.types.Scene) -> list[str]:
+    """Every object of the scene whose materials displace gets a mesh of its own, evaluated and displaced."""
+    materials = {m for m in bpy.data.materials if _displaces(m)}
+    adaptive = _without_adaptive_subdivision(scene)
+    moved = [
+        o
+        for o in scene.objects
+        if o.type == "MESH" and not o.hide_render and {s.material for s in o.material_slots} & materials
+    ]
+    if moved:
+        _as_rendered_meshes(moved)
+        _displace(scene, moved)
+    for material in materials:
+        _flatten(material, set(moved))
+    found = (
+        [f"displaced surfaces ({', '.join(sorted(o.name for o in moved))[:120]}): moved vertex by vertex"]
+        if moved
+        else []
+    )
+    return [*found, *adaptive]
+
+
+def _displaces(material: bpy.types.Material) -> bool:
+    if material.node_tree is None or material.displacement_method == "BUMP":
+        return False
+    output = material.node_tree.get_output_node("CYCLES")
+    return output is not None and output.inputs["Displacement"].is_linked
+
+
+def _without_adaptive_subdivision(scene: bpy.types.Scene) -> list[str]:
+    """Dicing by the camera would give every frame another surface."""
+    found = []
+    for thing in scene.objects:
+        for owner in (*thing.modifiers, getattr(thing, "cycles", None)):
+            if getattr(owner, "use_adaptive_subdivision", False):
+                owner.use_adaptive_subdivision = False
+                found.append(thing.name)
+    compat.leave_out_experiments(scene)
+    return (
+        [f"adaptive subdivision ({', '.join(sorted(found))[:120]}): the levels for rendering are used"] if found else []
+    )
+
+
+def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
+    """Modifiers applied at the levels for rendering; each object owns its mesh then."""
+    with ExitStack() as stack:
+        for modifier in (m for o in objects for m in o.modifiers):
+            stack.enter_context(temporarily(modifier, show_viewport=modifier.show_render))
+            if hasattr(modifier, "render_levels"):
+                stack.enter_context(temporarily(modifier, levels=modifier.render_levels))
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        made = [
+            bpy.data.meshes.new_from_object(
+                o.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+            )
+            for o in objects
+        ]
+    for thing, mesh in zip(objects, made, strict=True):
+        slots = [slot.material for slot in thing.material_slots]
+        thing.modifiers.clear()
+        thing.data = mesh
+        for slot, material in zip(thing.material_slots, slots, strict=False):
+            slot.material = material
+
+
+def _displace(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+    for thing in objects:
+        thing.hide_viewport = False
+        thing.hide_set(False)
+        mesh = thing.data
+        layer = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
+        mesh.color_attributes.active_color = layer
+        places = _baked(scene, thing, layer)
+        to_object = np.linalg.inv(np.array(thing.matrix_world))
+        places = places @ to_object[:3, :3].T + to_object[:3, 3]
+        mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
+        mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
+        mesh.update()
+
+
+def _baked(scene: bpy.types.Scene, thing: bpy.types.Object, layer: bpy.types.Attribute) -> np.ndarray:
+    """(n, 3) the displaced vertices in the world, as Cycles' position pass has them; loose ones stay."""
+    for other in bpy.context.view_layer.objects:
+        other.select_set(other == thing)
+    bpy.context.view_layer.objects.active = thing
+    with (
+        temporarily(scene.cycles, samples=1, use_denoising=False),
+        temporarily(scene.render, engine="CYCLES"),
+        temporarily(scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False),
+    ):
+        try:
+            with redirect_stdout(io.StringIO()):
+                bpy.ops.object.bake(type="POSITION", target="VERTEX_COLORS", use_clear=False)
+        except RuntimeError as error:
+            raise WorkError(
+                f"{thing.name}: its displacement cannot be evaluated: {' '.join(str(error).split())}"
+            ) from None
+    values = np.empty(len(thing.data.vertices) * 4, np.float32)
+    thing.data.color_attributes[_ATTRIBUTE].data.foreach_get("color", values)
+    return values.reshape(-1, 4)[:, :3].astype(float)
+
+
+def _flatten(material: bpy.types.Material, moved: set[bpy.types.Object]) -> None:
+    """What the meshes hold now, the material no longer does; where it displaces things that have no own mesh it becomes a bump."""
+    material.displacement_method = "BUMP"
+    users = [o for o in bpy.data.objects if material.name in o.material_slots]
+    if all(o in moved for o in users):
+        socket = material.node_tree.get_output_node("CYCLES").inputs["Displacement"]
+        for link in list(socket.links):
+            material.node_tree.links.remove(link)
+
+
+def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
+    """Remove drivers that need Python from objects, their data, shape keys and materials, before they are evaluated; how many."""
+    blocks = {block for thing in things if thing is not None for block in _blocks_of(thing)}
+    return sum(_without_python(block) for block in blocks)
+
+
+def _blocks_of(thing: bpy.types.Object) -> list[bpy.types.ID]:
+    data = thing.data
+    materials = [slot.material for slot in thing.material_slots if slot.material]
+    blocks = [thing, data, getattr(data, "shape_keys", None), getattr(data, "node_tree", None)]
+    blocks += [*materials, *(m.node_tree for m in materials)]
+    blocks += [m.node_group for m in thing.modifiers if m.type == "NODES"]
+    return [block for block in blocks if block is not None]
+
+
+def _without_python(block: bpy.types.ID) -> int:
+    animation = getattr(block, "animation_data", None)
+    if animation is None:
+        return 0
+    curves = [c for c in animation.drivers if c.driver.type == "SCRIPTED" and not c.driver.is_simple_expression]
+    for curve in curves:
+        animation.drivers.remove(curve)
+    return len(curves)
