@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blend.builder import build_scene
-from iclnuim.blender import light_map, output, session, surface, worker
+from iclnuim.blender import light_map, output, scene, surfaces, worker
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
@@ -84,16 +84,16 @@ class Room:
         """Into the session and a .blend; triangles, and seconds of processor time."""
         # the operator reports "Saved copy as ..." through Python's own stdout
         with output.blender_output_in(self.folder / "build.log"), redirect_stdout(io.StringIO()):
-            session.reset()
+            scene.open_empty()
             begun = time.process_time()
             build_scene(self.name, detail=detail)
             seconds = time.process_time() - begun
             bpy.ops.wm.save_as_mainfile(filepath=str(self._blend(detail)), copy=True)
-        return len(surface.triangles().triangles), seconds
+        return len(surfaces.triangles().triangles), seconds
 
     def depth(self) -> np.ndarray:
         """(n, h, w) planar metres of the scene in the session, by Embree."""
-        found = surface.triangles()
+        found = surfaces.triangles()
         caster = RayCaster(found.vertices, found.triangles)
         poses = self.views.T_world_camera
         return np.stack([caster.depth(self.camera, poses[k]) for k in range(len(self.views))])

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 from iclnuim import shipped
-from iclnuim.blender import light_map, light_surfaces, model, output, scene
+from iclnuim.blender import light_map, model, output, scene, surfaces
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
@@ -59,10 +59,10 @@ def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on
 def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """(2, m, 3, 2) places in the light map of front and back, and (2, m) which sides have one; triangles as scene_model has them."""
     layout = light_map.load_layout(folder)
-    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
-        parts = light_surfaces.parts(depsgraph)
+    with surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        parts = surfaces.parts(depsgraph)
         try:
-            loops = light_surfaces.surfaces(parts).triangles
+            loops = surfaces.joined(parts).triangles
             shown = np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.visible_camera) for p in parts])
         finally:
             for part in parts:

@@ -83,7 +83,7 @@ class Race:
         self.references = self._references()
 
     def run(self, way: Way) -> Result:
-        slow = way.job.light == "path" and way.job.samples > _SLOW_SAMPLES
+        slow = way.job.light == "path" and (way.job.samples or 0) > _SLOW_SAMPLES
         firsts = self.views[::2]
         with tempfile.TemporaryDirectory() as folder:
             small = Path(folder) / "small"

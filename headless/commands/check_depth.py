@@ -67,13 +67,13 @@ def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster,
     """For depth, and for ground truth where the run has it."""
     with output.blender_output_in(Path(os.devnull)):
         try:
-            from iclnuim.blender import model, scene, surface
+            from iclnuim.blender import model, scene, surfaces
         except ImportError as error:
             raise blender_missing("check-depth", error) from None
         scene.open_scene(job.scene, job.reading)
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
-        found = surface.triangles()
+        found = surfaces.triangles()
         truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
     return RayCaster(found.vertices, found.triangles), truth_caster

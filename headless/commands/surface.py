@@ -93,12 +93,12 @@ def _poses(name: str, scene: str) -> SE3:
 def _model(args: argparse.Namespace) -> SceneModel:
     with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
         try:
-            from iclnuim.blender import model, objects, scene
+            from iclnuim.blender import ground_truth, model, scene
         except ImportError as error:
             raise blender_missing("surface", error) from None
         scene.open_scene(args.scene, reading_from(args))
         found = model.scene_model()
-        rows = objects.table()["objects"]
+        rows = ground_truth.objects_table()["objects"]
     known = {word: {r["id"] for r in rows if word in (r["name"], r["class"])} for word in args.without}
     for word, ids in known.items():
         if not ids:

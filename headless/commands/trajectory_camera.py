@@ -42,13 +42,14 @@ def _save(args: argparse.Namespace, console: Console) -> int:
     with output.blender_output_in(Path(os.devnull)):
         try:
             import bpy
-            from iclnuim.blender import camera_path, scene
+            from iclnuim.blender import camera as cameras
+            from iclnuim.blender import scene
         except ImportError as error:
             raise blender_missing("trajectory camera", error) from None
         scene.open_scene(str(Path(args.scene).resolve()), reading_from(args))
-        camera = camera_path.active(bpy.context.scene, args.camera_object)
-        path = camera_path.path(bpy.context.scene, camera if args.camera_object else None)
-        lens = camera_path.pinhole(bpy.context.scene, camera)
+        camera = cameras.active(bpy.context.scene, args.camera_object)
+        path = cameras.trajectory(bpy.context.scene, camera if args.camera_object else None)
+        lens = cameras.pinhole(bpy.context.scene, camera)
     write_trajectory(args.out, path, "tum")
     figures = asdict(trajectory.statistics(path)) if len(path) > 1 else {"frames": len(path)}
     option = (

@@ -76,12 +76,12 @@ def _walk(args: argparse.Namespace, console: Console) -> int:
 def _surface(args: argparse.Namespace, console: Console) -> tuple[np.ndarray, np.ndarray]:
     with output.blender_output_in(Path(os.devnull)):
         try:
-            from iclnuim.blender import scene, surface
+            from iclnuim.blender import scene, surfaces
         except ImportError as error:
             raise blender_missing("a trajectory through a scene", error) from None
         file = args.scene if args.scene in shipped.SCENE_NAMES else str(Path(args.scene).resolve())
         notes = scene.open_scene(file, reading_from(args))
-        found = surface.triangles()
+        found = surfaces.triangles()
     for note in notes:
         console.note(f"note: {note}")
     if not len(found.triangles):

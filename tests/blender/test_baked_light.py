@@ -100,9 +100,9 @@ def test_another_lamp_is_another_map(render, cache, tmp_path, monkeypatch, pictu
 
 
 def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache, pictures):
-    from iclnuim.blender import bake, session
+    from iclnuim.blender import bake, scene
 
-    session.reset()
+    scene.open_empty()
     bpy.ops.wm.open_mainfile(filepath=str(room))
 
     def state():

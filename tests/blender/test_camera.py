@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender import camera, session  # noqa: E402
+from iclnuim.blender import camera, scene  # noqa: E402
 from iclnuim.geometry import axes, so3  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
@@ -24,7 +24,7 @@ def random_poses(count, seed):
 
 
 def test_the_keyed_camera_stands_where_the_poses_say():
-    session.reset()
+    scene.open_empty()
     T = random_poses(40, 1)
     thing = camera.keyframe(T, PinholeCamera())
     wanted = axes.world_blender_from_world_cv(T).matrix
@@ -34,7 +34,7 @@ def test_the_keyed_camera_stands_where_the_poses_say():
 
 
 def test_quaternion_keys_never_turn_the_long_way_round():
-    session.reset()
+    scene.open_empty()
     turning = SE3(so3.exp(np.linspace(0, 4 * np.pi, 90)[:, None] * [0.0, 0.0, 1.0]), np.zeros((90, 3)))
     thing = camera.keyframe(turning, PinholeCamera())
     before = None
@@ -50,7 +50,7 @@ def test_quaternion_keys_never_turn_the_long_way_round():
 def test_blender_projects_points_to_the_pixels_of_k(pinhole):
     from bpy_extras.object_utils import world_to_camera_view
 
-    session.reset()
+    scene.open_empty()
     T = random_poses(1, 2)
     thing = camera.keyframe(T, pinhole)
     bpy.context.scene.frame_set(0)

@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender import displacing, moving, own_scene, scene, surface  # noqa: E402
+from iclnuim.blender import preflight, sanitize, scene, surfaces, user_scene  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
@@ -37,7 +37,7 @@ def exported(room):
 @pytest.fixture(scope="module")
 def points(room):
     scene.open_scene(str(room))
-    return made.points_of(surface.triangles())
+    return made.points_of(surfaces.triangles())
 
 
 def opened(path, **reading):
@@ -47,7 +47,7 @@ def opened(path, **reading):
 @pytest.mark.parametrize("kind", made.EXPORTS)
 def test_every_format_gives_the_surface_that_was_exported(exported, points, kind):
     opened(exported[kind])
-    assert np.allclose(made.points_of(surface.triangles()), points, atol=2e-4)
+    assert np.allclose(made.points_of(surfaces.triangles()), points, atol=2e-4)
 
 
 def test_a_format_that_says_nothing_has_its_guess_told(exported):
@@ -87,7 +87,7 @@ Y_TO_Z = scene_axes.UP["y"]
 )
 def test_axes_units_and_mirrors_lead_to_the_same_world(exported, points, tmp_path, matrix, reading):
     opened(moved(exported, tmp_path, matrix), **reading)
-    assert np.allclose(made.points_of(surface.triangles()), points, atol=1e-3)
+    assert np.allclose(made.points_of(surfaces.triangles()), points, atol=1e-3)
 
 
 def test_a_mirrored_file_has_normals_that_point_outwards_again(exported, tmp_path):
@@ -110,7 +110,7 @@ def test_units_of_a_blend_keep_the_picture(tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cm.blend"))
     notes = opened(tmp_path / "cm.blend")
     assert any("centimetres" in note for note in notes)
-    assert surface.triangles().vertices.max(0) == pytest.approx([1, 1, 2.5])
+    assert surfaces.triangles().vertices.max(0) == pytest.approx([1, 1, 2.5])
     lamp = next(o for o in bpy.context.scene.objects if o.type == "LIGHT")
     size = lamp.data.size * lamp.matrix_world.to_scale().x
     assert size == pytest.approx(0.5)
@@ -130,7 +130,7 @@ def test_scripts_of_a_blend_never_run(tmp_path):
     mark.unlink(missing_ok=True)
     notes = opened(tmp_path / "script.blend")
     bpy.context.scene.frame_set(3)
-    surface.triangles()
+    surfaces.triangles()
     assert not mark.exists()
     assert not bpy.app.handlers.frame_change_post
     assert any("start.py" in note for note in notes)
@@ -188,7 +188,7 @@ def test_broken_numbers_are_left_out_and_told(tmp_path):
     lines += ["f 1 2 3 4", "f 1 2 5", "f 1 2 6", "f 1 1 2", "f 7 7 7"]
     (tmp_path / "broken.obj").write_text("\n".join(lines) + "\n")
     notes = opened(tmp_path / "broken.obj", unit_m=1.0)
-    found = surface.triangles()
+    found = surfaces.triangles()
     assert np.isfinite(found.vertices).all()
     assert np.abs(found.vertices).max() <= 4
     assert any("no numbers" in note for note in notes)
@@ -236,12 +236,12 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
 def test_what_moves_leads_to_path_tracing_with_a_word(room):
     opened(room)
     job = RenderJob("own", str(room), "kt2")
-    assert own_scene.lit_as_it_can_be(job) == (job, [])  # the camera moves, nothing else
+    assert user_scene.lit_as_it_can_be(job) == (job, [])  # the camera moves, nothing else
     crate = bpy.data.objects["crate"]
     for frame, z in ((1, 0.0), (9, 1.0)):
         crate.location.z = z
         crate.keyframe_insert("location", frame=frame)
-    changed, words = own_scene.lit_as_it_can_be(job)
+    changed, words = user_scene.lit_as_it_can_be(job)
     assert changed.light == "path"
     assert "move (crate): path traced" in words[0]
 
@@ -251,11 +251,11 @@ def test_what_hangs_on_a_moving_thing_moves_and_a_constant_action_does_not(room)
     crate, chest = bpy.data.objects["crate"], bpy.data.objects["chest"]
     crate.keyframe_insert("location", frame=1)
     crate.keyframe_insert("location", frame=9)
-    assert moving.names(bpy.context.scene) == []
+    assert preflight.moving_names(bpy.context.scene) == []
     chest.parent = crate
     crate.location.x = 3
     crate.keyframe_insert("location", frame=9)
-    assert moving.names(bpy.context.scene) == ["chest", "crate"]
+    assert preflight.moving_names(bpy.context.scene) == ["chest", "crate"]
 
 
 def test_a_lamp_or_a_material_that_changes_is_found(room):
@@ -264,7 +264,7 @@ def test_a_lamp_or_a_material_that_changes_is_found(room):
     for frame, energy in ((1, 1.0), (9, 5.0)):
         lamp.energy = energy
         lamp.keyframe_insert("energy", frame=frame)
-    assert moving.names(bpy.context.scene) == ["lamp"]
+    assert preflight.moving_names(bpy.context.scene) == ["lamp"]
 
 
 def test_a_scene_without_light_gets_one_and_a_closed_one_gets_lamps_inside(tmp_path):
@@ -297,25 +297,23 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lifted.blend"))
     notes = opened(tmp_path / "lifted.blend")
     assert any("displaced surfaces (plane)" in note for note in notes)
-    assert surface.triangles().vertices[:, 2] == pytest.approx(3.1, abs=1e-5)
-    assert displacing.put_into_meshes(bpy.context.scene) == []
+    assert surfaces.triangles().vertices[:, 2] == pytest.approx(3.1, abs=1e-5)
+    assert sanitize.displace_meshes(bpy.context.scene) == []
 
 
 def test_the_file_stays_as_it_was(room):
     before = room.read_bytes()
     opened(room)
-    own_scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
+    user_scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
     assert room.read_bytes() == before
 
 
 def test_generated_coordinates_keep_the_box_of_the_mesh_before_its_modifiers():
-    from iclnuim.blender import light_surfaces
-
     made.fresh(bpy)
     crate = made.box(bpy, "crate", (0, 0, 0), (1, 2, 3))
     crate.modifiers.new("round", "SUBSURF").render_levels = 2
-    with light_surfaces.as_rendered(bpy.context.scene) as depsgraph:
-        mesh = light_surfaces.parts(depsgraph)[0].mesh
+    with surfaces.as_rendered(bpy.context.scene) as depsgraph:
+        mesh = surfaces.parts(depsgraph)[0].mesh
     assert len(mesh.polygons) > 90
     assert tuple(mesh.texspace_location) == pytest.approx((0.5, 1, 1.5), abs=1e-3)
     assert tuple(mesh.texspace_size) == pytest.approx((0.5, 1, 1.5), abs=1e-3)

@@ -182,10 +182,10 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path):
     poses = np.loadtxt(tmp_path / "room.txt")
     assert poses[0, 1:4] == pytest.approx([-1.9, -1.5, 1.2], abs=0.04)
     assert poses[-1, 1:4] == pytest.approx([1.6, 0.2, 1.1], abs=0.04)
-    from iclnuim.blender import scene, surface
+    from iclnuim.blender import scene, surfaces
 
     scene.open_scene(str(rich["obj"]))
-    found = surface.triangles()
+    found = surfaces.triangles()
     judge = open3d.t.geometry.RaycastingScene()
     tensor = open3d.core.Tensor
     judge.add_triangles(tensor(found.vertices.astype(np.float32)), tensor(found.triangles.astype(np.uint32)))

@@ -23,10 +23,10 @@ class Room:
 def captured(seconds: float) -> Room:
     import bpy
     from iclnuim.blend.builder import stage
-    from iclnuim.blender import surface
+    from iclnuim.blender import surfaces
 
     objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
-    return Room(objects, surface.triangles(), stage.geometry_hash(), stage.triangle_count(), seconds)
+    return Room(objects, surfaces.triangles(), stage.geometry_hash(), stage.triangle_count(), seconds)
 
 
 @pytest.fixture(scope="session")

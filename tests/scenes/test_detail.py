@@ -47,7 +47,7 @@ def test_nothing_goes_at_full_detail_and_more_and_more_below():
 @pytest.mark.parametrize("room, views", [("living_room", 3), ("office", 3)])
 def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, views, repository):
     from iclnuim.blend.builder import build_scene
-    from iclnuim.blender import surface
+    from iclnuim.blender import surfaces
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.raycast.caster import RayCaster
 
@@ -57,7 +57,7 @@ def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, v
     for detail in (1.0, 0.5, 0.25):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         build_scene(room, detail=detail)
-        found = surface.triangles()
+        found = surfaces.triangles()
         caster = RayCaster(found.vertices, found.triangles)
         triangles.append(len(found.triangles))
         depths.append(np.stack([caster.depth(camera, poses[n]) for n in (50, 400, 750)[:views]]))

@@ -49,10 +49,10 @@ class Office:
 
 def captured(seconds):
     from iclnuim.blend.builder import stage
-    from iclnuim.blender import surface
+    from iclnuim.blender import surfaces
 
     objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
-    found = surface.triangles()
+    found = surfaces.triangles()
     caster = o3d.t.geometry.RaycastingScene()
     caster.add_triangles(found.vertices.astype(np.float32), found.triangles.astype(np.uint32))
     return Office(objects, found, stage.geometry_hash(), stage.triangle_count(), seconds, caster)

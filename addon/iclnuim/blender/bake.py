@@ -118,15 +118,15 @@ def _make(
     places = light_sampling.viewpoints(depsgraph, whole, _VIEWPOINTS, settings.seed)
     report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
-    coarse = lay_out(whole, np.repeat(sends[:, None], 2, 1), settings.coarse_size)
-    seen = light_sampling.seen(*coarse.points(), places, settings.seed)
-    wanted, exposure = _seen_sides(coarse, seen, shows, translucent)
-    coarse = _Points(coarse, seen > 0, places, settings.coarse_samples, settings.seed, translucent)
+    layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), settings.coarse_size)
+    seen = light_sampling.seen(*layout.points(), places, settings.seed)
+    wanted, exposure = _seen_sides(layout, seen, shows, translucent)
+    coarse = _Points(layout, seen > 0, places, settings.coarse_samples, settings.seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
-    fine = lay_out(whole, wanted, settings.size, exposure, coarse.contrast(first))
-    seen = light_sampling.seen(*fine.points(), places, settings.seed + 1)
-    fine = _Points(fine, seen > 0, places, settings.samples, settings.seed + 1, translucent)
+    layout = lay_out(whole, wanted, settings.size, exposure, coarse.contrast(first))
+    seen = light_sampling.seen(*layout.points(), places, settings.seed + 1)
+    fine = _Points(layout, seen > 0, places, settings.samples, settings.seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct() + fine.gathered())
@@ -244,8 +244,8 @@ class _Points:
         steps = contrast(*self._images(light), self.chart)
         return self.layout.per_side(steps.ravel()[self.layout.texels.index])
 
-    def _images(self, light: Halves) -> list[np.ndarray]:
-        return [self.layout.texels.image(half) for half in (light.a, light.b)]
+    def _images(self, light: Halves) -> tuple[np.ndarray, np.ndarray]:
+        return self.layout.texels.image(light.a), self.layout.texels.image(light.b)
 
     def map(self, light: Halves) -> np.ndarray:
         """(size, size, 3): noise taken out, hidden texels next to seen ones and gutters filled."""

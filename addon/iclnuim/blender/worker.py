@@ -271,7 +271,7 @@ def _loop(
 
 def _depth_apart(job: RenderJob) -> bool:
     """Z is that of the first sample at any rate, but not with a wide filter; normals are a mean over the samples."""
-    return job.antialias or (job.ground_truth and job.samples > 1)
+    return job.antialias or (job.ground_truth and job.samples != 1)
 
 
 def _render(number: int, name: Path, depth_apart: bool) -> tuple[Path, Path]:

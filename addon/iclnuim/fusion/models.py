@@ -70,11 +70,11 @@ def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
 
     with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
         try:
-            from ..blender import scene, surface
+            from ..blender import scene, surfaces
         except ImportError as error:
             raise blender_missing("a scene as the model", error) from None
         scene.open_scene(name)
-        found = surface.triangles()
+        found = surfaces.triangles()
     if not len(found.triangles):
         raise InputError("a scene with surfaces", found=name)
     return found.vertices, found.triangles

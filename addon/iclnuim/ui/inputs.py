@@ -12,7 +12,7 @@ import mathutils
 import numpy as np
 
 from .. import shipped
-from ..blender import camera_path, light_index
+from ..blender import camera, light_map
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
 from ..formats.files import process_lives
@@ -92,7 +92,7 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
 
 def _light_map_line(settings: bpy.types.PropertyGroup, name: str) -> str:
     try:
-        found = light_index.find(state.cache_folder(), settings.to_job(name, "kt2"))
+        found = light_map.find(state.cache_folder(), settings.to_job(name, "kt2"))
     except (IclnuimError, OSError):
         return "no scene file is chosen yet"
     if found is None:
@@ -110,7 +110,7 @@ def _age(seconds: float) -> str:
 
 def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tuple[Trajectory, str]:
     if settings.trajectory_source == "CAMERA":
-        return camera_path.path(context.scene), "the active camera's animation"
+        return camera.trajectory(context.scene), "the active camera's animation"
     if settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
             raise InputError("a trajectory file", found="none", hint="choosing one under {trajectory}")

@@ -6,7 +6,7 @@ import bpy
 
 from .. import shipped
 from ..blender import camera as keyed_camera
-from ..blender import import_files, placing, scene_paths, sleeping
+from ..blender import orient, sanitize, scene_paths, user_scene
 from ..errors import InputError
 from ..formats.trajectories import write_trajectory
 from ..geometry.scene_axes import SceneReading
@@ -30,7 +30,7 @@ class ICLNUIM_OT_load_scene(bpy.types.Operator):
         if file.suffix.lower() == ".blend":
             _append(context.scene, file, collection)
             if settings.scene_source == "FILE":
-                placing.place(file, reading, list(collection.all_objects))
+                orient.orient(file, reading, list(collection.all_objects))
         else:
             _import(context, file, reading, collection)
         collection[trajectory_view.SHOWN] = inputs.scene_name(settings)
@@ -100,7 +100,7 @@ def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
     if settings.scene_source == "FILE":
         if not settings.scene_file:
             raise InputError("a scene file", found="none", hint="choosing one under {scene}")
-        return import_files.checked_file(inputs.scene_name(settings))
+        return user_scene.checked_file(inputs.scene_name(settings))
     file = shipped.folder("blend") / f"{settings.scene_source}.blend"
     if not file.is_file():
         raise InputError("the built-in scene", path=file, found="no such file", hint="installing the extension again")
@@ -121,7 +121,7 @@ def _fresh_collection(scene: bpy.types.Scene) -> bpy.types.Collection:
 def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection) -> None:
     with bpy.data.libraries.load(str(file), link=False) as (there, here):
         here.objects, here.worlds = list(there.objects), list(there.worlds)[:1]
-    sleeping.silence(here.objects)
+    sanitize.remove_python_drivers(here.objects)
     for thing in here.objects:
         if thing is not None:
             collection.objects.link(thing)
@@ -134,8 +134,8 @@ def _import(context: bpy.types.Context, file: Path, reading: SceneReading, colle
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:
-        import_files.load(file)
-        placed = placing.place(file, reading, list(own.objects))
+        user_scene.load(file)
+        placed = orient.orient(file, reading, list(own.objects))
         for thing in list(own.collection.all_objects):
             collection.objects.link(thing)
     finally:
