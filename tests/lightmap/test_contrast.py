@@ -1,7 +1,7 @@
 """Contrast of light: edges count, noise does not, charts do not touch."""
 
 import numpy as np
-from iclnuim.lightmap.contrast import contrast
+from iclnuim.lightmap.denoise import contrast
 
 
 def grey(values):

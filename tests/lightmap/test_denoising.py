@@ -1,8 +1,7 @@
 """Noise goes, light stays: edges of shadows, borders of charts, and the energy of rare bright paths."""
 
 import numpy as np
-from iclnuim.lightmap.denoise import denoise, luminance
-from iclnuim.lightmap.filling import beside_known, fill
+from iclnuim.lightmap.denoise import beside_known, denoise, fill, luminance
 
 SIZE = 96
 

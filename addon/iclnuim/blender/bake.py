@@ -20,8 +20,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..lightmap import denoise, filling
-from ..lightmap.contrast import contrast
+from ..lightmap.denoise import beside_known, contrast, denoise, fill
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
 from . import baked_materials, compat, light_map, light_sampling, lit_scene, scene_key, surfaces
@@ -217,7 +216,7 @@ class _Points:
 
         So light right up to a contact is the contact's own, not that of a texel farther on.
         """
-        hidden, near = filling.beside_known(self.visible, self.chart)
+        hidden, near = beside_known(self.visible, self.chart)
         hidden_row, near_row = (np.searchsorted(self.layout.texels.index, k) for k in (hidden, near))
         share = np.array(_STEPS_INTO_VIEW)[:, None, None]
         points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))
@@ -249,7 +248,7 @@ class _Points:
 
     def map(self, light: Halves) -> np.ndarray:
         """(size, size, 3): noise taken out, hidden texels next to seen ones and gutters filled."""
-        smooth = denoise.denoise(*self._images(light), self.chart, self.facing, self.visible)
-        filled, reached = filling.fill(smooth, self.visible, self.chart, 2)
+        smooth = denoise(*self._images(light), self.chart, self.facing, self.visible)
+        filled, reached = fill(smooth, self.visible, self.chart, 2)
         smooth = np.where(reached[..., None], filled, smooth)
-        return filling.fill(smooth, self.chart >= 0, self.chart, 2)[0].astype(np.float32)
+        return fill(smooth, self.chart >= 0, self.chart, 2)[0].astype(np.float32)

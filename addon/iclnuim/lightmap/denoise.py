@@ -1,4 +1,4 @@
-"""Noise taken out of a light map without blurring its shadows.
+"""Images of a light map: noise taken out without blurring shadows, light carried into texels without any, contrast measured.
 
 Edge-avoiding wavelets (Dammertz et al. 2010) steered by the noise itself (Schied et al. 2017): two independent halves of the
 samples tell the variance of each texel; neighbours count as far as their difference can be noise, and only within a chart.
@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .filling import shifted
-
 _LEVELS = 5
 #: Differences up to this many standard deviations are taken for noise.
 _SIGMAS = 2.0
@@ -18,6 +16,7 @@ _KERNEL = {-1: 0.25, 0: 0.5, 1: 0.25}
 _NORMAL_POWER = 32
 #: A texel whose halves differ by more than this many times what is usual around it holds a rare bright path in one of them.
 _ODD = 6.0
+_NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
 
 def denoise(
@@ -48,10 +47,8 @@ def _without_fireflies(
     """
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
-    around = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-    usual = np.median(
-        [np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in around], axis=0
-    )
+    around = [np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in _NEIGHBOURS]
+    usual = np.median(around, axis=0)
     odd = (usable & (gap > _ODD * usual + 0.1 * np.minimum(a, b)))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
     clean_a, clean_b = np.where(odd, darker, half_a), np.where(odd, darker, half_b)
@@ -104,18 +101,10 @@ def _wavelet(
     here = np.flatnonzero(mask)
     h, w = mask.shape
     row, column = here // w, here % w
-    flat, spread, part, facing = (
-        light.reshape(-1, 3),
-        variance.ravel(),
-        np.where(mask, chart, -1).ravel(),
-        normals.reshape(-1, 3),
-    )
+    flat, spread = light.reshape(-1, 3), variance.ravel()
+    part, facing = np.where(mask, chart, -1).ravel(), normals.reshape(-1, 3)
     bright = luminance(guide.reshape(-1, 3))
-    total, noise, weights = (
-        np.zeros((len(here), 3), np.float32),
-        np.zeros(len(here), np.float32),
-        np.zeros(len(here), np.float32),
-    )
+    total, noise, weights = (np.zeros((len(here), *s), np.float32) for s in ((3,), (), ()))
     for dy, wy in _KERNEL.items():
         for dx, wx in _KERNEL.items():
             y, x = row + dy * step, column + dx * step
@@ -131,3 +120,71 @@ def _wavelet(
     light[here] = total / weights[:, None]
     variance[here] = noise / weights**2
     return light.reshape(h, w, 3), variance.reshape(h, w)
+
+
+def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.ndarray:
+    """result[y, x] = image[y + dy, x + dx], or `outside` beyond the border."""
+    result = np.full_like(image, outside)
+    h, w = image.shape[:2]
+    ys, xs = slice(max(0, -dy), min(h, h - dy)), slice(max(0, -dx), min(w, w - dx))
+    yt, xt = slice(max(0, dy), min(h, h + dy)), slice(max(0, dx), min(w, w + dx))
+    result[ys, xs] = image[yt, xt]
+    return result
+
+
+def beside_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flat places of unknown texels inside charts that have a known one of their chart beside them, and of the nearest such."""
+    place = np.arange(known.size).reshape(known.shape)
+    nearest = np.full(known.shape, -1)
+    for dy, dx in sorted(_NEIGHBOURS, key=lambda step: abs(step[0]) + abs(step[1])):
+        usable = ~known & (nearest < 0) & shifted(known, dy, dx, False) & (shifted(chart, dy, dx, -2) == chart)
+        nearest[usable] = place[usable] + dy * known.shape[1] + dx
+    rows = np.flatnonzero((nearest >= 0) & (chart >= 0))
+    return rows, nearest.ravel()[rows]
+
+
+def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unknown texels get the mean of their known neighbours in the same chart, `steps` rings deep.
+
+    light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: such texels take light from any chart.
+    Returns the new light and what is known then.
+    """
+    light, known = light.copy(), known.copy()
+    for _ in range(steps):
+        rows = np.nonzero(~known & _beside(known))
+        if not len(rows[0]):
+            break
+        total, count = np.zeros((len(rows[0]), light.shape[2])), np.zeros(len(rows[0]))
+        for dy, dx in _NEIGHBOURS:
+            y, x = rows[0] + dy, rows[1] + dx
+            inside = (y >= 0) & (y < known.shape[0]) & (x >= 0) & (x < known.shape[1])
+            y, x = np.where(inside, y, 0), np.where(inside, x, 0)
+            usable = inside & known[y, x] & ((chart[rows] < 0) | (chart[y, x] == chart[rows]))
+            weight = usable * (1.0 if dy == 0 or dx == 0 else 0.5)
+            total += light[y, x] * weight[:, None]
+            count += weight
+        reached = count > 0
+        y, x = rows[0][reached], rows[1][reached]
+        light[y, x] = total[reached] / count[reached, None]
+        known[y, x] = True
+    return light, known
+
+
+def _beside(known: np.ndarray) -> np.ndarray:
+    """Texels with a known one among their eight neighbours, or known themselves."""
+    rows = known | shifted(known, 1, 0, False) | shifted(known, -1, 0, False)
+    return rows | shifted(rows, 0, 1, False) | shifted(rows, 0, -1, False)
+
+
+def contrast(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> np.ndarray:
+    """(h, w) squared steps of brightness to the next texels of a chart, by two independent halves (h, w, 3) of the light.
+
+    Brightness is the root of light, near to what a picture shows. The product of both halves' steps is free of their noise in
+    the mean; single values may be negative. chart (h, w), -1 outside.
+    """
+    a, b = (np.sqrt(np.maximum(luminance(half), 0)) for half in (half_a, half_b))
+    total = np.zeros(chart.shape)
+    for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        same = (chart >= 0) & (shifted(chart, dy, dx, -2) == chart)
+        total += np.where(same, (shifted(a, dy, dx, 0) - a) * (shifted(b, dy, dx, 0) - b), 0)
+    return total / 4
