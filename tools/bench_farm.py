@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from iclnuim import job as jobs
@@ -136,7 +137,7 @@ def _undisturbed(args: argparse.Namespace, base: Path, console: Console) -> Path
     return left_alone.out
 
 
-def _plain(args: argparse.Namespace, base: Path, console: Console):
+def _plain(args: argparse.Namespace, base: Path, console: Console) -> Any:
     """The same prepared scene, camera keyed, by an animation render of Blender's own."""
     from .plain_blender import PlainBlender
 

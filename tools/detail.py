@@ -142,11 +142,11 @@ def race(
             depth_z_m = scene.depth()
             finest_z_m = depth_z_m if finest_z_m is None else finest_z_m
             rgb, frame_s = scene.colour()
-            errors = (None, None) if finest_rgb is None else difference(rgb, finest_rgb)
+            psnr_db, off = (None, None) if finest_rgb is None else difference(rgb, finest_rgb)
             finest_rgb = rgb if finest_rgb is None else finest_rgb
             light = scene.lit(detail, map_size, map_samples) if detail in lit else None
             found.append(
-                Level(detail, triangles, build_s, *depth_error(depth_z_m, finest_z_m), frame_s, *errors, light)
+                Level(detail, triangles, build_s, *depth_error(depth_z_m, finest_z_m), frame_s, psnr_db, off, light)
             )
             note(str(found[-1]))
             on_step()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -61,7 +62,11 @@ def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
     told = [m for m in row if m.psnr_db is not None]
     largest = "".join(f", {m.size}: {m.bake_s:.0f} s" for m in row if m.psnr_db is None)
     axes.plot(
-        [m.size for m in told], [m.psnr_db for m in told], "o-", color=style["color"], label=style["label"] + largest
+        [m.size for m in told],
+        [m.psnr_db or 0.0 for m in told],
+        "o-",
+        color=style["color"],
+        label=style["label"] + largest,
     )
     for m in told:
         axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(8, -4), textcoords="offset points", fontsize=8)
@@ -109,7 +114,7 @@ def _label(panels: Sequence[Axes]) -> None:
 
 
 def _name_sizes(axes: Axes) -> None:
-    sizes = sorted({int(x) for line in axes.lines for x in line.get_xdata()})
+    sizes = sorted({int(x) for line in axes.lines for x in np.asarray(line.get_xdata())})
     axes.margins(x=0.25)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticks(sizes, labels=map(str, sizes))

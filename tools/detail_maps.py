@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from iclnuim.blender import light_map, worker
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import write_trajectory
@@ -41,7 +42,7 @@ def race(
     left out with a word.
     """
     found: list[MapSize] = []
-    largest = None
+    largest: np.ndarray | None = None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "views.txt"
         write_trajectory(path, views_of(room, views), "tum")
@@ -54,9 +55,9 @@ def race(
                 on_step()
                 continue
             rgb, frame_s = frames_of(job, Path(folder) / str(size))
-            errors = (None, None) if largest is None else difference(rgb, largest)
+            psnr_db, off = (None, None) if largest is None else difference(rgb, largest)
             largest = rgb if largest is None else largest
-            found.append(MapSize(size, float(light_map.read_recipe(light)["seconds"]), frame_s, *errors, light))
+            found.append(MapSize(size, float(light_map.read_recipe(light)["seconds"]), frame_s, psnr_db, off, light))
             note(f"{room}: {found[-1]}")
             on_step()
     return found[::-1]

@@ -52,7 +52,7 @@ def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on
     triangles = np.zeros(len(whole), bool)
     triangles[origin[seen.any(1)]] = True
     area = np.where(np.abs(pieces.corners_m).max((1, 2)) < _OUTSIDE_M, pieces.area_m2(), 0.0)
-    texels = None if uv is None else _texels(whole, uv, has, seen)
+    texels = None if uv is None or has is None else _texels(whole, uv, has, seen)
     return Unseen(room, poses, float(1 - triangles.mean()), float(area[~seen.any(1)].sum() / area.sum()), texels)
 
 

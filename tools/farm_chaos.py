@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -65,7 +66,7 @@ class Chaos:
         self._orphans: list[psutil.Process] = []
         self.happened: Counter[str] = Counter()
 
-    def start(self, **options: object) -> subprocess.Popen:
+    def start(self, **options: Any) -> subprocess.Popen:
         """The command once more."""
         return subprocess.Popen(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options)
 
@@ -104,7 +105,8 @@ class Chaos:
         else:
             self._recover(kind, parent, victim)
         parent.wait(120)
-        parent.stderr.close()
+        if parent.stderr:
+            parent.stderr.close()
         return None
 
     def _recover(self, kind: str, parent: subprocess.Popen, victim: psutil.Process | None) -> None:

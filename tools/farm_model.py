@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from math import ceil
+from typing import Any
 
 from .farm_throughput import Throughput
 
@@ -64,7 +65,7 @@ class Model:
         return by_chunks, "every worker has one chunk"
 
 
-def of(measured: Throughput, **known: float) -> Model:
+def of(measured: Throughput, **known: Any) -> Model:
     """The model of what was measured on this machine as a node."""
     return Model(
         name=measured.name,

@@ -32,10 +32,14 @@ def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
     """bgr (h, w, 3) bytes and planar depth (h, w) in metres, 0 missing."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     dy, dx = np.gradient(grey.astype(float))
-    counts = [len(cv2.FastFeatureDetector_create(threshold=t).detect(grey)) for t in (20, 10)]
+    corners_20, corners_10 = (len(cv2.FastFeatureDetector.create(threshold=t).detect(grey)) for t in (20, 10))
     quantiles = np.percentile(depth_z_m[depth_z_m > 0], DEPTH_SHARES)
     return Likeness(
-        *counts, float(np.median(np.hypot(dx, dy))), float(grey.mean() / 255), tuple(float(q) for q in quantiles)
+        corners_20,
+        corners_10,
+        float(np.median(np.hypot(dx, dy))),
+        float(grey.mean() / 255),
+        tuple(float(q) for q in quantiles),
     )
 
 

@@ -111,8 +111,8 @@ def _placed(mesh: Mesh, group: np.ndarray, kept: np.ndarray, within_m: float) ->
     """
     count = len(mesh.verts)
     members = np.bincount(group, minlength=count)
-    middle = np.stack([np.bincount(group, mesh.verts[:, k], count) for k in range(3)], 1)
-    middle /= np.maximum(members, 1)[:, None]
+    total = np.stack([np.bincount(group, mesh.verts[:, k], count) for k in range(3)], 1)
+    middle = total / np.maximum(members, 1)[:, None]
     area = _area_normals(mesh)[kept]
     size = np.linalg.norm(area, axis=1)
     normal = area / np.maximum(size, 1e-30)[:, None]

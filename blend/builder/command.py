@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import io
 import os
 import tempfile
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
@@ -115,13 +119,17 @@ def _compare(args: argparse.Namespace, console: Console) -> int:
         figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(likeness.measure(their_bgr, their_depth))
         picture = cv2.imencode(".png", likeness.side_by_side(bgr, their_bgr))[1].tobytes()
         name = f"{views.sequence}_{number}.png"
-        atomic_write(args.out / name, lambda path, picture=picture: path.write_bytes(picture))
+        atomic_write(args.out / name, functools.partial(_write, picture))
         progress.advance()
     console.result(figures, _ratio_table(views.sequence, figures))
     return 0
 
 
-def _rendered(views, samples_dir: Path, samples: int):
+def _write(content: bytes, path: Path) -> None:
+    path.write_bytes(content)
+
+
+def _rendered(views: Any, samples_dir: Path, samples: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yield (number, scene-linear RGB, planar Z) of the official views, path traced and denoised, one ray through each
     pixel centre.
     """
@@ -155,7 +163,7 @@ def _ratio_table(sequence: str, figures: dict) -> str:
     return "\n".join(lines)
 
 
-def _blender_room(name: str):
+def _blender_room(name: str) -> Any:
     import importlib
 
     try:
@@ -164,7 +172,7 @@ def _blender_room(name: str):
         raise blender_missing("scene", error) from None
 
 
-def _benchmark(name: str):
+def _benchmark(name: str) -> Any:
     import importlib
 
     try:

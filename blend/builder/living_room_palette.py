@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import bpy
 import numpy as np
 
@@ -23,7 +26,7 @@ class Painter:
     def __init__(self, seed: int) -> None:
         self.seed, self.stream = seed, 0
 
-    def __call__(self, name: str, paint, *args) -> bpy.types.Image:
+    def __call__(self, name: str, paint: Callable[..., np.ndarray], *args: Any) -> bpy.types.Image:
         self.stream += 1
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, 77, self.stream]))
         return image("living_room." + name, paint(rng, *args))

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TypeAlias
 
 import bpy
 import numpy as np
 
-Colour = tuple[float, float, float] | bpy.types.Image
+Colour: TypeAlias = tuple[float, float, float] | bpy.types.Image
 
 
 def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:

@@ -24,7 +24,9 @@ def _computer(
     screen: str = "screen",
 ) -> None:
     """Monitor at (x, y), turned so that its user sits at -y before turning; keyboard at `board` (x, y, turn) with a mouse."""
-    stage.add(f"monitor_{key}", "monitor", monitor(detail).turned("z", turn).moved(*at, TOP), "cream", screen, "slot")
+    stage.add(
+        f"monitor_{key}", "monitor", monitor(detail).turned("z", turn).moved(at[0], at[1], TOP), "cream", screen, "slot"
+    )
     x, y, angle = board
     stage.add(
         f"keyboard_{key}",
@@ -37,7 +39,7 @@ def _computer(
     )
     a = np.radians(angle)
     beside = np.array([x, y]) + 0.31 * np.array([np.cos(a), np.sin(a)])
-    stage.add(f"mouse_{key}", "mouse", mouse(detail).turned("z", angle + 12).moved(*beside, TOP), "cream")
+    stage.add(f"mouse_{key}", "mouse", mouse(detail).turned("z", angle + 12).moved(beside[0], beside[1], TOP), "cream")
 
 
 def _tower(stage: Stage, key: str, detail: float, x: float, y: float, turn: float) -> None:

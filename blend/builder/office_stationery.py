@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .mesh import Mesh, join
@@ -243,10 +245,11 @@ def waste_basket(rng: np.random.Generator, detail: float) -> Mesh:
     for k in range(5):
         a = 2 * np.pi * k / 5
         ball = rounded_box((0.09, 0.08, 0.075), 0.025, 1, (3, 3, 3))
-        dent = 0.005 * np.stack([ripples(ball.verts, rng, 0.07) for _ in range(3)], 1)
+        dented = replace(
+            ball, verts=ball.verts + 0.005 * np.stack([ripples(ball.verts, rng, 0.07) for _ in range(3)], 1)
+        )
         parts.append(
-            ball.mapped(lambda v, dent=dent: v + dent)
-            .turned("x", 70 * k)
+            dented.turned("x", 70 * k)
             .turned("z", 40 * k)
             .moved(0.05 * np.cos(a), 0.05 * np.sin(a), 0.20 + 0.014 * (k % 3))
             .painted(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 def cloud(
@@ -27,7 +28,7 @@ def smoothstep(edge0: float, edge1: float, x: np.ndarray) -> np.ndarray:
     return t * t * (3 - 2 * t)
 
 
-def blend(a: np.ndarray, b: np.ndarray, t: np.ndarray) -> np.ndarray:
+def blend(a: ArrayLike, b: ArrayLike, t: np.ndarray) -> np.ndarray:
     """Colours a, b (3,) or (h,w,3) mixed by t (h,w)."""
     return np.asarray(a, float) * (1 - t[..., None]) + np.asarray(b, float) * t[..., None]
 

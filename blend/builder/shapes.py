@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .mesh import Mesh, grid, join, outward, welded
 
@@ -51,7 +52,7 @@ def rounded_box(
     return welded(box).box_mapped(tile_m)
 
 
-def lathe(profile: Sequence[Sequence[float]], segments: int, arc_deg: float = 360.0) -> Mesh:
+def lathe(profile: ArrayLike, segments: int, arc_deg: float = 360.0) -> Mesh:
     """Turn a profile of (radius, z) rows, from bottom to top along the outside, about the z axis; u runs round, v
     along.
     """
@@ -63,7 +64,7 @@ def lathe(profile: Sequence[Sequence[float]], segments: int, arc_deg: float = 36
     return grid(p, uv)
 
 
-def smooth_profile(points: Sequence[Sequence[float]], count: int) -> np.ndarray:
+def smooth_profile(points: ArrayLike, count: int) -> np.ndarray:
     """`count` points along a Catmull-Rom curve through rows of any dimension."""
     p = np.asarray(points, float)
     p = np.concatenate([[2 * p[0] - p[1]], p, [2 * p[-1] - p[-2]]])
@@ -87,9 +88,7 @@ def _frames_along(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(tangent, first)
 
 
-def tube(
-    path: Sequence[Sequence[float]], radius: float | Sequence[float], sides: int = 8, closed_ends: bool = True
-) -> Mesh:
+def tube(path: ArrayLike, radius: ArrayLike, sides: int = 8, closed_ends: bool = True) -> Mesh:
     """A round bar along a path (k,3); the radius may change along it; v runs along in metres."""
     path = np.asarray(path, float)
     n, b = _frames_along(path)
@@ -106,9 +105,9 @@ def tube(
     return outward(body)
 
 
-def bar(start: Sequence[float], end: Sequence[float], radius: float | Sequence[float], sides: int = 8) -> Mesh:
+def bar(start: ArrayLike, end: ArrayLike, radius: ArrayLike, sides: int = 8) -> Mesh:
     """A straight tube."""
-    return tube(np.linspace(start, end, 2 if np.isscalar(radius) else len(radius)), radius, sides)
+    return tube(np.linspace(np.asarray(start), np.asarray(end), max(2, np.size(radius))), radius, sides)
 
 
 def frame(width: float, height: float, profile: Sequence[Sequence[float]], tile_m: float = 0.5) -> Mesh:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .mesh import Mesh, grid, join, outward, welded
@@ -13,8 +15,8 @@ FABRIC_TILE = 0.32
 
 
 def _placed_box(low: tuple, high: tuple, radius: float, arcs: int, divisions: tuple) -> Mesh:
-    low, high = np.array(low), np.array(high)
-    return rounded_box(high - low, radius, arcs, divisions, FABRIC_TILE).moved(*((low + high) / 2))
+    first, last = np.array(low), np.array(high)
+    return rounded_box(last - first, radius, arcs, divisions, FABRIC_TILE).moved(*((first + last) / 2))
 
 
 def _crumpled(mesh: Mesh, rng: np.random.Generator, height: float, wavelength: float) -> Mesh:
@@ -124,7 +126,12 @@ def pillow(rng: np.random.Generator, size: float, thick: float, detail: float, c
 
 
 def _outline(x: np.ndarray, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    sides = ((0, slice(None)), (slice(None), -1), (-1, slice(None, None, -1)), (slice(None, None, -1), 0))
+    sides: tuple[Any, ...] = (
+        (0, slice(None)),
+        (slice(None), -1),
+        (-1, slice(None, None, -1)),
+        (slice(None, None, -1), 0),
+    )
     return [(x[i][:-1] if k < 3 else x[i], z[i][:-1] if k < 3 else z[i]) for k, i in enumerate(sides)]
 
 
@@ -167,7 +174,9 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
             tip = np.array([x0 + rng.normal(0, 0.006), sign * (length / 2 + rng.uniform(0.045, 0.06)), 0.0035])
             mid = np.array([(x0 + tip[0]) / 2 + rng.normal(0, 0.003), sign * (length / 2 + 0.024), 0.0045])
             strands.append(
-                tube([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip], [0.0035, 0.003, 0.0035], 5).painted(1)
+                tube(
+                    np.array([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip]), [0.0035, 0.003, 0.0035], 5
+                ).painted(1)
             )
     shown = np.linspace(0, len(strands) - 1, 2 * steps(70, min(detail, 1.0), 8)).round().astype(int)
     return join([grid(p), side, *(strands[k] for k in shown)])

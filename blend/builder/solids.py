@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .mesh import Mesh, grid, join, outward, welded
+from .mesh import Mesh, grid, outward
 
 Place = Sequence[float]
 
@@ -54,7 +54,9 @@ def block(
     """A box with chamfered edges, 44 triangles; texture by projection, its grain along x, or along the other axis with turn."""
     half = np.asarray(size, float) / 2
     c = min(chamfer, 0.45 * half.min())
-    verts, faces, index = [], [], {}
+    verts: list[np.ndarray] = []
+    faces: list[list[int]] = []
+    index: dict[tuple[int, ...], int] = {}
     for signs in np.ndindex(2, 2, 2):
         s = 2 * np.array(signs) - 1
         for axis in range(3):
@@ -73,7 +75,7 @@ def block(
     return mesh.box_mapped(tile_m, shift, turn).moved(*centre)
 
 
-def _corner(axis: int, side: int, b: int, i: int, d: int, j: int) -> tuple[int, int, int]:
+def _corner(axis: int, side: int, b: int, i: int, d: int, j: int) -> tuple[int, ...]:
     signs = [0, 0, 0]
     signs[axis], signs[b], signs[d] = side, i, j
     return tuple(signs)
@@ -91,11 +93,11 @@ def _away_from_origin(verts: np.ndarray, faces: np.ndarray) -> Mesh:
 
 def printed(centre: Place, across: Place, up: Place, window: Sequence[float] = (0, 0, 1, 1)) -> Mesh:
     """A rectangle about `centre` spanned by the full vectors across and up, showing the window (u0, v0, u1, v1) of an image."""
-    centre, across, up = (np.asarray(v, float) for v in (centre, across, up))
+    middle, right, high = (np.asarray(v, float) for v in (centre, across, up))
     s, t = np.meshgrid([-0.5, 0.5], [-0.5, 0.5])
     u0, v0, u1, v1 = window
     uv = np.stack([u0 + (s + 0.5) * (u1 - u0), v0 + (t + 0.5) * (v1 - v0)], -1)
-    return grid(centre + s[..., None] * across + t[..., None] * up, uv)
+    return grid(middle + s[..., None] * right + t[..., None] * high, uv)
 
 
 def mound(width: float, depth: float, bulge: float, cells: int = 6) -> Mesh:
@@ -103,8 +105,3 @@ def mound(width: float, depth: float, bulge: float, cells: int = 6) -> Mesh:
     s, t = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-1, 1, cells + 1))
     y = -bulge * (1 - 0.5 * s**2 - 0.5 * t**2)
     return grid(np.stack([s * width / 2, y, t * depth / 2], -1))
-
-
-def together(parts: Sequence[Mesh]) -> Mesh:
-    """join, welded: for parts that share edges."""
-    return welded(join(parts))

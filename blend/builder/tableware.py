@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .mesh import Mesh, join
 from .shapes import lathe, rounded_box, smooth_profile, steps, tube
@@ -28,12 +29,13 @@ def twigs(rng: np.random.Generator, detail: float) -> Mesh:
         a = 2 * np.pi * (k + 0.5 * rng.random()) / 7
         lean = rng.uniform(0.06, 0.15)
         tip = np.array([lean * np.cos(a), lean * np.sin(a), rng.uniform(0.40, 0.52)])
-        bends = [
+        points: list[ArrayLike] = [
             (0.02 * np.cos(a + 2), 0.02 * np.sin(a + 2), 0.05),
             (0.02 * np.cos(a), 0.02 * np.sin(a), 0.26),
             tip * [0.6, 0.6, 0.75] + rng.normal(0, 0.012, 3),
             tip,
         ]
+        bends = np.array(points)
         path = smooth_profile(bends, steps(10, detail, 5))
         parts.append(tube(path, np.linspace(0.0032, 0.0014, len(path)), 5))
         for at in smooth_profile(bends, 10)[5:]:

@@ -5,15 +5,16 @@ inwards.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .mesh import Mesh, facing, grid, join, outward
 from .shapes import bar, frame, lathe, rounded_box, steps, tube
 
 
 def plane(
-    origin: np.ndarray,
-    across: np.ndarray,
-    up: np.ndarray,
+    origin: ArrayLike,
+    across: ArrayLike,
+    up: ArrayLike,
     tile_m: float,
     offset: tuple[float, float] = (0.0, 0.0),
     hole: tuple[float, float, float, float] | None = None,

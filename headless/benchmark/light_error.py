@@ -74,9 +74,10 @@ def carried_difference(
     points = T_b_a.apply(camera.unproject(depth_a_z_m).reshape(-1, 3))
     pixels = camera.project(points).reshape(camera.height, camera.width, 2).astype(np.float32)
     z = points[:, 2].reshape(camera.height, camera.width)
-    b = cv2.remap(srgb_from_light(rgb_b).astype(np.float32), pixels, None, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3)
+    x, y = pixels[..., 0].copy(), pixels[..., 1].copy()
+    b = cv2.remap(srgb_from_light(rgb_b).astype(np.float32), x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3)
     nearest, farthest = (
-        cv2.remap(f(depth_b_z_m, np.ones((2, 2))), pixels, None, cv2.INTER_NEAREST) for f in (cv2.erode, cv2.dilate)
+        cv2.remap(f(depth_b_z_m, np.ones((2, 2))), x, y, cv2.INTER_NEAREST) for f in (cv2.erode, cv2.dilate)
     )
     same = (depth_a_z_m > 0) & (np.abs(nearest - z) < _SAME_SURFACE * z) & (np.abs(farthest - z) < _SAME_SURFACE * z)
     difference = np.abs(b - srgb_from_light(rgb_a)).mean(-1)

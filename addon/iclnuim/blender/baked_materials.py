@@ -9,6 +9,7 @@ off by 0.008 RMS and at most 0.036, beyond 80 degrees.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import bpy
 
@@ -21,7 +22,7 @@ _H = (1.019, 0.207, -0.801)
 _A = (0.108, -0.681, -8.445, 6.591)
 _B = (6.599, -8.765, 6.947)
 #: What can be fed into a node: a constant, an output, or an input whose source is shared.
-Source = float | bpy.types.NodeSocket
+Source: TypeAlias = float | bpy.types.NodeSocket
 
 
 @dataclass(frozen=True)
@@ -319,7 +320,8 @@ def _grey(tree: bpy.types.NodeTree, value: Source) -> bpy.types.NodeSocket:
 
 def _product(tree: bpy.types.NodeTree, *sources: Source) -> Source:
     """Of numbers; constants are multiplied here, and 1 costs no node."""
-    known, rest = 1.0, []
+    known = 1.0
+    rest: list[Source] = []
     for source in sources:
         if isinstance(source, int | float):
             known *= source

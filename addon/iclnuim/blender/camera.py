@@ -52,7 +52,8 @@ def set_intrinsics(scene: bpy.types.Scene, lens: bpy.types.Camera, settings: Ble
 
 def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3), (n, 4) scalar first, by way of mathutils as Blender itself would take the matrices apart."""
-    locations, quaternions = [], []
+    locations: list[mathutils.Vector] = []
+    quaternions: list[mathutils.Quaternion] = []
     for matrix in axes.world_blender_from_world_cv(T_world_cv).matrix:
         location, quaternion, _ = mathutils.Matrix(matrix).decompose()
         if quaternions:

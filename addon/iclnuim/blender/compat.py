@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import bpy
 
@@ -54,7 +55,7 @@ def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
     image_settings.exr_codec = "NONE"
 
 
-def fcurves(datablock: bpy.types.ID, action: bpy.types.Action):
+def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
     """The F-curves of `action` for `datablock`. From 4.4 on they lie in layers, strips and channel bags, under a slot."""
     animation = datablock.animation_data_create()
     animation.action = action
@@ -101,7 +102,7 @@ def import_usd(path: str) -> object:
     return bpy.ops.wm.usd_import(filepath=path, **{k: v for k, v in wanted.items() if k in known})
 
 
-def _is_there(operator: object) -> bool:
+def _is_there(operator: Any) -> bool:
     try:
         operator.get_rna_type()
     except (KeyError, RuntimeError, AttributeError):

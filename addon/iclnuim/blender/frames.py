@@ -106,7 +106,7 @@ def _motions_px(
 def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:
     """Mean light of a band's instants; each with noise of its own, the same whenever the frame is rendered."""
     cycles = bpy.context.scene.cycles
-    seed, total = cycles.seed, 0.0
+    seed, total = cycles.seed, np.zeros(())
     try:
         for k, offset in enumerate(band.offsets_s):
             cycles.seed = (seed + 7919 * k) % (1 << 31)

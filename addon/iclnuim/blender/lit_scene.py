@@ -63,7 +63,8 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
         raise WorkError(
             f"light map: expected a scene of {len(layout.part_corners)} parts as it was baked, found {len(found)} of another shape"
         )
-    lit, materials = LitScene(), {}
+    lit = LitScene()
+    materials: dict[tuple, bpy.types.Material] = {}
     starts = np.cumsum((0, *corners))
     _keep_instanced_lamps(lit, {p.origin for p in found if not p.single})
     for part, start in zip(found, starts[:-1], strict=True):

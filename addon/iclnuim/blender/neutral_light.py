@@ -60,8 +60,8 @@ def _emits(tree: bpy.types.NodeTree) -> bool:
     )
 
 
-def _is_on(node: bpy.types.Node, colour: str, strength: str) -> bool:
-    colour, strength = node.inputs[colour], node.inputs[strength]
+def _is_on(node: bpy.types.Node, *names: str) -> bool:
+    colour, strength = (node.inputs[name] for name in names)
     bright = colour.is_linked or max(tuple(colour.default_value)[:3]) > 0
     return bright and (strength.is_linked or strength.default_value > 0)
 

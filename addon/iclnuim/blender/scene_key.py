@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -196,7 +197,7 @@ def _pointed(value: object) -> object:
     return None
 
 
-def _value(value: object) -> object:
+def _value(value: Any) -> Any:
     if isinstance(value, bool | int | float | str | list | tuple):
         return value
     return tuple(value) if hasattr(value, "__len__") else str(getattr(value, "name", ""))

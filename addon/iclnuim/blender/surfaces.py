@@ -49,7 +49,8 @@ def triangles() -> Surface:
 
 
 def _triangles(depsgraph: bpy.types.Depsgraph) -> Surface:
-    vertices, faces, owners, names, count = [], [], [], [], 0
+    vertices, faces, owners, count = [], [], [], 0
+    names: list[str] = []
     for instance in depsgraph.object_instances:
         thing = instance.object
         if not _is_seen(thing):
@@ -180,6 +181,6 @@ def material_of_face(part: Part) -> np.ndarray:
 
 def array_of(collection: Any, name: str, width: int = 1, kind: type = np.float32) -> np.ndarray:
     """(n, width), or (n,) for width 1: an attribute of all elements of a mesh's vertices, corners or faces, in Blender's own type."""
-    values = np.empty(len(collection) * width, kind)
+    values: np.ndarray = np.empty(len(collection) * width, kind)
     collection.foreach_get(name, values)
     return values.reshape(-1, width) if width > 1 else values
