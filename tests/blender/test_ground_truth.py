@@ -223,7 +223,7 @@ def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(room
     judge = judge_of_open_scene()
     job = RenderJob("x", room, "x", camera=PinholeCamera.parse("320x240"), light="path", samples=1, denoise=False)
     settings.apply(job)
-    ground_truth.put_out()
+    ground_truth.add_passes()
     poses = read_trajectory(repository / f"trajectories/{room}/{pose}.txt").trajectory.T_world_camera
     camera.keyframe(poses, job.camera)
     number = len(poses) // 2

@@ -29,7 +29,7 @@ _MIN_AREA = 1e-14
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
     """All of it, on the open session."""
-    return [*_lost_objects(scene), *_broken_meshes(), *missing_images(), *_vertex_colours(scene), *_sleeping_scripts()]
+    return [*_lost_objects(scene), *_broken_meshes(), *missing_images(), *_vertex_colours(scene), *_scripts_not_run()]
 
 
 def _lost_objects(scene: bpy.types.Scene) -> list[str]:
@@ -144,7 +144,7 @@ def _coloured_by(attribute: str) -> bpy.types.Material:
     return material
 
 
-def _sleeping_scripts() -> list[str]:
+def _scripts_not_run() -> list[str]:
     scripts = [t.name for t in bpy.data.texts if t.use_module]
     return [f"scripts in the file ({_names(scripts)}): not run"] if scripts else []
 
