@@ -82,7 +82,7 @@ def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None 
         raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None
 
 
-def renamed(parser: argparse._ActionsContainer, old: str, new: str, **how: Any) -> None:
+def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> None:
     """Option `old` is still understood as `new`, with a note on standard error; `how` as add_argument has it (type, nargs, ...).
 
     To be called after `new` was added, with the same `dest` in `how` where `new` has one of its own, and append=True where it may be
@@ -126,16 +126,23 @@ def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> 
     return parser
 
 
-def subcommands(parser: argparse.ArgumentParser, title: str = "ACTION") -> argparse._SubParsersAction:
+class Actions:
     """A required choice of actions below a command; each is made with `action`."""
-    return parser.add_subparsers(metavar=title, required=True, dest="action")
+
+    def __init__(self, parser: argparse.ArgumentParser, title: str) -> None:
+        self.parsers = parser.add_subparsers(metavar=title, required=True, dest="action")
+
+
+def subcommands(parser: argparse.ArgumentParser, title: str = "ACTION") -> Actions:
+    """The actions below the command of `parser`."""
+    return Actions(parser, title)
 
 
 def action(
-    actions: argparse._SubParsersAction, name: str, help: str, example: str, run: Callable, json: bool = True
+    actions: Actions, name: str, help: str, example: str, run: Callable, json: bool = True
 ) -> argparse.ArgumentParser:
     """One action with its own options; `args.run(args, console)` does the work."""
-    parser = actions.add_parser(name, help=help, description=help)
+    parser = actions.parsers.add_parser(name, help=help, description=help)
     parser.set_defaults(run=run)
     return common(parser, example, json)
 

@@ -12,10 +12,10 @@ from iclnuim.blender import output
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.console import Console
-from iclnuim.headless.options import action, renamed
+from iclnuim.headless.options import Actions, action, renamed
 
 
-def configure(actions: argparse._SubParsersAction) -> None:
+def configure(actions: Actions) -> None:
     help = "triangles and texels against depth error, colour error and times; what of them no path sees"
     detail = action(actions, "detail", help, "iclnuim bench detail --plot detail.png", _detail)
     detail.add_argument("rooms", nargs="*", metavar="ROOM", help="default: living_room office")

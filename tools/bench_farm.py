@@ -19,16 +19,16 @@ from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.console import Console
-from iclnuim.headless.options import action, renamed
+from iclnuim.headless.options import Actions, action, renamed
 from iclnuim.job import RenderJob
 
 
-def configure(actions: argparse._SubParsersAction) -> None:
+def configure(actions: Actions) -> None:
     _configure_farm(actions)
     _configure_chaos(actions)
 
 
-def _configure_farm(actions: argparse._SubParsersAction) -> None:
+def _configure_farm(actions: Actions) -> None:
     help = "frames an hour against workers and threads, time lost to start-up, and a model of many machines"
     farm = action(actions, "farm", help, "iclnuim bench farm kt2 --plot farm.png", _farm)
     farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
@@ -45,7 +45,7 @@ def _configure_farm(actions: argparse._SubParsersAction) -> None:
     renamed(farm, "--chart", "--plot", type=Path)
 
 
-def _configure_chaos(actions: argparse._SubParsersAction) -> None:
+def _configure_chaos(actions: Actions) -> None:
     help = "make killed, stopped and left without space again and again, and plain Blender under the same kills"
     chaos = action(actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --plot chaos.png", _chaos)
     chaos.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")

@@ -13,10 +13,10 @@ from statistics import median
 from iclnuim.errors import WorkError
 
 from ..console import Console
-from ..options import action, count
+from ..options import Actions, action, count
 
 
-def configure(actions: argparse._SubParsersAction) -> None:
+def configure(actions: Actions) -> None:
     help = "time of trajectory evaluation beside evo_ape, from start to exit"
     parser = action(actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", run)
     parser.add_argument("reference", metavar="GT", help="ground truth, a TUM file")

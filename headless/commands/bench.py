@@ -16,7 +16,7 @@ from iclnuim.geometry.trajectory import frame_slice
 
 from ..benchmark import evaluate_times
 from ..console import Console
-from ..options import action, renamed, subcommands
+from ..options import Actions, action, renamed, subcommands
 from . import bench_odometry
 
 
@@ -29,14 +29,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_own(actions)
 
 
-def _configure_own(actions: argparse._SubParsersAction) -> None:
+def _configure_own(actions: Actions) -> None:
     """Measurements of the project itself, which need a checkout."""
     try:
         checkout.load("iclnuim.tools", "this benchmark")
         checkout.load("iclnuim.blend.builder", "this benchmark")
     except WorkError as error:
         for name in ("farm", "chaos", "detail"):
-            actions.add_parser(name, help="needs a checkout of the repository").set_defaults(run=_refuse(error))
+            actions.parsers.add_parser(name, help="needs a checkout of the repository").set_defaults(run=_refuse(error))
         return
     for name in ("bench_farm", "bench_detail"):
         importlib.import_module(f"iclnuim.tools.{name}").configure(actions)
@@ -49,7 +49,7 @@ def _refuse(error: WorkError) -> Callable:
     return run
 
 
-def _configure_render(actions: argparse._SubParsersAction) -> None:
+def _configure_render(actions: Actions) -> None:
     render = action(
         actions,
         "render",
@@ -76,7 +76,7 @@ def _configure_render(actions: argparse._SubParsersAction) -> None:
     render.add_argument("--samples", type=int, metavar="N", help="of --breakdown")
 
 
-def _configure_noise(actions: argparse._SubParsersAction) -> None:
+def _configure_noise(actions: Actions) -> None:
     example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
     help = "speed of the noise models beside that of the files alone, and likeness to published noisy frames"
     noise = action(actions, "noise", help, example, _noise)

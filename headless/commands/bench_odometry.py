@@ -9,12 +9,12 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.odometry.registry import NAMES, odometer
 
 from ..console import Console
-from ..options import action, count, renamed
+from ..options import Actions, action, count, renamed
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
 from .odometry import RENAMED_METHODS
 
 
-def configure(actions: argparse._SubParsersAction) -> None:
+def configure(actions: Actions) -> None:
     example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
     help = "speed and error of our odometers and third-party ones in one run"
     parser = action(actions, "odometry", help, example, _run)

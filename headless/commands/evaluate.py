@@ -18,7 +18,7 @@ from iclnuim.formats.files import atomic_write_text
 from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source, error_text
 
 from ..console import Console
-from ..options import action, add_settings, renamed, settings_from, subcommands
+from ..options import Actions, action, add_settings, renamed, settings_from, subcommands
 
 if TYPE_CHECKING:
     from iclnuim.geometry.se3 import SE3
@@ -47,14 +47,14 @@ def spelled_out(argv: list[str]) -> list[str]:
     return [*(named or ["ate"]), str(truth), *files[1:]]
 
 
-def _configure_ate(actions: argparse._SubParsersAction) -> None:
+def _configure_ate(actions: Actions) -> None:
     example = "iclnuim evaluate ate groundtruth.txt estimate.txt --align sim3 --plot error.png"
     parser = action(actions, "ate", "absolute trajectory error: six statistics, coverage, recall", example, run_ate)
     _files_and_times(parser)
     add_settings(parser, AlignmentSettings)
 
 
-def _configure_rpe(actions: argparse._SubParsersAction) -> None:
+def _configure_rpe(actions: Actions) -> None:
     example = "iclnuim evaluate rpe groundtruth.txt estimate.txt --delta 1s"
     parser = action(actions, "rpe", "relative pose error: drift over frames, seconds or metres", example, run_rpe)
     _files_and_times(parser)
@@ -113,7 +113,7 @@ def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None
     console.result(values, error_text(values))
 
 
-def _configure_surface(actions: argparse._SubParsersAction) -> None:
+def _configure_surface(actions: Actions) -> None:
     example = "iclnuim evaluate surface kt2.ply --model living_room --plot error.png"
     parser = action(actions, "surface", "distance of a reconstruction from the true surface", example, run_surface)
     add = parser.add_argument

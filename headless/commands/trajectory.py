@@ -15,7 +15,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 from ..console import Console
-from ..options import action, renamed, subcommands
+from ..options import Actions, action, renamed, subcommands
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 # -- info
 
 
-def _configure_info(actions: argparse._SubParsersAction) -> None:
+def _configure_info(actions: Actions) -> None:
     text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was taken"
     parser = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
     parser.add_argument(
@@ -73,7 +73,7 @@ def _info_text(one: dict) -> str:
 # -- convert
 
 
-def _configure_convert(actions: argparse._SubParsersAction) -> None:
+def _configure_convert(actions: Actions) -> None:
     text = "turn a trajectory file into another format"
     parser = action(
         actions, "convert", text, "iclnuim trajectory convert traj0.gt.freiburg kt0.txt", run_convert, json=False
@@ -98,7 +98,7 @@ def run_convert(args: argparse.Namespace, console: Console) -> None:
 # -- plot
 
 
-def _configure_plot(actions: argparse._SubParsersAction) -> None:
+def _configure_plot(actions: Actions) -> None:
     text = "top view and time plots of position, speed and rotation rate"
     parser = action(actions, "plot", text, "iclnuim trajectory plot kt0.txt kt2.txt -o paths.png", run_plot, json=False)
     parser.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
@@ -121,7 +121,7 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
 # -- adopt, resample
 
 
-def _configure_adopt(actions: argparse._SubParsersAction) -> None:
+def _configure_adopt(actions: Actions) -> None:
     text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
     example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
     parser = action(actions, "adopt", text, example, run_adopt, json=False)
@@ -161,7 +161,7 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
         raise InputError(f"{error.expected} in --start", found=error.found) from None
 
 
-def _configure_resample(actions: argparse._SubParsersAction) -> None:
+def _configure_resample(actions: Actions) -> None:
     text = "the same motion at another frame rate, by interpolation on SE(3)"
     example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
     parser = action(actions, "resample", text, example, run_resample, json=False)

@@ -14,11 +14,11 @@ from iclnuim.geometry import trajectory
 
 from ..console import Console
 from ..isolation import survived
-from ..options import action, renamed
+from ..options import Actions, action, renamed
 from ..scene_options import KINDS, add_scene_options, reading_from
 
 
-def configure(actions: argparse._SubParsersAction) -> None:
+def configure(actions: Actions) -> None:
     """Add the action `camera` below `iclnuim trajectory`."""
     text = "the animation of a scene's camera as a TUM trajectory"
     parser = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o path.txt", run)

@@ -15,13 +15,13 @@ from iclnuim.geometry import handheld, trajectory
 from iclnuim.geometry.handheld_recipe import Recipe
 
 from ..console import Console
-from ..options import action
+from ..options import Actions, action
 from . import trajectory_walk
 
 NAMES = [f"{scene}/{kt}" for scene in shipped.SCENE_NAMES for kt in shipped.TRAJECTORY_NAMES]
 
 
-def configure(actions: argparse._SubParsersAction) -> None:
+def configure(actions: Actions) -> None:
     """Add the action `make` below `iclnuim trajectory`."""
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
     parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run)
