@@ -63,7 +63,7 @@ MAY_IMPORT |= {
 FROM_A_CHECKOUT = {"tools", "builder"}
 MAY_LOAD_A_CHECKOUT = {"headless.commands.bench", "headless.commands.scene", "blend.builder.command"}
 #: Circles that are still there. An entry goes with its circle.
-KNOWN_CIRCLES = ({"headless.commands.trajectory_make", "headless.commands.trajectory_walk"},)
+KNOWN_CIRCLES: tuple[set[str], ...] = ()
 #: Modules that still import against the way. An entry goes with its imports.
 KNOWN_AGAINST_THE_WAY: set[str] = set()
 #: What the numpy-only rooms may import from outside.
@@ -71,10 +71,7 @@ PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "eval
 #: Modules that still keep state in a global. An entry goes with its global.
 KNOWN_GLOBALS = {}
 #: Files of the library whose messages still name options of the command line. An entry goes with its options.
-KNOWN_TO_NAME_OPTIONS = {
-    "geometry": "free_space walk",
-    "raycast": "viewpoints",
-}
+KNOWN_TO_NAME_OPTIONS: dict[str, str] = {}
 
 
 @cache

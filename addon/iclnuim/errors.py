@@ -66,6 +66,12 @@ class InputError(IclnuimError):
             text += f", found {_shortened(self.found)}"
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
+    def at(self, path: str | os.PathLike[str]) -> InputError:
+        """The same error in that file, or part of one."""
+        return InputError(
+            self.expected, path=path, line=self.line, setting=self.setting, found=self.found, hint=self.hint
+        )
+
     def __reduce__(self) -> tuple:
         names = ("path", "line", "setting", "found", "hint")
         return functools.partial(type(self), **{name: getattr(self, name) for name in names}), (self.expected,)

@@ -6,16 +6,21 @@ import argparse
 import os
 import re
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
-from iclnuim.errors import InputError
+from iclnuim.blender import output
+from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats import trajectories as files
-from iclnuim.geometry import trajectory as paths
+from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 from ..console import Console
+from ..isolation import survived
 from ..options import Actions, action, renamed, subcommands
+from ..scene_options import KINDS, add_scene_options, reading_from
+from . import trajectory_make
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -27,10 +32,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_plot(actions)
     _configure_adopt(actions)
     _configure_resample(actions)
-    from . import trajectory_camera, trajectory_make
-
     trajectory_make.configure(actions)
-    trajectory_camera.configure(actions)
+    _configure_camera(actions)
 
 
 # -- info
@@ -49,7 +52,7 @@ def run_info(args: argparse.Namespace, console: Console) -> None:
     found = []
     for file in args.files:
         loaded = _loaded(args, file)
-        statistics = paths.statistics(loaded.trajectory)
+        statistics = trajectories.statistics(loaded.trajectory)
         found.append({"file": os.fspath(file), "taken": asdict(loaded.taken), **asdict(statistics)})
     console.result({"trajectories": found}, "\n\n".join(_info_text(one) for one in found))
 
@@ -82,7 +85,9 @@ def _configure_convert(actions: Actions) -> None:
     parser.add_argument(
         "out", metavar="OUT", help="its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
     )
-    parser.add_argument("--restamp", action="store_true", help="stamps i / FPS from 0 on instead of the file's own")
+    parser.add_argument(
+        "--restamp", action="store_true", help="stamps i / FILE_RATE from 0 on instead of the file's own"
+    )
     _reading(parser)
     _writing(parser)
 
@@ -100,7 +105,9 @@ def run_convert(args: argparse.Namespace, console: Console) -> None:
 
 def _configure_plot(actions: Actions) -> None:
     text = "top view and time plots of position, speed and rotation rate"
-    parser = action(actions, "plot", text, "iclnuim trajectory plot kt0.txt kt2.txt -o paths.png", run_plot, json=False)
+    parser = action(
+        actions, "plot", text, "iclnuim trajectory plot kt0.txt kt2.txt -o trajectories.png", run_plot, json=False
+    )
     parser.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
     parser.add_argument(
         "-o", "--out", required=True, metavar="PNG", help="the picture (.png, .pdf or .svg), overwritten"
@@ -126,7 +133,7 @@ def _configure_adopt(actions: Actions) -> None:
     example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
     parser = action(actions, "adopt", text, example, run_adopt, json=False)
     # a start pose may begin with a minus; argparse would take it for an option
-    parser._negative_number_matcher = re.compile(r"^-[\d.]")  # type: ignore[attr-defined]
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")
     parser.add_argument("source", metavar="SOURCE", help="a trajectory file")
     pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is taken"
     parser.add_argument("--start", required=True, metavar="POSE", help=pose)
@@ -139,7 +146,7 @@ def run_adopt(args: argparse.Namespace, console: Console) -> None:
     _refuse_to_overwrite(args)
     source = _read(args, args.source, console)
     T_world_start, frame = _start_pose(args)
-    adopted = paths.adopt(source, T_world_start, args.scale)
+    adopted = trajectories.adopt(source, T_world_start, args.scale)
     console.note(f"adopted: first pose put on the start pose in {frame}, path scaled by {args.scale:g}")
     _write(args, adopted, console)
 
@@ -174,10 +181,55 @@ def _configure_resample(actions: Actions) -> None:
 def run_resample(args: argparse.Namespace, console: Console) -> None:
     _refuse_to_overwrite(args)
     source = _read(args, args.source, console)
-    resampled = paths.resample(source, args.rate)
+    resampled = trajectories.resample(source, args.rate)
     console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
     args.file_rate = args.rate
     _write(args, resampled, console)
+
+
+# -- camera
+
+
+def _configure_camera(actions: Actions) -> None:
+    text = "the animation of a scene's camera as a TUM trajectory"
+    parser = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
+    parser.add_argument("scene", metavar="SCENE", help=f"a file: {KINDS}")
+    parser.add_argument("-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, here")
+    parser.add_argument("--camera-object", metavar="NAME", help="another camera than the active one")
+    renamed(parser, "--camera", "--camera-object")
+    parser.add_argument("--force", action="store_true", help="overwrite OUT")
+    add_scene_options(parser)
+
+
+def run_camera(args: argparse.Namespace, console: Console) -> None:
+    """Write the poses, one for each frame of the scene's timeline."""
+    args.out = args.out or Path(f"{Path(args.scene).stem}.txt")
+    _refuse_existing(args.out, args.force)
+    survived(lambda: _save_camera(args, console), args.scene)
+
+
+def _save_camera(args: argparse.Namespace, console: Console) -> int:
+    with output.blender_output_in(Path(os.devnull)):
+        try:
+            import bpy
+            from iclnuim.blender import camera as cameras
+            from iclnuim.blender import scene
+        except ImportError as error:
+            raise blender_missing("trajectory camera", error) from None
+        scene.open_scene(str(Path(args.scene).resolve()), reading_from(args))
+        camera = cameras.active(bpy.context.scene, args.camera_object)
+        animated = cameras.trajectory(bpy.context.scene, camera if args.camera_object else None)
+        lens = cameras.pinhole(bpy.context.scene, camera)
+    files.write_trajectory(args.out, animated, "tum")
+    figures = asdict(trajectories.statistics(animated)) if len(animated) > 1 else {"frames": len(animated)}
+    option = (
+        None if lens is None else f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"
+    )
+    text = f"{args.out}: {len(animated)} poses of the camera {camera.name}" + (
+        f"; its lens: --camera {option}" if option else ""
+    )
+    console.result({"file": str(args.out), "camera": camera.name, "pinhole": option, **figures}, text)
+    return 0
 
 
 # -- what they share
@@ -186,7 +238,7 @@ def run_resample(args: argparse.Namespace, console: Console) -> None:
 def _reading(parser: argparse.ArgumentParser) -> None:
     names = ", ".join(files.FORMATS)
     parser.add_argument(
-        "--from", dest="source_format", metavar="FORMAT", help=f"instead of telling by name and content: {names}"
+        "--from", dest="source_format", metavar="FORMAT", help=f"instead of recognising it by name and content: {names}"
     )
     parser.add_argument(
         "--unit",
@@ -205,7 +257,9 @@ def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
     if out:
         parser.add_argument("-o", "--out", metavar="OUT", help="default: TUM on standard output")
     names = ", ".join(name for name, known in files.FORMATS.items() if known.write)
-    parser.add_argument("--to", dest="out_format", metavar="FORMAT", help=f"instead of telling by OUT's name: {names}")
+    parser.add_argument(
+        "--to", dest="out_format", metavar="FORMAT", help=f"instead of the one that OUT's name means: {names}"
+    )
     parser.add_argument("--out-unit", type=_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
     parser.add_argument(
         "--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)"
@@ -234,8 +288,13 @@ def _read(args: argparse.Namespace, file: str, console: Console) -> Trajectory:
 def _refuse_to_overwrite(args: argparse.Namespace) -> None:
     """Also finds out the output's format, so that nothing is read for nothing."""
     args.out_format = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
-    if args.out and os.path.lexists(args.out) and not args.force:
-        raise InputError("a name that is free", path=args.out, found="an existing file", hint="--force to overwrite it")
+    if args.out:
+        _refuse_existing(args.out, args.force)
+
+
+def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
+    if os.path.lexists(out) and not force:
+        raise InputError("a name that is free", path=out, found="an existing file", hint="--force to overwrite it")
 
 
 def _write(args: argparse.Namespace, trajectory: Trajectory, console: Console) -> None:

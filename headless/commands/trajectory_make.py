@@ -1,23 +1,36 @@
-"""`iclnuim trajectory make`: the hand-held paths kt0..kt3 of both scenes, or one's own, made from their recipes."""
+"""`iclnuim trajectory make`: the hand-held trajectories kt0..kt3 of both scenes, or one's own, made from their recipes; or one through a
+user-provided scene, clear of its surfaces.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
+import re
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
-from iclnuim.errors import InputError, WorkError
+from iclnuim.blender import output
+from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.columns import TUM_HEADER
-from iclnuim.formats.files import atomic_write_text, read_json
+from iclnuim.formats.files import atomic_write_text, read_json, read_text
 from iclnuim.geometry import handheld, trajectory
+from iclnuim.geometry.free_space import FreeSpace
+from iclnuim.geometry.handheld_plan import Plan, PlanSettings, Waypoint, plan
 from iclnuim.geometry.handheld_recipe import Recipe
+from iclnuim.raycast.caster import RayCaster
+from iclnuim.raycast.viewpoints import chosen
 
 from ..console import Console
-from ..options import Actions, action
-from . import trajectory_walk
+from ..isolation import survived
+from ..options import Actions, action, add_settings, settings_from
+from ..scene_options import add_scene_options, reading_from
 
+#: Routes round obstacles are searched this far beyond the viewpoints.
+_DETOUR_M = 2.0
 NAMES = [f"{scene}/{kt}" for scene in shipped.SCENE_NAMES for kt in shipped.TRAJECTORY_NAMES]
 
 
@@ -28,12 +41,22 @@ def configure(actions: Actions) -> None:
     parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of beside the recipe")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 3 where the file is not what is made")
-    trajectory_walk.add_walk_options(parser)
+    # a viewpoint may begin with a minus; argparse would take it for an option
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")
+    parser.add_argument("--scene", metavar="NAME|FILE", help="a trajectory through this scene instead of recipes")
+    parser.add_argument(
+        "--viewpoints",
+        nargs="+",
+        metavar="X,Y,Z[:X,Y,Z]",
+        help="places in metres, z up, each with a point to look at; or a file of such lines; or auto:N for N places chosen",
+    )
+    add_settings(parser, PlanSettings)
+    add_scene_options(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
     if args.scene or args.viewpoints:
-        trajectory_walk.run(args, console)
+        _run_in_scene(args, console)
         return
     made = []
     for name in args.recipes or NAMES:
@@ -70,8 +93,7 @@ def _motion(source: Path) -> handheld.Motion:
     try:
         return handheld.make(Recipe.from_dict(content))
     except InputError as error:
-        error.args = (f"{source}: {error}",)
-        raise
+        raise error.at(source if error.path is None else f"{source}: {error.path}") from None
 
 
 def _finish(target: Path, text: str, check: bool) -> None:
@@ -92,3 +114,103 @@ def _table(made: list[dict]) -> str:
         for f in made
     ]
     return "\n".join([head, *rows])
+
+
+# -- through a scene
+
+
+def _run_in_scene(args: argparse.Namespace, console: Console) -> None:
+    """Write NAME.txt, the TUM file, and NAME.json, its recipe."""
+    if not args.scene or not args.viewpoints or args.recipes:
+        raise InputError("--scene and --viewpoints together, and no recipe", hint="--viewpoints auto:6")
+    settings = settings_from(args, PlanSettings())
+    survived(lambda: _make_in_scene(args, settings, console), args.scene)
+
+
+def _make_in_scene(args: argparse.Namespace, settings: PlanSettings, console: Console) -> int:
+    vertices, triangles = _surface(args, console)
+    caster = RayCaster(vertices, triangles)
+    waypoints = _waypoints(args, vertices, caster, settings, console)
+    space = FreeSpace.between(*_with_margin(np.array([w.position_m for w in waypoints])), caster.distance)
+    made = plan(waypoints, space, Path(args.scene).name, settings)
+    name = (args.out or Path()) / Path(args.scene).stem
+    name.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write_text(name.with_suffix(".txt"), tum_text(made.motion.trajectory))
+    atomic_write_text(name.with_suffix(".json"), json.dumps(asdict(made.recipe), indent=2) + "\n")
+    _report(name, made, console)
+    return 0
+
+
+def _surface(args: argparse.Namespace, console: Console) -> tuple[np.ndarray, np.ndarray]:
+    with output.blender_output_in(Path(os.devnull)):
+        try:
+            from iclnuim.blender import scene, surfaces
+        except ImportError as error:
+            raise blender_missing("a trajectory through a scene", error) from None
+        file = args.scene if args.scene in shipped.SCENE_NAMES else str(Path(args.scene).resolve())
+        notes = scene.open_scene(file, reading_from(args))
+        found = surfaces.triangles()
+    for note in notes:
+        console.note(f"note: {note}")
+    if not len(found.triangles):
+        raise InputError("a scene with surfaces", path=args.scene, found="none")
+    return found.vertices, found.triangles
+
+
+def _with_margin(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A box with room for a route round obstacles."""
+    return points.min(0) - _DETOUR_M, points.max(0) + _DETOUR_M
+
+
+def _busy_part(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The box that holds nearly all of the scene's detail: a far backdrop or ground is left out."""
+    low, high = np.percentile(vertices, (1, 99), axis=0)
+    return np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
+
+
+def _waypoints(
+    args: argparse.Namespace, vertices: np.ndarray, caster: RayCaster, settings: PlanSettings, console: Console
+) -> list[Waypoint]:
+    texts = args.viewpoints
+    if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
+        space = FreeSpace.between(*_busy_part(vertices), caster.distance)
+        found = chosen(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
+        for waypoint in found:
+            console.note(f"viewpoint {_point(waypoint.position_m)}:{_point(waypoint.look_at_m)}")
+        return found
+    if len(texts) == 1 and Path(texts[0]).is_file():
+        lines = read_text(texts[0]).splitlines()
+        rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, 1)]
+        return [_waypoint(row, path=texts[0], line=k) for k, row in rows if row]
+    return [_waypoint(text) for text in texts]
+
+
+def _waypoint(text: str, path: str | None = None, line: int | None = None) -> Waypoint:
+    """`x,y,z`, `x,y,z:x,y,z`, with spaces for commas in files; a seventh number is seconds of rest."""
+    try:
+        numbers = [float(part) for part in re.split(r"[,:\s]+", text.strip())]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 6, 7) or not np.isfinite(numbers).all():
+        raise InputError("a viewpoint X,Y,Z or X,Y,Z:X,Y,Z", path=path, line=line, found=text)
+    position_m, look_at_m = _triple(numbers[:3]), _triple(numbers[3:6]) if len(numbers) > 3 else None
+    return Waypoint(position_m, look_at_m, numbers[6] if len(numbers) == 7 else 0.0)
+
+
+def _triple(numbers: list[float]) -> tuple[float, float, float]:
+    x, y, z = numbers
+    return x, y, z
+
+
+def _point(point_m: tuple | None) -> str:
+    return ",".join(f"{x:.2f}" for x in point_m or ())
+
+
+def _report(name: Path, made: Plan, console: Console) -> None:
+    figures = asdict(trajectory.statistics(made.motion.trajectory))
+    text = (
+        f"{name}.txt: {figures['frames']} poses, {figures['length_m']:.2f} m, "
+        f"{figures['mean_speed']:.3f} m/s, {figures['mean_rotation_rate']:.1f} deg/s, "
+        f"at least {made.clearance_m:.3f} m from every surface; its recipe is {name}.json"
+    )
+    console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)

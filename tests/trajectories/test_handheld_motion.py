@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry import handheld
-from iclnuim.geometry.handheld_motion import band_noise, eased_progress, natural_spline
+from iclnuim.geometry.handheld import band_noise, eased_progress, natural_spline
 from iclnuim.geometry.handheld_recipe import Recipe
 from iclnuim.headless import cli
 from scipy.interpolate import CubicSpline
@@ -110,7 +110,7 @@ def changed(recipe, place, value):
         (["pace", "ease_s"], float("nan"), "expected a number within 1e9 as recipe.pace.ease_s, found nan"),
         (["shakes", 0, "high_hz"], 16, r"recipe.shakes\[0\]: expected a band within 0..15 Hz, found 0.25..16 Hz"),
         (["schema_version"], 2, "expected schema_version 1, found 2"),
-        (["length_m"], 99.0, "expected viewpoints on a path of about 99 m, found .* m at scales 0.85..1.15"),
+        (["length_m"], 99.0, "expected viewpoints on a trajectory of about 99 m, found .* m at scales 0.85..1.15"),
         (["viewpoints", 0, "look_at_m"], [0.3, -2.2, 9.0], ""),
     ],
 )
@@ -131,7 +131,10 @@ def test_a_missing_key_and_an_ambiguous_turn_are_named(recipe_of):
         Recipe.from_dict(recipe)
     recipe = recipe_of("living_room/kt0")
     recipe["viewpoints"][3]["look_at_m"] = [-0.7, -9.0, 1.5]
-    with pytest.raises(InputError, match="expected turns of at most 150 degrees, found .* degrees before viewpoint"):
+    with pytest.raises(
+        InputError,
+        match="expected rotations of at most 150 degrees between viewpoints, found .* degrees before viewpoint",
+    ):
         handheld.make(Recipe.from_dict(recipe))
 
 

@@ -1,4 +1,4 @@
-"""A way through free space: a grid of clearances, and the shortest walk between two places that keeps clear of everything."""
+"""Routes through free space: a grid of clearances, and the shortest route between two points that keeps clear of everything."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import InputError
 #: Clearance (n,) in metres at points (n, 3): the distance to the nearest surface.
 Clearance = Callable[[np.ndarray], np.ndarray]
 #: Cells beyond this number are made larger; fewer than this are not made.
-_MOST_CELLS, _FINEST_M = 400_000, 0.1
+_MAX_CELLS, _MIN_CELL_M = 400_000, 0.1
 _NEIGHBOURS = np.array(
     [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)]
 )
@@ -32,19 +32,19 @@ class FreeSpace:
     def between(cls, low_m: np.ndarray, high_m: np.ndarray, measure: Clearance) -> FreeSpace:
         """Over a box, in cells of 0.1 m or larger where the box is large."""
         size = np.maximum(high_m - low_m, 1e-3)
-        cell_m = max(_FINEST_M, float((size.prod() / _MOST_CELLS) ** (1 / 3)), float(size.max()) / 400)
+        cell_m = max(_MIN_CELL_M, float((size.prod() / _MAX_CELLS) ** (1 / 3)), float(size.max()) / 400)
         shape = tuple(int(n) + 1 for n in np.ceil(size / cell_m))
         points = low_m + cell_m * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
         return cls(low_m, cell_m, measure(points).reshape(shape), measure)
 
-    def way(self, start_m: np.ndarray, end_m: np.ndarray, clear_m: float) -> np.ndarray:
-        """(n, 3) corners of a way from start to end that keeps `clear_m` from every surface, both included.
+    def route(self, start_m: np.ndarray, end_m: np.ndarray, clear_m: float) -> np.ndarray:
+        """(n, 3) corners of a route from start to end that keeps `clear_m` from every surface, both included.
 
         Straight where that is clear; else the shortest by A* from cell to cell, then straightened. Raises InputError where there is none.
         """
         if self._is_clear(start_m, end_m, clear_m):
             return np.stack([start_m, end_m])
-        cells = self._walk(self._cell(start_m), self._cell(end_m), clear_m)
+        cells = self._search(self._cell(start_m), self._cell(end_m), clear_m)
         return self._straightened(np.stack([start_m, *(self.low_m + self.cell_m * c for c in cells), end_m]), clear_m)
 
     def _cell(self, point_m: np.ndarray) -> tuple[int, int, int]:
@@ -52,8 +52,8 @@ class FreeSpace:
         i, j, k = np.clip(index, 0, np.array(self.clearance_m.shape) - 1).tolist()
         return i, j, k
 
-    def _walk(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
-        """Cells from start to end. The two themselves need not be as clear: their places were looked at before."""
+    def _search(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
+        """Cells from start to end (A*). The two themselves need not be as clear: they were checked before."""
         goal, shape = np.array(end), self.clearance_m.shape
         steps = [(tuple(n), float(np.linalg.norm(n))) for n in _NEIGHBOURS]
         length: dict[tuple, float] = {start: 0.0}
@@ -76,9 +76,9 @@ class FreeSpace:
                     length[other], before[other] = longer, cell
                     heapq.heappush(open_, (longer + float(np.linalg.norm(goal - other)), other))
         raise InputError(
-            "viewpoints with a way between them",
+            "viewpoints with a route between them",
             found=f"none that keeps {clear_m:.2f} m from every surface",
-            hint="a smaller --clearance, or viewpoints in one room",
+            hint="a smaller {clearance_m}, or viewpoints in one room",
         )
 
     def _straightened(self, points: np.ndarray, clear_m: float) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Hand-held camera motion from a recipe: viewpoints, pace, shake and a seed -> a trajectory of given frames and length.
 
-A person walks a smooth path through the viewpoints, looks where each says, slows and rests, and the hands shake. The
+The camera follows a smooth curve through the viewpoints, looks where each says, slows and rests, and the hands shake. The
 shake is the sum of bands of random motion whose power falls with frequency: sway of the body (some 0.25..1 Hz) and
 tremor of the hands (some 1..12 Hz; physiological tremor reaches up to about 12 Hz). For camera shake modelled on tremor
 see F. Gavant, L. Alacoque, A. Dupret, D. David, "A physiological camera shake model for image stabilization systems",
@@ -17,15 +17,14 @@ import numpy as np
 
 from ..errors import InputError
 from . import so3
-from .handheld_motion import band_noise, eased_progress, natural_spline
 from .handheld_recipe import Recipe, Shake
 from .se3 import SE3
 from .trajectory import FRAME_RATE_HZ, Trajectory
 
 #: The viewpoints are scaled about their mean until the length fits; beyond these factors the recipe itself is wrong.
 SCALE_LIMITS = (0.85, 1.15)
-#: A turn between two viewpoints is unambiguous up to here.
-LARGEST_TURN_DEG = 150.0
+#: A rotation between two viewpoints is unambiguous up to here.
+MAX_YAW_STEP_DEG = 150.0
 
 
 @dataclass(frozen=True)
@@ -50,13 +49,13 @@ def make(recipe: Recipe) -> Motion:
 
 
 def natural_length_m(recipe: Recipe) -> float:
-    """The path's length with its viewpoints just where they are, shake included; the recipe's own length does not matter."""
+    """The length with the viewpoints just where they are, shake included; the recipe's own length does not matter."""
     _, smooth, shake_m, _ = _parts(recipe)
     return float(np.linalg.norm(np.diff(smooth[:, :3] + shake_m, axis=0), axis=1).sum())
 
 
 def unhurried_s(recipe: Recipe) -> float:
-    """Seconds that the path takes at the recipe's pace, rests and the last stop included; its own frames do not matter."""
+    """Seconds that the trajectory takes at the recipe's pace, rests and the last stop included; its own frames do not matter."""
     return float(_knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s)
 
 
@@ -79,19 +78,23 @@ def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
     if across.min() < 0.05:
         raise InputError("look_at_m aside of position_m, not above or below it", found=f"viewpoint {across.argmin()}")
     pitches = np.arctan2(gazes[:, 2], across)
-    turns = np.diff(np.arctan2(gazes[:, 1], gazes[:, 0]), prepend=0.0)
-    turns[1:] -= 2 * np.pi * np.round(turns[1:] / (2 * np.pi))
-    widest = 1 + np.abs(turns[1:]).argmax()
-    if abs(turns[widest]) > np.radians(LARGEST_TURN_DEG):
+    yaw_steps = np.diff(np.arctan2(gazes[:, 1], gazes[:, 0]), prepend=0.0)
+    yaw_steps[1:] -= 2 * np.pi * np.round(yaw_steps[1:] / (2 * np.pi))
+    widest = 1 + np.abs(yaw_steps[1:]).argmax()
+    if abs(yaw_steps[widest]) > np.radians(MAX_YAW_STEP_DEG):
         hint = "a viewpoint between, to say which way round"
-        found = f"{np.degrees(turns[widest]):.0f} degrees before viewpoint {widest}"
-        raise InputError(f"turns of at most {LARGEST_TURN_DEG:g} degrees", found=found, hint=hint)
+        found = f"{np.degrees(yaw_steps[widest]):.0f} degrees before viewpoint {widest}"
+        raise InputError(
+            f"rotations of at most {MAX_YAW_STEP_DEG:g} degrees between viewpoints", found=found, hint=hint
+        )
     rolls = np.radians([v.roll_deg for v in recipe.viewpoints])
-    walks_s = np.linalg.norm(np.diff(positions, axis=0), axis=1) / recipe.pace.speed_m_s
-    looks_s = np.degrees(np.hypot(turns[1:], np.diff(pitches))) / recipe.pace.turn_deg_s
+    moves_s = np.linalg.norm(np.diff(positions, axis=0), axis=1) / recipe.pace.speed_m_s
+    looks_s = np.degrees(np.hypot(yaw_steps[1:], np.diff(pitches))) / recipe.pace.turn_deg_s
     hurries = np.array([v.hurry for v in recipe.viewpoints[1:]])
-    legs_s = np.maximum(np.hypot(walks_s, looks_s), 0.1) / hurries
-    return np.concatenate([[0.0], np.cumsum(legs_s)]), np.column_stack([positions, np.cumsum(turns), pitches, rolls])
+    legs_s = np.maximum(np.hypot(moves_s, looks_s), 0.1) / hurries
+    return np.concatenate([[0.0], np.cumsum(legs_s)]), np.column_stack(
+        [positions, np.cumsum(yaw_steps), pitches, rolls]
+    )
 
 
 def _shake(shakes: tuple[Shake, ...], frames: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +110,7 @@ def _shake(shakes: tuple[Shake, ...], frames: int, rng: np.random.Generator) -> 
 
 
 def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float) -> float:
-    """The factor on `smooth_m` that makes the whole path `length_m` long: bisection, rounded to 1e-6."""
+    """The factor on `smooth_m` that makes the whole trajectory `length_m` long: bisection, rounded to 1e-6."""
 
     def length(scale: float) -> float:
         return float(np.linalg.norm(np.diff(scale * smooth_m + shake_m, axis=0), axis=1).sum())
@@ -115,7 +118,7 @@ def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float
     low, high = SCALE_LIMITS
     if not length(low) <= length_m <= length(high):
         found = f"{length(low):.3f}..{length(high):.3f} m at scales {low}..{high}"
-        raise InputError(f"viewpoints on a path of about {length_m:g} m", found=found, hint="moving them")
+        raise InputError(f"viewpoints on a trajectory of about {length_m:g} m", found=found, hint="moving them")
     for _ in range(40):
         middle = (low + high) / 2
         low, high = (middle, high) if length(middle) < length_m else (low, middle)
@@ -130,3 +133,90 @@ def _rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray)
     down = np.cross(forward, right)
     sr, cr = np.sin(roll)[:, None], np.cos(roll)[:, None]
     return np.stack([cr * right + sr * down, cr * down - sr * right, forward], -1)
+
+
+# -- the parts: a C2 spline, an eased pace along it, and band-limited shake
+
+
+def natural_spline(knots: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The natural cubic spline through `values` (n, d) at rising `knots` (n,), n >= 2, read `at` (m,): (m, d).
+
+    It is C2, without curvature at its ends; beyond them the end pieces run on.
+    """
+    h = np.diff(knots)
+    slopes = np.diff(values, axis=0) / h[:, None]
+    curvatures = _spline_curvatures(h, slopes)
+    piece = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(h) - 1)
+    b = ((at - knots[piece]) / h[piece])[:, None]
+    a = 1.0 - b
+    bend = (a * a * a - a) * curvatures[piece] + (b * b * b - b) * curvatures[piece + 1]
+    return a * values[piece] + b * values[piece + 1] + bend * (h[piece] * h[piece])[:, None] / 6.0
+
+
+def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Second derivatives (n, d) at the knots; plain elimination does the same operations on every machine."""
+    n = len(h) + 1
+    curvatures = np.zeros((n, slopes.shape[1]))
+    diagonal = np.zeros(n)
+    for k in range(1, n - 1):
+        diagonal[k] = 2.0 * (h[k - 1] + h[k])
+        curvatures[k] = 6.0 * (slopes[k] - slopes[k - 1])
+        if k > 1:
+            factor = h[k - 1] / diagonal[k - 1]
+            diagonal[k] -= factor * h[k - 1]
+            curvatures[k] -= factor * curvatures[k - 1]
+    for k in range(n - 2, 0, -1):
+        following = h[k] * curvatures[k + 1] if k < n - 2 else 0.0
+        curvatures[k] = (curvatures[k] - following) / diagonal[k]
+    return curvatures
+
+
+def eased_progress(legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_s: np.ndarray) -> np.ndarray:
+    """How far along the path a person is at `times_s` (m,): from 0 to sum(legs), at one rate, at rest in each dwell.
+
+    `legs` (n-1,) are the lengths between n stops in any unit, `dwells_s` (n,) the rests at the stops. Starts and stops
+    take `ease_s` and follow a quintic step, so that the progress is C3 in time. Raises InputError where the rests leave
+    no time.
+    """
+    duration_s = times_s[-1] - times_s[0]
+    moving_s = duration_s - ease_s - dwells_s.sum()
+    if moving_s <= 0:
+        raise InputError("dwells shorter than the whole", found=f"{dwells_s.sum():.1f} of {duration_s:.1f} s")
+    rate = legs.sum() / moving_s
+    progress = np.zeros(len(times_s))
+    clock_s = times_s[0] + ease_s / 2
+    for leg, dwell_s in zip([0.0, *legs], dwells_s, strict=True):
+        clock_s += leg / rate
+        if leg:
+            progress -= rate * _eased_ramp(times_s - clock_s, ease_s)
+        clock_s += dwell_s
+        progress += rate * _eased_ramp(times_s - clock_s, ease_s)
+    # the last stop is not left again
+    return progress - rate * _eased_ramp(times_s - clock_s, ease_s)
+
+
+def _eased_ramp(t: np.ndarray, ease_s: float) -> np.ndarray:
+    """max(t, 0) with its bend rounded over |t| < ease/2: the integral of the quintic step 6x^5 - 15x^4 + 10x^3."""
+    x = np.clip(t / ease_s + 0.5, 0.0, 1.0)
+    rounded = ease_s * x * x * x * x * ((x - 3.0) * x + 2.5)
+    return np.where(t > ease_s / 2, t, rounded)
+
+
+def band_noise(
+    count: int, rate_hz: float, low_hz: float, high_hz: float, slope: float, channels: int, rng: np.random.Generator
+) -> np.ndarray:
+    """(count, channels) of periodic random motion, power falling as f^-slope in low..high Hz, each channel of RMS 1.
+
+    A sum of cosines at the series' own frequencies k / duration with random phases, so that the RMS is exact. Raises
+    InputError where the band holds no such frequency.
+    """
+    frequencies_hz = np.arange(count // 2 + 1) * rate_hz / count
+    inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz) & (frequencies_hz < rate_hz / 2)
+    if not inside.any():
+        raise InputError(f"a band that {count} frames can hold", found=f"{low_hz:g}..{high_hz:g} Hz")
+    amplitudes = (frequencies_hz[inside] / low_hz) ** (-slope / 2)
+    amplitudes *= np.sqrt(2.0 / (amplitudes * amplitudes).sum())
+    spectrum = np.zeros((channels, len(inside)), complex)
+    phases = 2.0 * np.pi * rng.random((channels, len(amplitudes)))
+    spectrum[:, inside] = amplitudes * (np.cos(phases) + 1j * np.sin(phases)) * (count / 2)
+    return np.fft.irfft(spectrum, count).T

@@ -1,4 +1,4 @@
-"""The recipe of a hand-held path as typed settings, read from JSON (its keys: trajectories/README.md)."""
+"""The recipe of a hand-held trajectory as typed settings, read from JSON (its keys: trajectories/README.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where the camera comes by and what it looks at (metres, world), how long it rests there, and its roll.
+    """A position of the camera and what it looks at (metres, world), how long it rests there, and its roll.
 
     `hurry` 2 means that the leg to this viewpoint is taken twice as fast as the others. The camera rolls clockwise.
     """
@@ -24,7 +24,7 @@ class Viewpoint:
     hurry: float = 1.0
 
     def __post_init__(self) -> None:
-        _require(max(map(abs, self.position_m + self.look_at_m)) <= 1e4, "places within 10 km", self.position_m)
+        _require(max(map(abs, self.position_m + self.look_at_m)) <= 1e4, "positions within 10 km", self.position_m)
         _require(self.dwell_s >= 0, "a dwell_s >= 0", self.dwell_s)
         _require(abs(self.roll_deg) <= 180, "a roll_deg within -180..180", self.roll_deg)
         _require(0.1 <= self.hurry <= 10, "a hurry of 0.1..10", self.hurry)
@@ -32,7 +32,7 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Pace:
-    """Unhurried walking and turning, whose ratio decides how the time is shared; and how long a start or stop takes."""
+    """Unhurried motion and rotation, whose ratio decides how the time is shared; and how long a start or stop takes."""
 
     speed_m_s: float
     turn_deg_s: float
@@ -65,7 +65,7 @@ class Shake:
 
 @dataclass(frozen=True)
 class Recipe:
-    """A whole path: the scene it is meant for, its frames at 30 Hz, its length with all shake, what makes it."""
+    """A whole trajectory: the scene it is meant for, its frames at 30 Hz, its length with all shake, what makes it."""
 
     scene: str
     about: str
@@ -124,8 +124,7 @@ def _built_dataclass(kind: Any, value: Any, place: str) -> Any:
     try:
         return kind(**settings)
     except InputError as error:
-        error.args = (f"{place}: {error}",)
-        raise
+        raise error.at(place) from None
 
 
 def _require(fine: object, expected: str, found: object) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.free_space import FreeSpace
+from ..geometry.handheld_plan import Waypoint
 from ..geometry.points import farthest_points
-from ..geometry.walk import Stop
 from .caster import RayCaster
 
 _CANDIDATES, _RAYS = 3000, 64
@@ -17,8 +17,8 @@ _EYES_M = (1.0, 1.8)
 _BACKS, _ENCLOSED = 0.1, 0.9
 
 
-def chosen(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int) -> list[Stop]:
-    """`count` stops in an order with short ways. Raises InputError where there is no room for them."""
+def chosen(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int) -> list[Waypoint]:
+    """`count` waypoints in an order with short routes. Raises InputError where there is no room for them."""
     if not 2 <= count <= 100:
         raise InputError("2 to 100 viewpoints", found=count)
     rng = np.random.default_rng(seed)
@@ -30,9 +30,11 @@ def chosen(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     places = _inside(places, caster, rays)
     if len(places) < count:
-        raise InputError(f"room for {count} viewpoints", found=f"{len(places)} free places", hint="giving --viewpoints")
+        raise InputError(
+            f"room for {count} viewpoints", found=f"{len(places)} free places", hint="giving the {viewpoints}"
+        )
     places = _in_order(farthest_points(places, count))
-    return [Stop(_tuple(p), _tuple(_gaze(p, places, caster, rays))) for p in places]
+    return [Waypoint(_tuple(p), _tuple(_gaze(p, places, caster, rays))) for p in places]
 
 
 def _inside(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:

@@ -166,7 +166,7 @@ def _naming(estimate: Source) -> Iterator[None]:
     except InputError as error:
         if error.path is not None:
             raise
-        raise InputError(error.expected, path=estimate.path, found=error.found, hint=error.hint) from None
+        raise error.at(estimate.path) from None
 
 
 def _files(report: Report) -> dict:

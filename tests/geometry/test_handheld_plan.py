@@ -1,14 +1,12 @@
-"""Walks through free space: round obstacles, through doors, never nearer than asked; distances here follow from formulas."""
+"""Hand-held trajectories through free space: round obstacles, through doors, never nearer than asked; distances here follow from formulas."""
 
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry import handheld
 from iclnuim.geometry.free_space import FreeSpace
-from iclnuim.geometry.handheld_recipe import Pace
-from iclnuim.geometry.walk import Stop, plan
+from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan
 
-PACE = Pace(0.3, 40.0, 0.9)
 LOW, HIGH = np.array([0.0, 0.0, 0.0]), np.array([6.0, 4.0, 2.5])
 
 
@@ -24,17 +22,17 @@ def clearance(points, door=True):
     return np.minimum(walls, box_distance(points, np.array([2.95, 0, 0]), np.array([3.05, end, 2.5])))
 
 
-def walk(stops, measure=clearance, clear_m=0.25, **options):
+def planned(waypoints, measure=clearance, **settings):
     space = FreeSpace.between(LOW - 0.5, HIGH + 0.5, measure)
-    return plan([Stop(*s) for s in stops], space, clear_m, "test", PACE, **options)
+    return plan([Waypoint(*w) for w in waypoints], space, "test", PlanSettings(**settings))
 
 
 ENDS = [((1.0, 1.0, 1.3), (3.0, 1.0, 1.2)), ((5.0, 1.0, 1.3),)]
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_the_way_leads_through_the_door_and_keeps_clear(seed):
-    made = walk(ENDS, seed=seed)
+def test_the_route_leads_through_the_door_and_keeps_clear(seed):
+    made = planned(ENDS, seed=seed)
     positions = made.motion.trajectory.positions_m
     assert clearance(positions).min() == pytest.approx(made.clearance_m)
     assert made.clearance_m >= 0.25
@@ -45,14 +43,14 @@ def test_the_way_leads_through_the_door_and_keeps_clear(seed):
 
 
 def test_the_camera_looks_where_it_was_told():
-    made = walk([((1.0, 1.0, 1.3), (1.0, 3.0, 1.3)), ((2.0, 2.0, 1.3), (0.0, 2.0, 1.3))], shake=0.0)
+    made = planned([((1.0, 1.0, 1.3), (1.0, 3.0, 1.3)), ((2.0, 2.0, 1.3), (0.0, 2.0, 1.3))], shake=0.0)
     gaze = made.motion.trajectory.T_world_camera.rotation[:, :, 2]
     assert gaze[0] == pytest.approx([0, 1, 0], abs=1e-3)
     assert gaze[-1] == pytest.approx([-1, 0, 0], abs=1e-3)
 
 
 def test_the_recipe_makes_the_same_path_again():
-    made = walk(ENDS)
+    made = planned(ENDS)
     again = handheld.make(made.recipe)
     assert (again.trajectory.positions_m == made.motion.trajectory.positions_m).all()
     assert made.motion.scale == pytest.approx(1.0, abs=2e-6)
@@ -60,31 +58,31 @@ def test_the_recipe_makes_the_same_path_again():
 
 
 def test_the_pace_is_about_the_one_asked_for():
-    made = walk(ENDS)
+    made = planned(ENDS)
     speed = made.motion.trajectory.length_m() / made.motion.trajectory.stamps_s[-1]
     assert 0.2 < speed < 0.36
 
 
-def test_a_wall_without_a_door_is_no_way():
-    with pytest.raises(InputError, match="a way between them"):
-        walk(ENDS, measure=lambda points: clearance(points, door=False))
+def test_a_wall_without_a_door_is_no_route():
+    with pytest.raises(InputError, match="a route between them"):
+        planned(ENDS, measure=lambda points: clearance(points, door=False))
 
 
-def test_a_door_too_narrow_for_the_clearance_is_no_way():
-    with pytest.raises(InputError, match="a way between them"):
-        walk(ENDS, clear_m=0.55)
+def test_a_door_too_narrow_for_the_clearance_is_no_route():
+    with pytest.raises(InputError, match="a route between them"):
+        planned(ENDS, clearance_m=0.55)
 
 
 def test_a_viewpoint_at_a_wall_is_named():
     with pytest.raises(InputError, match="viewpoint 1 .*0.10 m away"):
-        walk([((1.0, 1.0, 1.3),), ((2.85, 1.0, 1.3),)])
+        planned([((1.0, 1.0, 1.3),), ((2.85, 1.0, 1.3),)])
 
 
-def test_one_viewpoint_is_no_walk():
+def test_one_viewpoint_is_no_trajectory():
     with pytest.raises(InputError, match="two viewpoints"):
-        walk(ENDS[:1])
+        planned(ENDS[:1])
 
 
-def test_a_straight_way_stays_straight():
+def test_a_straight_route_stays_straight():
     space = FreeSpace.between(LOW, HIGH, clearance)
-    assert len(space.way(np.array([1.0, 1, 1]), np.array([2.0, 3, 1]), 0.3)) == 2
+    assert len(space.route(np.array([1.0, 1, 1]), np.array([2.0, 3, 1]), 0.3)) == 2

@@ -1,0 +1,181 @@
+"""A hand-held trajectory planned through waypoints in a scene: its route round obstacles, its gaze, its pace, as a recipe of handheld."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+
+from ..errors import InputError
+from ..settings import Settings, setting
+from . import handheld
+from .free_space import Clearance, FreeSpace
+from .handheld_recipe import Pace, Recipe, Shake, Viewpoint
+
+#: What the hands do unless asked otherwise: the amounts of our own kt0..kt3.
+SHAKES = (
+    Shake(0.25, 1.0, position_mm=8.0, rotation_deg=0.9, position_slope=1.0, rotation_slope=1.0),
+    Shake(1.0, 12.0, position_mm=2.0, rotation_deg=0.25, position_slope=2.5, rotation_slope=3.0),
+)
+#: Without a point to look at the camera looks ahead, a little down.
+_DOWN_RAD = 0.1
+#: The route is planned this much farther from surfaces than asked, if possible, for spline and shake.
+_MARGINS_M = (0.15, 0.05, 0.0)
+#: Spacing of viewpoints on the route: first wide, then so close that the spline cannot leave it.
+_SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
+_MAX_YAW_STEP_RAD = np.radians(80.0)
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PlanSettings(Settings):
+    """How a hand-held camera moves between given waypoints."""
+
+    group: ClassVar[str] = "settings of a hand-held trajectory"
+
+    clearance_m: float = setting(
+        0.25, "least distance from every surface", unit="m", low=0.01, high=10.0, option="--clearance"
+    )
+    speed_m_s: float = setting(0.3, "speed of motion", unit="m/s", low=0.01, high=10.0, option="--speed")
+    shake: float = setting(1.0, "factor on the shake of the hands", low=0.0, high=10.0)
+    seed: int = setting(0, "seed of the shake", low=0, high=2**63 - 1)
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A position (metres) of the camera, what it looks at there (None: ahead), and seconds of rest."""
+
+    position_m: Point
+    look_at_m: Point | None = None
+    dwell_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A recipe whose trajectory keeps clear, its motion, and the least clearance of any pose in metres."""
+
+    recipe: Recipe
+    motion: handheld.Motion
+    clearance_m: float
+
+
+def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: PlanSettings | None = None) -> Plan:
+    """Hand-held motion through the waypoints that keeps clear of every surface. Raises InputError where that cannot be.
+
+    scene: its name in the recipe.
+    """
+    settings = settings or PlanSettings()
+    clear_m = settings.clearance_m
+    _check(waypoints, space.measure, clear_m)
+    found = None
+    for margin_m in _MARGINS_M:
+        try:
+            routes = [_route(space, a, b, clear_m + margin_m) for a, b in pairwise(waypoints)]
+        except InputError:
+            if margin_m == _MARGINS_M[-1]:
+                raise
+            continue
+        for spacing_m in _SPACINGS_M:
+            recipe = _recipe(_viewpoints(waypoints, routes, spacing_m), scene, settings)
+            motion = handheld.make(recipe)
+            clearances = space.measure(motion.trajectory.positions_m)
+            worst = int(clearances.argmin())
+            if clearances[worst] >= clear_m:
+                return Plan(recipe, motion, float(clearances[worst]))
+            place = ", ".join(f"{x:.2f}" for x in motion.trajectory.positions_m[worst])
+            found = f"{clearances[worst]:.2f} m at ({place})"
+    raise InputError(
+        f"viewpoints whose trajectory keeps {clear_m:g} m from every surface",
+        found=found,
+        hint="a smaller {clearance_m}, less {shake}, or a viewpoint more",
+    )
+
+
+def _check(waypoints: list[Waypoint], measure: Clearance, clear_m: float) -> None:
+    if len(waypoints) < 2:
+        raise InputError("two viewpoints or more", found=len(waypoints))
+    clearances = measure(np.array([s.position_m for s in waypoints]))
+    k = int(clearances.argmin())
+    if clearances[k] < clear_m:
+        raise InputError(
+            f"viewpoints at least {clear_m:g} m from every surface",
+            found=f"viewpoint {k} at {waypoints[k].position_m}, {clearances[k]:.2f} m away",
+            hint="moving it, or a smaller {clearance_m}",
+        )
+
+
+def _route(space: FreeSpace, a: Waypoint, b: Waypoint, clear_m: float) -> np.ndarray:
+    return space.route(np.array(a.position_m), np.array(b.position_m), clear_m)
+
+
+def _viewpoints(waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float) -> tuple[Viewpoint, ...]:
+    """The waypoints with points of the routes between them; the gaze rotates evenly from one to the next."""
+    gazes = _gazes(waypoints, routes)
+    found = [_viewpoint(waypoints[0].position_m, *gazes[0], waypoints[0].dwell_s)]
+    for k, route in enumerate(routes):
+        yaw_step = (gazes[k + 1][0] - gazes[k][0] + np.pi) % (2 * np.pi) - np.pi
+        share, points = _along(route, spacing_m, max(1, int(np.ceil(abs(yaw_step) / _MAX_YAW_STEP_RAD))))
+        for s, point in zip(share[1:-1], points[1:-1], strict=True):
+            pitch = (1 - s) * gazes[k][1] + s * gazes[k + 1][1]
+            found.append(_viewpoint(point, gazes[k][0] + s * yaw_step, pitch, 0.0))
+        found.append(_viewpoint(waypoints[k + 1].position_m, *gazes[k + 1], waypoints[k + 1].dwell_s))
+    return tuple(found)
+
+
+def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[float, float]]:
+    """Yaw and pitch at each waypoint, radians."""
+    ahead = [route[1] - route[0] for route in routes] + [routes[-1][-1] - routes[-1][-2]]
+    found: list[tuple[float, float]] = []
+    for waypoint, onward in zip(waypoints, ahead, strict=True):
+        gaze = onward if waypoint.look_at_m is None else np.array(waypoint.look_at_m) - np.array(waypoint.position_m)
+        across = float(np.hypot(gaze[0], gaze[1]))
+        if across < 0.05:
+            if waypoint.look_at_m is not None:
+                raise InputError("a point to look at aside of the viewpoint", found=f"{waypoint.look_at_m}")
+            yaw = found[-1][0] if found else 0.0
+        else:
+            yaw = float(np.arctan2(gaze[1], gaze[0]))
+        pitch = -_DOWN_RAD if waypoint.look_at_m is None else float(np.arctan2(gaze[2], across))
+        found.append((yaw, pitch))
+    return found
+
+
+def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (n,) of the route's length and the points (n, 3) there: its corners, and more where they lie far apart."""
+    reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1))])
+    whole = max(float(reached[-1]), 1e-9)
+    count = max(min_count, int(np.ceil(whole / spacing_m)))
+    shares = np.unique(np.round(np.concatenate([reached / whole, np.arange(count + 1) / count]), 9))
+    near = np.flatnonzero(np.diff(shares) * whole < 0.05)
+    shares = np.delete(shares, [k + 1 if k + 2 < len(shares) else k for k in near]) if len(shares) > 2 else shares
+    points = np.stack([np.interp(shares * whole, reached, route[:, k]) for k in range(3)], -1)
+    return shares, points
+
+
+def _viewpoint(position_m: np.ndarray | tuple, yaw: float, pitch: float, dwell_s: float) -> Viewpoint:
+    """Rounded to 0.1 mm, so that the recipe reads well and makes the same trajectory."""
+    ahead = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
+    place = np.array(position_m, float)
+    return Viewpoint(_rounded(place), _rounded(place + 2.0 * ahead), dwell_s)
+
+
+def _rounded(point: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (round(float(v), 4) for v in point)
+    return x, y, z
+
+
+def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSettings) -> Recipe:
+    """With the length that the viewpoints give at this pace, so that nothing is scaled."""
+    shakes = tuple(
+        replace(s, position_mm=settings.shake * s.position_mm, rotation_deg=settings.shake * s.rotation_deg)
+        for s in SHAKES
+    )
+    pace = Pace(settings.speed_m_s, 40.0, 0.9)
+    about = "A walk through viewpoints, clear of the surfaces."
+    recipe = Recipe(scene, about, 1_000_000, 1.0, settings.seed, pace, shakes, viewpoints)
+    frames = int(np.ceil(handheld.unhurried_s(recipe) * handheld.FRAME_RATE_HZ)) + 1
+    recipe = replace(recipe, frames=max(frames, 240))
+    return replace(recipe, length_m=round(handheld.natural_length_m(recipe), 6))
