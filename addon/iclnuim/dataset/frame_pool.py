@@ -162,6 +162,7 @@ def _serve(work: Callable[[int], Any], pipe: Connection, parent: int) -> None:
         os._exit(130)
     while True:
         number = pipe.recv()
+        answer: tuple[Any, Exception | None]
         try:
             answer = (work(number), None)
         except IclnuimError as error:

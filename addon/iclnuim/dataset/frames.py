@@ -145,14 +145,14 @@ def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, PairNames]:
     if (folder / EUROC).is_dir() or (folder / NERF).is_file():
         return {}
     try:
-        paths = [[image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)] for p in pairs]
+        paths = [tuple(image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)) for p in pairs]
     except ValueError:
         return {}
     every = [path for pair in paths for path in pair]
     plain = all(path.endswith(".png") and path.split() == [path] and "#" not in path for path in every)
     if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
         return {}
-    return {p.number: PairNames(*both, *p.written) for p, both in zip(pairs, paths, strict=True)}
+    return {p.number: PairNames(rgb, depth, *p.written) for p, (rgb, depth) in zip(pairs, paths, strict=True)}
 
 
 def _read_pair(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:

@@ -93,7 +93,12 @@ class RunFolder:
     ) -> None:
         """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing; further channels as they are. Whole or not at all."""
         half = np.clip(rgb, 0, 65504).astype(np.float16)
-        channels = {"R": half[..., 0], "G": half[..., 1], "B": half[..., 2], "Z": depth_z_m.astype(np.float32)}
+        channels: dict[str, np.ndarray] = {
+            "R": half[..., 0],
+            "G": half[..., 1],
+            "B": half[..., 2],
+            "Z": depth_z_m.astype(np.float32),
+        }
         exr.write_exr(self.frame_file(number), {**channels, **(further or {})}, attributes={"recipe": self.key})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class SceneModel:
     def _bisected(self, edge: np.ndarray) -> SceneModel:
         """Two triangles for each, split in the middle of the edge that starts at corner edge (m,)."""
         order = (edge[:, None] + np.arange(3)) % 3
-        halves = {}
+        halves: dict[str, Any] = {}
         for name in _OF_CORNERS:
             a, b, c = np.moveaxis(np.take_along_axis(getattr(self, name), order[..., None], 1), 1, 0)
             middle = (a + b) / 2
@@ -73,7 +74,7 @@ class SceneModel:
                 middle = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
             pair = np.stack([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)], 1)
             halves[name] = pair.reshape(-1, *pair.shape[2:])
-        whole = {name: np.repeat(getattr(self, name), 2) for name in ("material", "instance")}
+        whole: dict[str, Any] = {name: np.repeat(getattr(self, name), 2) for name in ("material", "instance")}
         return replace(self, **halves, **whole)
 
 

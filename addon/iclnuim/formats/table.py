@@ -78,7 +78,9 @@ def blamed(table: Table, build: Callable[[np.ndarray], Built]) -> Built:
     raise table.error(good, found.expected, found.found, found.hint)
 
 
-def _first_bad_line(path, text: str, columns: tuple[int, ...], what: str, delimiter: str | None) -> InputError:
+def _first_bad_line(
+    path: str | os.PathLike[str], text: str, columns: tuple[int, ...], what: str, delimiter: str | None
+) -> InputError:
     usual = None
     for number, line in data_lines(text):
         fields = line.split(delimiter)
