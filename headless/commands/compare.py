@@ -20,11 +20,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     found = sameness.compare(args.a, args.b, args.tolerance)
-    console.result({**asdict(found), "same": found.same}, _words(found))
+    console.result({**asdict(found), "same": found.same}, _text(found))
     return 0 if found.same else 3
 
 
-def _words(found: sameness.Sameness) -> str:
+def _text(found: sameness.Sameness) -> str:
     if found.by_bytes:
         how = f"{found.files} files compared to the byte ({found.why})"
     else:

@@ -95,9 +95,9 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
 def _sources(args: argparse.Namespace, console: Console) -> tuple[Source, Source]:
     """Ground truth and estimate; how each was read is noted."""
     reference = Source.read(args.reference, args.reference_from, args.file_rate)
-    console.note(f"{reference.path}: {reference.loaded.taken.sentence}")
+    console.note(f"{reference.path}: {reference.loaded.read_as.sentence}")
     estimate = Source.read(args.estimate, args.format, args.file_rate)
-    console.note(f"{estimate.path}: {estimate.loaded.taken.sentence}")
+    console.note(f"{estimate.path}: {estimate.loaded.read_as.sentence}")
     return reference, estimate
 
 

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     settings = _settings(args)
     poses = args.poses or _truth(args.folder)
     loaded = read_trajectory(poses)
-    console.note(f"{poses}: {loaded.taken.sentence}")
+    console.note(f"{poses}: {loaded.read_as.sentence}")
     camera = open_sequence(args, console, args.folder).camera
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera)
     for line in surface.left_out[:5]:
@@ -97,7 +97,7 @@ def _draw(mesh: Mesh, loaded: LoadedTrajectory, path: Path) -> None:
     from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN
 
     first = loaded.trajectory.T_world_camera[0].matrix
-    y_down = loaded.taken.frame == ANCHORED_WORLD or np.allclose(first, np.eye(4), atol=1e-3)
+    y_down = loaded.read_as.frame == ANCHORED_WORLD or np.allclose(first, np.eye(4), atol=1e-3)
     points = mesh.points @ Z_UP_FROM_Y_DOWN.T if y_down else mesh.points
     write_png(path, picture(points, mesh.triangles, mesh.colours))
 

@@ -31,8 +31,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 2 if found.wrong else 0
 
 
-#: What figures are called in words, and their unit.
-_WORDS = {
+#: Labels of the figures, and their units.
+_LABELS = {
     "rate_hz": ("frames a second", ""),
     "duration_s": ("duration", " s"),
     "depth_m": ("depth in metres", ""),
@@ -47,8 +47,8 @@ _WORDS = {
 def _text(found: Inspection) -> str:
     lines = []
     for name, value in found.figures.items():
-        words, unit = _WORDS.get(name, (name.replace("_", " "), ""))
-        lines.append(f"{words}: {_plain(value)}{unit}")
+        label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
+        lines.append(f"{label}: {_plain(value)}{unit}")
     lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
     return "\n".join(lines + ([] if found.wrong else ["nothing wrong found"]))
 

@@ -53,7 +53,7 @@ def run_info(args: argparse.Namespace, console: Console) -> None:
     for file in args.files:
         loaded = _loaded(args, file)
         statistics = trajectories.statistics(loaded.trajectory)
-        found.append({"file": os.fspath(file), "taken": asdict(loaded.taken), **asdict(statistics)})
+        found.append({"file": os.fspath(file), "taken": asdict(loaded.read_as), **asdict(statistics)})
     console.result({"trajectories": found}, "\n\n".join(_info_text(one) for one in found))
 
 
@@ -118,7 +118,7 @@ def _configure_plot(actions: Actions) -> None:
 def run_plot(args: argparse.Namespace, console: Console) -> None:
     loaded = [(file, _loaded(args, file)) for file in args.files]
     for file, one in loaded:
-        console.note(f"{file}: {one.taken.sentence}")
+        console.note(f"{file}: {one.read_as.sentence}")
     from iclnuim.report import charts as plots  # Matplotlib takes half a second to import
 
     plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
@@ -155,7 +155,7 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
     """The pose that --start gives, and the name of its world."""
     if os.path.exists(args.start):
         loaded = files.read_trajectory(args.start)
-        return loaded.trajectory.T_world_camera[0], loaded.taken.frame
+        return loaded.trajectory.T_world_camera[0], loaded.read_as.frame
     try:
         numbers = np.array([float(part) for part in args.start.split(",")])
     except ValueError:
@@ -281,7 +281,7 @@ def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:
 
 def _read(args: argparse.Namespace, file: str, console: Console) -> Trajectory:
     loaded = _loaded(args, file)
-    console.note(f"{file}: {loaded.taken.sentence}")
+    console.note(f"{file}: {loaded.read_as.sentence}")
     return loaded.trajectory
 
 

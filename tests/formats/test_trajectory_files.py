@@ -33,7 +33,7 @@ def test_tum_is_read_as_it_stands(file):
     np.testing.assert_array_equal(loaded.trajectory.positions_m, [[1, 2, 3], [4, 5, 6]])
     expected = Rotation.from_quat([0, 0, 0.6, 0.8]).as_matrix()
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.rotation[0], expected, atol=1e-15)
-    assert (loaded.taken.format, loaded.taken.handedness) == ("tum", "right")
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("tum", "right")
 
 
 def test_quaternions_of_three_digits_are_normalised(file):
@@ -44,7 +44,7 @@ def test_quaternions_of_three_digits_are_normalised(file):
 def test_whole_number_stamps_are_seconds_unless_told_otherwise(file):
     path = file("a.txt", "".join(f"{i} {i} 0 0 0 0 0 1\n" for i in range(5)))
     loaded = read_trajectory(path)
-    assert loaded.taken.format == "tum" and "tum-ids" in loaded.taken.sentence
+    assert loaded.read_as.format == "tum" and "tum-ids" in loaded.read_as.sentence
     np.testing.assert_array_equal(loaded.trajectory.stamps_s, range(5))
     frames = read_trajectory(path, "tum-ids")
     np.testing.assert_allclose(frames.trajectory.stamps_s, np.arange(5) / 30)
@@ -75,10 +75,10 @@ LEFT = "{id0} 0 0 {z} 0 0 0 1\n{id1} 0.1 0.2 0.3 0.1 0.2 0.3 0.9273618495495704\
 
 def is_left_handed(path, format=None) -> bool:
     loaded = read_trajectory(path, format)
-    assert (loaded.taken.handedness == "left") == (loaded.taken.format == "gt.freiburg")
+    assert (loaded.read_as.handedness == "left") == (loaded.read_as.format == "gt.freiburg")
     # left-handed files come out with y mirrored, right-handed ones as they stand
-    assert loaded.trajectory.positions_m[1, 1] == (-0.2 if loaded.taken.handedness == "left" else 0.2)
-    return loaded.taken.handedness == "left"
+    assert loaded.trajectory.positions_m[1, 1] == (-0.2 if loaded.read_as.handedness == "left" else 0.2)
+    return loaded.read_as.handedness == "left"
 
 
 def test_the_name_makes_a_file_left_handed(file):
@@ -111,7 +111,7 @@ def test_a_converted_file_is_not_mirrored_twice(file, tmp_path):
     write_trajectory(tmp_path / "a.txt", loaded.trajectory, "tum")
     np.testing.assert_array_equal(loaded.trajectory.stamps_s, [1, 2])  # whole seconds at the official start
     again = read_trajectory(tmp_path / "a.txt")
-    assert again.taken.format == "tum"
+    assert again.read_as.format == "tum"
     np.testing.assert_allclose(
         again.trajectory.T_world_camera.matrix, loaded.trajectory.T_world_camera.matrix, atol=1e-9
     )
@@ -138,7 +138,7 @@ def matrix_text(numbered: bool, header: str = "") -> str:
 @pytest.mark.parametrize("numbered", [False, True])
 def test_matrix_rows_are_kitti_poses(file, numbered):
     loaded = read_trajectory(file("00.txt", matrix_text(numbered)))
-    assert (loaded.taken.format, loaded.taken.handedness) == ("kitti", "right")
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("kitti", "right")
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix, atol=1e-14)
     np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, np.arange(4) + (10 if numbered else 0))
 
@@ -149,20 +149,20 @@ def test_matrix_rows_are_kitti_poses(file, numbered):
 )
 def test_matrix_rows_are_in_the_pov_world_where_name_or_header_says_so(file, name, header, numbered):
     loaded = read_trajectory(file(name, matrix_text(numbered, header)))
-    assert (loaded.taken.format, loaded.taken.handedness) == ("pov-matrix", "left")
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("pov-matrix", "left")
     expected = axes.world_cv_from_pov(ROWS)
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, expected.matrix, atol=1e-14)
 
 
 def test_matrix_rows_in_a_folder_named_pov_are_not_in_the_pov_world(file):
-    assert read_trajectory(file("povray/00.txt", matrix_text(False))).taken.format == "kitti"
+    assert read_trajectory(file("povray/00.txt", matrix_text(False))).read_as.format == "kitti"
 
 
 def test_centimetres_are_suspected_in_the_pov_world(file):
     text = "1 0 0 91 0 1 0 465 0 0 1 -292\n"
-    assert "unit cm" in read_trajectory(file("office_pov.txt", text)).taken.sentence
+    assert "unit cm" in read_trajectory(file("office_pov.txt", text)).read_as.sentence
     loaded = read_trajectory(file("office_pov.txt", text), unit_m=0.01)
-    assert "unit cm" not in loaded.taken.sentence
+    assert "unit cm" not in loaded.read_as.sentence
     np.testing.assert_allclose(loaded.trajectory.positions_m, [[-0.91, 2.92, 4.65]])
 
 
@@ -170,7 +170,7 @@ def test_sim_blocks_start_at_image_one(file):
     text = "1 0 0 0.1\n0 1 0 0.2\n0 0 1 -2.25\n\n0 -1 0 1\n1 0 0 2\n0 0 1 3\n"
     for name in ("a.gt.sim", "a.txt"):
         loaded = read_trajectory(file(name, text))
-        assert (loaded.taken.format, loaded.taken.handedness) == ("gt.sim", "left")
+        assert (loaded.read_as.format, loaded.read_as.handedness) == ("gt.sim", "left")
         np.testing.assert_allclose(loaded.trajectory.stamps_s, [1 / 30, 2 / 30])
         np.testing.assert_array_equal(loaded.trajectory.positions_m, [[0.1, -0.2, -2.25], [1, -2, 3]])
         # a quarter turn about z changes its sense in the mirror
@@ -215,7 +215,7 @@ def test_a_folder_of_camera_files_is_a_trajectory(file, tmp_path):
         file(f"cams/scene_00_{i:04d}.txt", CAMERA.replace("[91,", f"[{91 + i},"))
     file("cams/notes.txt", "not a camera")
     loaded = read_trajectory(tmp_path / "cams", unit_m=0.01)
-    assert (loaded.taken.format, loaded.taken.handedness) == ("pov-cameras", "left")
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("pov-cameras", "left")
     np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, [0, 2, 10])
     np.testing.assert_allclose(
         loaded.trajectory.positions_m, [[-0.91, 2.92, 4.65], [-0.93, 2.92, 4.65], [-1.01, 2.92, 4.65]]
@@ -249,7 +249,7 @@ def test_euroc_has_nanoseconds_and_the_scalar_first(file, more):
     text = f"1403636579763555584,1,2,3,0.8,0,0,0.6{more}\n1403636579863555584,4,5,6,1,0,0,0{more}\n"
     text = "#timestamp, p_RS_R_x [m], and so on\n" + text
     loaded = read_trajectory(file("data.csv", text))
-    assert (loaded.taken.format, loaded.taken.handedness) == ("euroc", "right")
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("euroc", "right")
     np.testing.assert_allclose(
         loaded.trajectory.stamps_s, [1403636579.763555584, 1403636579.863555584], rtol=0, atol=5e-7
     )
@@ -271,7 +271,7 @@ def test_euroc_has_nanoseconds_and_the_scalar_first(file, more):
 )
 def test_official_files_have_their_known_lengths(samples, name, format, poses, length_m):
     loaded = read_trajectory(samples / name)
-    assert (loaded.taken.format, loaded.taken.handedness) == (format, "left")
+    assert (loaded.read_as.format, loaded.read_as.handedness) == (format, "left")
     assert len(loaded.trajectory) == poses
     assert loaded.trajectory.length_m() == pytest.approx(length_m, abs=5e-4)
 
@@ -303,6 +303,6 @@ def test_the_offices_ground_truth_goes_through_tum_and_back_unmoved(samples, tmp
 
 def test_every_format_says_in_one_sentence_how_it_was_taken(samples):
     for name in ("trajectories/lr_kt0_Tpov_cam_3x4.txt", "or_kt0/traj0.gt.freiburg"):
-        sentence = read_trajectory(samples / name).taken.sentence
+        sentence = read_trajectory(samples / name).read_as.sentence
         assert "\n" not in sentence and "LEFT-handed" in sentence
     assert all(known.goes_to for known in FORMATS.values() if known.write)

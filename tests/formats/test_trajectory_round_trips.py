@@ -47,7 +47,7 @@ def test_every_writable_format_is_tested():
 def test_a_written_file_is_recognised_and_its_name_names_its_format(tmp_path, format):
     path = tmp_path / NAMES[format]
     write_trajectory(path, random_trajectory(0), format)
-    assert read_trajectory(path).taken.format == format
+    assert read_trajectory(path).read_as.format == format
     assert format_for_name(path) == format
 
 

@@ -1,4 +1,4 @@
-"""Depth in metres to the 16-bit units of a depth image, and what could not be said in them, counted."""
+"""Depth in metres to the 16-bit units of a depth image, and counts of what cannot be stored in them."""
 
 from __future__ import annotations
 

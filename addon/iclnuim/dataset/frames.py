@@ -29,7 +29,7 @@ LoadFrame = Callable[[int], tuple[np.ndarray, np.ndarray]]
 class FrameSource:
     """Frames to make a sequence of. `numbers` (n,), ascending, name them and seed their noise.
 
-    `load(number)` gives scene-linear light (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
+    `load(number)` gives scene-linear RGB (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
     holds the stamp of every frame there is, also of those not asked for; `truth_of(numbers)` the ground truth to
     write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them. `names` and
     `truth_file`: what the images are called, and the bytes of a ground-truth file in TUM format, where a sequence in that format keeps them.
@@ -49,7 +49,7 @@ class FrameSource:
 def run_frames(folder: Path, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
-    `frames` slices the poses of the trajectory; of these, the frames that are there are taken. Raises InputError for a
+    `frames` slices the poses of the trajectory; of these, the frames that exist are used. Raises InputError for a
     folder that is none, and for no frames.
     """
     folder = Path(folder)
@@ -85,7 +85,7 @@ def _run_source(
 
 
 def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w, 3) half or float light and (h, w) float32 planar metres of one EXR frame.
+    """(h, w, 3) half or float scene-linear RGB and (h, w) float32 planar metres of one EXR frame.
 
     Raises InputError where a channel is missing, the size is not the camera's, or Z is only half precision.
     """
@@ -107,7 +107,7 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
 def image_frames(folder: Path, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
     """The pairs of a sequence that somebody has: rgb/ and depth/ as PNG, with or without lists of them, or EuRoC's or NeRF's layout.
 
-    `frames` slices the pairs. Light is the 8-bit colour taken back through the sRGB transfer function. Raises
+    `frames` slices the pairs. RGB is the 8-bit colour, made linear by the inverse of the sRGB transfer function. Raises
     InputError where there are no pairs, or the camera is neither given nor beside the images.
     """
     folder = Path(folder)
@@ -118,7 +118,7 @@ def image_frames(folder: Path, frames: str = "::", camera: SequenceCamera | None
     truth_path = find_truth(folder)
     loaded = read_trajectory(truth_path) if truth_path else None
     truth = loaded.trajectory if loaded else read_truth(folder)
-    is_tum = loaded is not None and loaded.taken.format == "tum"
+    is_tum = loaded is not None and loaded.read_as.format == "tum"
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
         return _read_pair(by_number[number], camera)

@@ -79,7 +79,7 @@ def read_truth(folder: Path) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class SequenceCamera:
-    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where nothing told it."""
+    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where no file gives it."""
 
     pinhole: PinholeCamera
     depth_units_per_metre: float = UNITS_PER_METRE
@@ -106,7 +106,7 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
 
 
 def _read_calibration(path: Path, width: int, height: int) -> PinholeCamera:
-    """The nine numbers of K; the original's fy < 0 says that y points up."""
+    """The nine numbers of K; the original's fy < 0 means that y points up."""
     try:
         k = [float(field) for field in read_text(path).split()]
     except ValueError:

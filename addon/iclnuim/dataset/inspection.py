@@ -113,11 +113,11 @@ def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
     result.wrong += broken[:5] + ([f"{len(broken) - 5} more broken images"] if len(broken) > 5 else [])
     headers = [(kind, c) for (kind, _), c in zip(kinds, checked, strict=True) if isinstance(c, PngHeader)]
     for kind, expected in (("rgb", "8-bit RGB"), ("depth", "16-bit grey")):
-        forms = Counter(str(h) for k, h in headers if k == kind)
-        result.figures[f"{kind}_form"] = ", ".join(forms)
-        if len(forms) > 1:
-            result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {form}" for form, n in forms.items()))
-        wrong = [form for form in forms if not form.endswith(expected)]
+        found = Counter(str(h) for k, h in headers if k == kind)
+        result.figures[f"{kind}_form"] = ", ".join(found)
+        if len(found) > 1:
+            result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items()))
+        wrong = [each for each in found if not each.endswith(expected)]
         if wrong:
             where = result.wrong if kind == "depth" else result.odd
             where.append(f"{kind} images are {wrong[0]}, not {expected}")
@@ -151,7 +151,7 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
         try:
             units = read_depth16(pairs[i].depth)
         except InputError:
-            continue  # told already
+            continue  # reported already
         depths.append((pairs[i].stamp_s, units))
     seen = np.concatenate([units[units > 0] for _, units in depths]) if depths else np.zeros(0)
     if not seen.size:
@@ -248,7 +248,7 @@ def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) ->
 def carried_residual(
     depth_a_z_m: np.ndarray, depth_b_z_m: np.ndarray, T_b_a: SE3, camera: PinholeCamera, step_px: int = 1
 ) -> np.ndarray:
-    """Measured minus expected z in b of every `step_px`-th row and column of a, metres; NaN where it cannot be told."""
+    """Measured minus expected z in b of every `step_px`-th row and column of a, metres; NaN where one of them has no depth."""
     points = camera.unproject(depth_a_z_m)[::step_px, ::step_px]
     shape = points.shape[:2]
     points = T_b_a.apply(points.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""One frame of a sequence: light and depth through a sensor's noise to the pixels that are written."""
+"""One frame of a sequence: RGB and depth through a sensor's noise to the pixels that are written."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ class SequenceSettings:
 
 
 def noisy_images(
-    light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
+    rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
     """One frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and how many pixels of depth became 0, by kind.
 
     Nothing but the arguments decides the result. Raises InputError where a user's own noise returns something else.
     """
     invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
-    image = settings.rgb.apply(light, frame_generator(settings.seed, number, RGB))
+    image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, RGB))
     noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))
-    _check(settings.rgb.name, image, light.shape, np.dtype(np.uint8))
+    _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
     _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
     invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
     return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid

@@ -34,7 +34,7 @@ def pack(
 ) -> int:
     """Write `archive` (.tar.gz) with the files of `folder` below its name, and `extra` files by name; their number.
 
-    SHA256SUMS is of the form that `sha256sum -c` reads. Raises InputError for a folder without a finished recipe, or
+    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished recipe, or
     an unknown licence, WorkError where the archive cannot be written.
     """
     folder = Path(folder)

@@ -24,7 +24,7 @@ KEYS = ("kind", *IDENTITY, "dialects", "versions", "source_commit", "finished", 
 
 
 def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, formats: list[str]) -> dict:
-    """Make `out` with the recipe of a sequence not yet finished, or take up the one begun there.
+    """Make `out` with the recipe of a sequence not yet finished, or resume the one begun there.
 
     Raises InputError where a file is in the way, where other files lie there, or a sequence of another recipe.
     """
@@ -102,12 +102,14 @@ def run_key(recipe: dict) -> str:
 
 
 def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
-    """Of another noise model only its name is told, not all of its settings."""
+    """Of another noise model only the name is reported, not all of its settings."""
     there, asked = _identity(old), _identity(new)
     models = [key for key in asked if key.endswith("_noise model") and there.get(key) != asked[key]]
     settings = tuple(key.removesuffix("model") for key in models)
-    told = [key for key in asked if key in models or not key.startswith(settings)]
-    refuse_other("sequence", file, {k: there.get(k) for k in told}, {k: asked[k] for k in told}, "another folder")
+    reported = [key for key in asked if key in models or not key.startswith(settings)]
+    refuse_other(
+        "sequence", file, {k: there.get(k) for k in reported}, {k: asked[k] for k in reported}, "another folder"
+    )
 
 
 def _identity(recipe: dict) -> dict:

@@ -70,12 +70,12 @@ class SequenceWriter:
     """
 
     def __init__(
-        self, source: FrameSource, variants: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
+        self, source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
     ) -> None:
         keep_freed_memory()
         chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
         self.source = source
-        self.targets = [_target(source, Path(out), settings, chosen) for out, settings in variants.items()]
+        self.targets = [_target(source, Path(out), settings, chosen) for out, settings in sequences.items()]
         self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
 
     def write(
@@ -104,9 +104,9 @@ class SequenceWriter:
         """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread, in any process.
         `note` what it returns, on one thread.
         """
-        light, depth_z_m = self.source.load(number)
+        rgb, depth_z_m = self.source.load(number)
         truth = self.source.truth_images.images(number) if self.source.truth_images else {}
-        return [t.make(number, light, depth_z_m, self.source.camera, truth) for t in self.targets]
+        return [t.make(number, rgb, depth_z_m, self.source.camera, truth) for t in self.targets]
 
     def note(self, entries: list[JournalEntry | None]) -> int:
         """Into the journals; the frame's number."""
@@ -144,16 +144,16 @@ def standing_frames(source: FrameSource, folders: Iterable[Path], formats: Itera
 def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
     """The writer of sequences of frames that may still have to be rendered; folders and recipes are made now.
 
-    `wanted`, as a worker is told: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
+    `wanted`, as a worker receives it: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
     "depth_units": units per metre, 5000 where it is left out}}}. Raises InputError, WorkError.
     """
-    variants = {
+    sequences = {
         Path(folder): SequenceSettings(
             depth_model(v["depth"]), rgb_model(v["rgb"]), v["seed"], v.get("depth_units", UNITS_PER_METRE)
         )
         for folder, v in wanted["variants"].items()
     }
-    return SequenceWriter(frames_of_run(run, truth, numbers), variants, wanted["dialects"])
+    return SequenceWriter(frames_of_run(run, truth, numbers), sequences, wanted["dialects"])
 
 
 def keep_freed_memory() -> None:
@@ -176,11 +176,11 @@ class _Target:
     finished: frozenset[int]
 
     def make(
-        self, number: int, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, truth: dict[str, np.ndarray]
+        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, truth: dict[str, np.ndarray]
     ) -> JournalEntry | None:
         if number in self.finished:
             return None
-        image, units, invalid = noisy_images(light, depth_z_m, camera, number, self.settings)
+        image, units, invalid = noisy_images(rgb, depth_z_m, camera, number, self.settings)
         images = {"rgb": image, "depth": units, **truth}
         digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
         return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)

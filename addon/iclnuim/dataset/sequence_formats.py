@@ -175,7 +175,7 @@ def _write_icl_nuim(folder: Path, contents: Contents, format: SequenceFormat) ->
 
 
 def _check_icl_nuim(contents: Contents) -> None:
-    if contents.depth_units_per_metre != UNITS_PER_METRE:  # no file of this format could say so
+    if contents.depth_units_per_metre != UNITS_PER_METRE:  # no file of this format could hold them
         found = f"{contents.depth_units_per_metre:g}"
         raise InputError(f"{UNITS_PER_METRE:g} depth units a metre for the format icl-nuim", found=found)
     numbers = np.array([frame.number for frame in contents.frames])

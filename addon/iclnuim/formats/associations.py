@@ -1,4 +1,4 @@
-"""Lists of images: `associations.txt` both ways round, told apart by content, and `rgb.txt` / `depth.txt`.
+"""Lists of images: `associations.txt` both ways round, recognised by content, and `rgb.txt` / `depth.txt`.
 
 TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers.
 """

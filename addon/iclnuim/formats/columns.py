@@ -19,9 +19,9 @@ from .trajectory_file import (
     OUR_WORLD,
     OWN_WORLD,
     LoadedTrajectory,
+    ReadAs,
     ReadOptions,
     Source,
-    Taken,
     TrajectoryFormat,
     WriteOptions,
     frame_numbers,
@@ -97,7 +97,7 @@ class Columns:
         trajectory = self.stamps(table, poses, options)
         sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, trajectory))
         handedness = "left" if self.left_handed else "right"
-        return LoadedTrajectory(trajectory, Taken(self.name, handedness, self.world, sentence))
+        return LoadedTrajectory(trajectory, ReadAs(self.name, handedness, self.world, sentence))
 
     def write(self, trajectory: Trajectory, options: WriteOptions) -> str:
         """The text of a file. Raises InputError where the format cannot hold the trajectory."""

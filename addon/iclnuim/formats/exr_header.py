@@ -1,4 +1,4 @@
-"""What an EXR file says of itself, read without any library: parts, size, channels, and whether every chunk is there.
+"""The header of an EXR file, read without any library: parts, size, channels, and whether every chunk is there.
 
 Layout: OpenEXR's "File Layout" page. The libraries print to standard error on a broken file, and trust the size that a
 header claims; so every header is checked here first.
@@ -19,7 +19,7 @@ _TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
 _COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")
 _ROWS_A_CHUNK = dict(zip(_COMPRESSIONS, (1, 1, 1, 16, 32, 16, 32, 32, 32, 256), strict=True))
 _PIXEL_TYPES = ("uint", "half", "float")
-#: A frame beyond these is taken for a broken or hostile header.
+#: A frame beyond these counts as a broken or hostile header.
 _MAX_SIDE_PX, _MAX_PIXEL_BYTES = 65536, 1 << 30
 _LONGEST_HEADER = 1 << 18
 

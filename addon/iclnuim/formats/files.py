@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..errors import InputError, WorkError
 
-#: Stands for this host in temporary names: process numbers alone say nothing on a shared file system.
+#: Stands for this host in temporary names: process numbers alone mean nothing on a shared file system.
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 
 

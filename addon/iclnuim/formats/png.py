@@ -91,7 +91,7 @@ def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | No
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
-    """The whole file, every chunk complete and of the right checksum: OpenCV decodes half a file without a word."""
+    """The whole file, every chunk complete and of the right checksum: OpenCV decodes half a file without an error."""
     data = read_bytes(path, "a PNG image")
     header = _header(path, data)
     place, kind = 8, b""

@@ -21,9 +21,9 @@ from .table import Table, data_lines
 from .trajectory_file import (
     OUR_WORLD,
     LoadedTrajectory,
+    ReadAs,
     ReadOptions,
     Source,
-    Taken,
     TrajectoryFormat,
     WriteOptions,
     frame_numbers,
@@ -65,7 +65,7 @@ def read_commands(source: Source, options: ReadOptions) -> LoadedTrajectory:
         f"pov-commands: LEFT-handed poses in the POV world (y up), turned into {OUR_WORLD}, "
         f"stamps frame/{options.rate_hz:g} s by the number of {counted}"
     )
-    return LoadedTrajectory(trajectory, Taken("pov-commands", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
+    return LoadedTrajectory(trajectory, ReadAs("pov-commands", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
 
 
 def write_commands(trajectory: Trajectory, options: WriteOptions) -> str:
@@ -119,7 +119,7 @@ def read_cameras(source: Source, options: ReadOptions) -> LoadedTrajectory:
         f"pov-cameras: LEFT-handed poses of POV-Ray camera files (y up), turned into {OUR_WORLD}, "
         f"stamps frame/{options.rate_hz:g} s by the number in the file's name"
     )
-    return LoadedTrajectory(trajectory, Taken("pov-cameras", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
+    return LoadedTrajectory(trajectory, ReadAs("pov-cameras", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:

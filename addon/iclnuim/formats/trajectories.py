@@ -1,4 +1,4 @@
-"""The one registry of trajectory formats: told apart by name and content, read, and written where it makes sense."""
+"""The one registry of trajectory formats: recognised by name and content, read, and written where it makes sense."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .columns import COLUMNS
 from .files import atomic_write_text
 from .trajectory_file import (
     LoadedTrajectory,
+    ReadAs,
     ReadOptions,
     Source,
-    Taken,
     TrajectoryFormat,
     WriteOptions,
     check_writable,
@@ -23,7 +23,7 @@ __all__ = [
     "FORMATS",
     "LoadedTrajectory",
     "ReadOptions",
-    "Taken",
+    "ReadAs",
     "WriteOptions",
     "format_for_name",
     "read_trajectory",
@@ -39,7 +39,7 @@ FORMATS = {**pov.FORMATS, **{columns.name: columns.format for columns in COLUMNS
 def read_trajectory(
     path: str | os.PathLike[str], format: str | None = None, *, rate_hz: float = FRAME_RATE_HZ, unit_m: float = 1.0
 ) -> LoadedTrajectory:
-    """A right-handed trajectory of cv camera poses (camera to world, metres) and how the file was taken.
+    """A right-handed trajectory of cv camera poses (camera to world, metres) and how the file was read.
 
     `format` is a name of FORMATS; without it name and content decide. `rate_hz` counts where a file numbers its frames,
     `unit_m` is the file's unit of length (0.01 for the office's POV-Ray files).

@@ -27,7 +27,7 @@ STAMP_SLACK = 0.01
 
 
 @dataclass(frozen=True)
-class Taken:
+class ReadAs:
     """How a file was read: format, handedness of its poses, world of the trajectory made of them, one sentence."""
 
     format: str
@@ -41,7 +41,7 @@ class LoadedTrajectory:
     """A right-handed trajectory of cv camera poses, and how it came out of its file."""
 
     trajectory: Trajectory
-    taken: Taken
+    read_as: ReadAs
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
 def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
     """(n, 3): as they are, but the anchored worlds of gt.freiburg and gt.sim (y down) turned z up."""
     positions_m = loaded.trajectory.positions_m
-    return positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.taken.frame == ANCHORED_WORLD else positions_m
+    return positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.read_as.frame == ANCHORED_WORLD else positions_m
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:

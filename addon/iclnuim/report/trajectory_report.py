@@ -54,7 +54,7 @@ class Source:
         return cls(path, read_trajectory(path, format, rate_hz=rate_hz))
 
     def to_dict(self) -> dict:
-        return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.taken.sentence}
+        return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.read_as.sentence}
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ def _mirror_warning(mirror: MirrorCheck, estimate: Source) -> list[str]:
     advice = (
         "reading it as gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
     )
-    if estimate.loaded.taken.handedness == "left":
+    if estimate.loaded.read_as.handedness == "left":
         advice = "reading it as tum or tum-ids, since it was read as left-handed"
     reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
     return [f"the estimate is mirrored: a reflection leaves {reflected}, the best rotation {rotated}; try {advice}"]

@@ -115,7 +115,7 @@ def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tu
         if not settings.trajectory_file:
             raise InputError("a trajectory file", found="none", hint="choosing one under {trajectory}")
         loaded = read_trajectory(bpy.path.abspath(settings.trajectory_file))
-        return loaded.trajectory, loaded.taken.sentence
+        return loaded.trajectory, loaded.read_as.sentence
     name = _shipped_name(settings)
     return read_trajectory(shipped.trajectory_file(name)).trajectory, name
 
