@@ -32,16 +32,6 @@ class Row:
     printed_length_m: float
     printed_speed_m_s: float
 
-    @property
-    def agrees(self) -> bool:
-        """Frames as printed; length and speed (for the printed duration) as printed to their last digit."""
-        same_length = abs(self.length_m - self.printed_length_m) < 0.0051
-        return self.frames == self.printed_frames and same_length and self.speed_error_m_s < 0.00051
-
-    @property
-    def speed_error_m_s(self) -> float:
-        return abs(self.speed_for_printed_duration_m_s - self.printed_speed_m_s)
-
 
 def rows() -> list[Row]:
     """The eight shipped trajectories in the paper's order."""

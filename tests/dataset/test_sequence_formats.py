@@ -65,7 +65,7 @@ def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_formats, tru
         assert "intrinsics: [48, 48, 31.5, 23.5]" in (mav / sensor / "sensor.yaml").read_text()
     rows = np.loadtxt(mav / "state_groundtruth_estimate0/data.csv", delimiter=",")
     assert np.allclose(rows[:, 1:4], truth.positions_m, atol=1e-8)
-    assert np.allclose(rows[:, 4:], truth.T_world_camera.quat_wxyz, atol=1e-8)
+    assert np.allclose(rows[:, 4:], np.roll(truth.T_world_camera.quat_xyzw, 1, axis=1), atol=1e-8)
 
 
 def test_nerf_poses_project_as_the_cv_camera_does(all_formats, truth):

@@ -166,18 +166,3 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
         shift_x=-(camera.cx - (camera.width - 1) / 2) / camera.width,
         shift_y=(camera.cy - (camera.height - 1) / 2) / camera.width * aspect,
     )
-
-
-def pinhole_from_blender(blender: BlenderCamera) -> PinholeCamera:
-    """The inverse of blender_from_pinhole, so that the panel can show what Blender makes of a K."""
-    width, height = blender.resolution_x, blender.resolution_y
-    aspect = blender.pixel_aspect_y / blender.pixel_aspect_x
-    fx = blender.lens * width / blender.sensor_width
-    return PinholeCamera(
-        width,
-        height,
-        fx,
-        fx / aspect,
-        (width - 1) / 2 - blender.shift_x * width,
-        (height - 1) / 2 + blender.shift_y * width / aspect,
-    )

@@ -65,11 +65,6 @@ class SE3:
         return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
 
     @classmethod
-    def from_quat_wxyz(cls, quat_wxyz: np.ndarray, translation: np.ndarray) -> SE3:
-        """The same with the scalar first, as Blender and Eigen's constructor order it."""
-        return cls.from_quat_xyzw(np.roll(np.asarray(quat_wxyz, float), -1, axis=-1), translation)
-
-    @classmethod
     def exp(cls, twist: np.ndarray) -> SE3:
         """(..., 6): translational part first (metres), rotation vector last (radians)."""
         twist = np.asarray(twist, float)
@@ -93,11 +88,6 @@ class SE3:
     def quat_xyzw(self) -> np.ndarray:
         """(..., 4), scalar last and not negative."""
         return so3.quat_xyzw_from_matrix(self.rotation)
-
-    @property
-    def quat_wxyz(self) -> np.ndarray:
-        """(..., 4), scalar first and not negative."""
-        return np.roll(self.quat_xyzw, 1, axis=-1)
 
     def log(self) -> np.ndarray:
         """(..., 6), the inverse of exp; the rotation vector has a length of at most pi."""
