@@ -22,7 +22,14 @@ def notebook(repository, tmp_path_factory):
 
 def test_the_page_has_an_example_for_each_common_task(repository):
     text = "\n".join(blocks(repository / "docs/python.md"))
-    tasks = ("absolute_trajectory_error", "noisy_depth", "make_sequence", "run_odometers", "render_pose")
+    tasks = (
+        "absolute_trajectory_error",
+        "noisy_depth",
+        "make_sequence",
+        "run_odometers",
+        "render_pose",
+        "fuse_sequence",
+    )
     assert [task for task in tasks if task not in text] == []
 
 
@@ -32,6 +39,7 @@ def test_the_examples_run_and_their_results_are_sound(notebook):
     rows = {run.name: run.to_dict() for run in names["runs"]}
     assert rows["icp_rgbd"]["ate_rmse_m"] < rows["centroid"]["ate_rmse_m"]
     assert all(row["lost"] == 0 for row in rows.values())
+    assert names["error"].statistics.mean < 0.01
     assert names["frame"].depth_z_m.min() > 0 and names["frame"].rgb.shape == (60, 80, 3)
 
 

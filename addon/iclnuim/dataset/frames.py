@@ -46,7 +46,7 @@ class FrameSource:
     truth_file: bytes | None = None
 
 
-def run_frames(folder: Path, frames: str = "::") -> FrameSource:
+def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
     `frames` slices the poses of the trajectory; of these, the frames that exist are used. Raises InputError for a
@@ -104,7 +104,7 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
     return np.stack([channels[c] for c in "RGB"], -1), depth_z_m
 
 
-def image_frames(folder: Path, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
+def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
     """The pairs of a sequence that somebody has: rgb/ and depth/ as PNG, with or without lists of them, or EuRoC's or NeRF's layout.
 
     `frames` slices the pairs. RGB is the 8-bit colour, made linear by the inverse of the sRGB transfer function. Raises

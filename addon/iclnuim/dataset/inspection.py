@@ -47,7 +47,7 @@ class Inspection:
             return None
 
 
-def inspect_sequence(folder: Path) -> Inspection:
+def inspect_sequence(folder: Path | str) -> Inspection:
     """Look through a sequence in TUM's format or the original's. Never raises for what is in the files."""
     folder = Path(folder)
     result = Inspection(folder)

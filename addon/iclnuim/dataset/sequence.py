@@ -51,7 +51,7 @@ class WrittenSequence:
 
 def write_sequence(
     source: FrameSource,
-    out: Path,
+    out: Path | str,
     settings: SequenceSettings | None = None,
     formats: Iterable[str] = ("tum",),
     workers: int | None = None,

@@ -80,7 +80,7 @@ def check_ply(path: Path) -> None:
 
 
 def write_ply(
-    path: Path,
+    path: Path | str,
     points: np.ndarray,
     triangles: np.ndarray | None = None,
     *,

@@ -31,7 +31,7 @@ class Surface:
 
 
 def fuse_sequence(
-    folder: Path,
+    folder: Path | str,
     trajectory: Trajectory,
     settings: FuseSettings | None = None,
     progress: Callable | None = None,

@@ -15,11 +15,12 @@ from ..geometry.se3 import SE3
 MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 
 
-def read_points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def read_points(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """points (n, 3), triangles (m, 3), colours (n, 3) uint8 or (n, 0) of a mesh or a point cloud, which has m = 0; polygons become triangles.
 
     Raises InputError for a file that is neither, is empty or has coordinates that are not finite, WorkError where open3d is missing.
     """
+    path = Path(path)
     if path.suffix.lower() not in MESH_ENDINGS:
         raise InputError(f"a mesh ({', '.join(MESH_ENDINGS)})", path=path, found=path.suffix or "no ending")
     if not path.is_file():
@@ -38,7 +39,7 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, triangles, colours
 
 
-def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of a mesh. Raises InputError also where there is no triangle."""
     points, triangles, colours = read_points(path)
     if not len(triangles):

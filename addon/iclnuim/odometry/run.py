@@ -34,7 +34,7 @@ class Sequence:
     Raises InputError where there are no images, or no camera is known.
     """
 
-    def __init__(self, folder: Path, depth_offset: float = 0.0, camera: SequenceCamera | None = None) -> None:
+    def __init__(self, folder: Path | str, depth_offset: float = 0.0, camera: SequenceCamera | None = None) -> None:
         if not abs(depth_offset) <= MAX_OFFSET:
             raise InputError(f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset)
         self.folder, self.depth_offset = Path(folder), depth_offset
@@ -128,18 +128,19 @@ class Run:
 
 def run_together(
     odometers: Iterable[Odometer],
-    sequence: Sequence,
+    sequence: Sequence | Path | str,
     policy: str = "hold",
     progress: Callable | None = None,
     frames: int | None = None,
     against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
 ) -> list[Run]:
-    """Each frame of a sequence, or of its first `frames`, is read once and given to one odometer after the other.
+    """Each frame of a sequence (or its folder), or of its first `frames`, is read once and given to one odometer after the other.
 
     So all see the machine at the same moments. `progress(total, label)` makes something with advance(). `against` makes
     what frames are aligned against; default: what each odometer asks for.
     """
     odometers = list(odometers)
+    sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
     camera = sequence.camera.pinhole
     trackers = [Tracker(o, camera, policy, against(o, camera) if against else None) for o in odometers]
     tracked: list[list[Tracked]] = [[] for _ in odometers]
@@ -154,11 +155,11 @@ def run_together(
     return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
 
 
-def table(runs: list[dict]) -> str:
-    """Of Run.to_dict(): times without reading, 1/s from their mean."""
+def table(runs: Iterable[Run | dict]) -> str:
+    """Of runs, or what their to_dict() gave: one row each; ms and frames a second without reading the images, ATE and RPE over 1 s as RMSE."""
     head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
     lines = [f"{'odometer':<26}{head}"]
-    for r in runs:
+    for r in (run.to_dict() if isinstance(run, Run) else run for run in runs):
         ate, rpe = ("-" if r[k] is None else f"{r[k] * 1e3:.3f}" for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
         rate = f"{r['frames_per_s']:.1f}" if r.get("frames_per_s") else "-"
         figures = f"{r['frames']:>7}{r['lost']:>6}{r['degenerate']:>8}{r['ms_median']:>8.1f}{r['ms_95']:>8.1f}"
