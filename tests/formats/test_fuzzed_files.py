@@ -41,16 +41,10 @@ CAMERA = (
 )
 
 NAMES = {
-    "tum": "a.txt",
-    "tum-ids": "ids.txt",
-    "kitti": "a.kitti",
-    "pov-matrix": "a_pov.txt",
-    "gt.freiburg": "a.gt.freiburg",
-    "gt.sim": "a.gt.sim",
-    "pov-commands": "commands.txt",
-    "euroc": "a.csv",
-    "pov-cameras": "cams/scene_0001.txt",
-}
+    name: f"a{known.endings[-1]}" if known.endings else f"a_{known.word}.txt"
+    for name, known in FORMATS.items()
+    if known.write
+} | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt"}
 
 
 def flip_bytes(rng, data: bytes) -> bytes:

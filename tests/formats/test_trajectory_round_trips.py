@@ -7,17 +7,13 @@ from iclnuim.formats.trajectories import FORMATS, WriteOptions, format_for_name,
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
-#: A name under which each format is recognised.
+#: A name under which each format that can be written is recognised; a new format joins these tests by its entry in FORMATS.
 NAMES = {
-    "tum": "path.txt",
-    "kitti": "path.kitti",
-    "pov-matrix": "path_pov.txt",
-    "gt.freiburg": "path.gt.freiburg",
-    "gt.sim": "path.gt.sim",
-    "pov-commands": "commands.txt",
-    "euroc": "path.csv",
+    name: f"path{known.endings[-1]}" if known.endings else f"path_{known.word}.txt"
+    for name, known in FORMATS.items()
+    if known.write
 }
-KEEPS_THE_WORLD = ["tum", "kitti", "pov-matrix", "pov-commands", "euroc"]
+KEEPS_THE_WORLD = [name for name in NAMES if name not in ("gt.freiburg", "gt.sim")]
 TOLERANCE = 1e-9
 
 
@@ -39,8 +35,8 @@ def assert_same(a: SE3, b: SE3) -> None:
     np.testing.assert_allclose(a.rotation, b.rotation, rtol=0, atol=TOLERANCE)
 
 
-def test_every_writable_format_is_tested():
-    assert set(NAMES) == {name for name, known in FORMATS.items() if known.write}
+def test_the_formats_that_can_be_written():
+    assert {"tum", "kitti", "pov-matrix", "gt.freiburg", "gt.sim", "pov-commands", "euroc"} <= set(NAMES)
 
 
 @pytest.mark.parametrize("format", NAMES)

@@ -133,6 +133,18 @@ def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_
     assert (tmp_path / "both/euroc/mav0/cam0/data/1305031102175304000.png").is_file()
 
 
+def test_the_originals_poses_keep_every_character_in_their_own_format(raw, tmp_path, capsys):
+    own = tmp_path / "own"
+    assert main(["dataset", str(raw), str(own), "--format", "icl-nuim", "--quiet"]) == 0
+    poses = "1 0 0 -2.25 0 0 0 1\n2 0.0004725 0.0089707 -2.2506 -0.00101357 0.000506464 -0.000268899 0.999999\n"
+    (own / "groundtruth.gt.freiburg").unlink()
+    (own / "traj9.gt.freiburg").write_text(poses)
+    command = ["noise", str(own), str(tmp_path / "out"), "--depth-noise", "paper", "--camera", "64x48", "--quiet"]
+    assert main([*command, "--format", "icl-nuim"]) == 0
+    assert (tmp_path / "out/groundtruth.gt.freiburg").read_text() == poses
+    assert (tmp_path / "out/associations.txt").read_text() == (own / "associations.txt").read_text()
+
+
 def test_names_that_could_not_stand_in_another_folder_are_replaced(freiburg, tmp_path, capsys):
     lines = [f"{a} rgb/{a}.png {b} ../fr1/depth/{b}.png" for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)]
     (freiburg / "associations.txt").write_text("\n".join(lines))

@@ -32,7 +32,7 @@ class FrameSource:
     `load(number)` gives scene-linear RGB (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
     holds the stamp of every frame there is, also of those not asked for; `truth_of(numbers)` the ground truth to
     write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them. `names` and
-    `truth_file`: what the images are called, and the bytes of a ground-truth file in TUM format, where a sequence in that format keeps them.
+    `truth_file`: what the images are called, and format and bytes of a ground-truth file, where a sequence in the same format keeps them.
     """
 
     camera: PinholeCamera
@@ -43,7 +43,7 @@ class FrameSource:
     origin: dict
     truth_images: TruthImages | None = None
     names: Mapping[int, PairNames] = field(default_factory=dict)
-    truth_file: bytes | None = None
+    truth_file: tuple[str, bytes] | None = None
 
 
 def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
@@ -118,7 +118,6 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     truth_path = find_truth(folder)
     loaded = read_trajectory(truth_path) if truth_path else None
     truth = loaded.trajectory if loaded else read_truth(folder)
-    is_tum = loaded is not None and loaded.read_as.format == "tum"
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
         return _read_pair(by_number[number], camera)
@@ -132,7 +131,7 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
         "names": "kept" if kept else "by frame number",
     }
     stamps_s = {p.number: p.stamp_s for p in pairs}
-    truth_file = read_bytes(truth_path) if truth_path and is_tum else None
+    truth_file = (loaded.read_as.format, read_bytes(truth_path)) if loaded and truth_path else None
     return FrameSource(
         camera.pinhole, numbers, stamps_s, load, lambda some: truth, origin, names=kept, truth_file=truth_file
     )

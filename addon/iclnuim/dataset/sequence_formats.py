@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..formats.associations import Associations, ImageList, write_associations, write_image_list
 from ..formats.files import atomic_write, atomic_write_text, write_json
-from ..formats.trajectories import WriteOptions, write_trajectory
+from ..formats.trajectories import write_trajectory
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory, sample
@@ -49,15 +49,15 @@ class SequenceFrame:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What the text files say: frames in order, camera, ground truth (None where there is none), and the bytes of a ground-truth file
-    in TUM format that is to be kept as it is.
+    """What the text files say: frames in order, camera, ground truth (None where there is none), and the format and bytes of a
+    ground-truth file, which a sequence in that format keeps as it is.
     """
 
     camera: PinholeCamera
     frames: tuple[SequenceFrame, ...]
     truth: Trajectory | None
     depth_units_per_metre: float = UNITS_PER_METRE
-    truth_file: bytes | None = None
+    truth_file: tuple[str, bytes] | None = None
 
     @cached_property
     def stamps_s(self) -> np.ndarray:
@@ -111,11 +111,16 @@ def _write_tum(folder: Path, contents: Contents, format: SequenceFormat) -> None
     camera = {**contents.camera.to_dict(), "depth_units_per_metre": contents.depth_units_per_metre}
     write_json(folder / "camera.json", camera)
     atomic_write_text(folder / "orb_slam3.yaml", _orb_slam3_settings(contents))
-    kept = contents.truth_file
-    if kept is not None:
-        atomic_write(folder / "groundtruth.txt", lambda temporary: temporary.write_bytes(kept))
+    _write_truth(folder / "groundtruth.txt", contents, "tum")
+
+
+def _write_truth(path: Path, contents: Contents, format: str) -> None:
+    """A ground-truth file, where there is ground truth."""
+    kept_format, data = contents.truth_file or ("", b"")
+    if kept_format == format:
+        atomic_write(path, lambda temporary: temporary.write_bytes(data))
     elif contents.truth is not None:
-        write_trajectory(folder / "groundtruth.txt", contents.truth, "tum")
+        write_trajectory(path, contents.truth, format)
 
 
 def _orb_slam3_settings(contents: Contents) -> str:
@@ -171,7 +176,7 @@ def _write_icl_nuim(folder: Path, contents: Contents, format: SequenceFormat) ->
     rows = ((c.fx, 0, c.cx), (0, -c.fy, c.cy), (0, 0, 1))
     atomic_write_text(folder / "calibration.txt", "".join(f"{a:.6f} {b:.6f} {d:.6f}\n" for a, b, d in rows))
     if contents.truth is not None and len(contents.truth) > (contents.truth.stamps_s[0] == 0):
-        write_trajectory(folder / "groundtruth.gt.freiburg", contents.truth, "gt.freiburg", WriteOptions())
+        _write_truth(folder / "groundtruth.gt.freiburg", contents, "gt.freiburg")
 
 
 def _check_icl_nuim(contents: Contents) -> None:

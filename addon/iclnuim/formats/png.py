@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -55,26 +56,17 @@ def check_png(path: str | os.PathLike[str]) -> PngHeader:
 
 def read_rgb8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
     """(height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey repeated. Raises InputError otherwise."""
-    data, header = _checked(path)
-    if header.bits != 8:
-        raise InputError("an 8-bit colour PNG", path=path, found=str(header))
-    return _decode(path, data, header, backend, 3)
+    return _read(path, "an 8-bit colour PNG", 8, _COLOURS.values(), 3, backend)
 
 
 def read_depth16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
     """(height, width) uint16, raw units. Raises InputError for anything but a 16-bit grey PNG."""
-    data, header = _checked(path)
-    if header.bits != 16 or header.colour != "grey":
-        raise InputError("a 16-bit grey depth PNG", path=path, found=str(header))
-    return _decode(path, data, header, backend, 1)[..., 0]
+    return _read(path, "a 16-bit grey depth PNG", 16, ("grey",), 1, backend)[..., 0]
 
 
 def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
     """(height, width, 3) uint16 in the order R, G, B: three measures a pixel, such as normals. Raises InputError otherwise."""
-    data, header = _checked(path)
-    if header.bits != 16 or header.colour != "RGB":
-        raise InputError("a 16-bit RGB PNG", path=path, found=str(header))
-    return _decode(path, data, header, backend, 3)
+    return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
 
 
 def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
@@ -110,13 +102,8 @@ def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
 
 def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     if data[:8] != _SIGNATURE:
-        found = (
-            "an empty file"
-            if not data
-            else "a JPEG"
-            if data[:2] == b"\xff\xd8"
-            else f"a file that starts with {data[:4]!r}"
-        )
+        kind = "a JPEG" if data[:2] == b"\xff\xd8" else f"a file that starts with {data[:4]!r}"
+        found = kind if data else "an empty file"
         raise InputError("a PNG image", path=path, found=found)
     if len(data) < 33 or data[12:16] != b"IHDR":
         raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
@@ -126,15 +113,18 @@ def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     return PngHeader(width, height, bits, _COLOURS.get(colour, f"colour type {colour}"))
 
 
-def _decode(
-    path: str | os.PathLike[str], data: bytes, header: PngHeader, backend: str | None, channels: int
+def _read(
+    path: str | os.PathLike[str], expected: str, bits: int, colours: Collection[str], channels: int, backend: str | None
 ) -> np.ndarray:
+    """(height, width, channels)."""
+    data, header = _checked(path)
+    if header.bits != bits or header.colour not in colours:
+        raise InputError(expected, path=path, found=str(header))
     name, module = first_library("PNG", *([backend] if backend else BACKENDS))
-    image = (
-        _read_cv2(module, data, header, channels)
-        if name == "cv2"
-        else _read_oiio(module, os.fspath(path), header, channels)
-    )
+    if name == "cv2":
+        image = _read_cv2(module, data, header, channels)
+    else:
+        image = _read_oiio(module, os.fspath(path), header, channels)
     if image is None or image.shape != (header.height, header.width, channels):
         raise InputError("a whole PNG image", path=path, found="pixels that cannot be decoded", hint=_AGAIN)
     return image
