@@ -20,20 +20,20 @@ from .options import check_pictures, option_name
 
 #: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
 COMMANDS = {
-    "make": "all of it: bake, render, clean and noisy TUM sequence",
+    "make": "bake, render, and write a clean and a noisy sequence",
     "render": "render a sequence: EXR frames with RGB and exact depth",
     "status": "what is done in an output folder, and what is missing",
-    "resume": "go on with what was begun in an output folder",
+    "resume": "resume what was begun in an output folder",
     "task": "one task of a render farm: light, some frames, or the data set",
     "compare": "are two folders' frames the same, to the byte or by tolerance",
     "bake": "a scene's light map into the cache",
-    "dataset": "EXR frames to a TUM sequence, with a sensor's noise",
+    "dataset": "EXR frames to a sequence, with a sensor's noise",
     "noise": "the same noise on a sequence that you have; noise calibrate fits it to a sensor",
-    "inspect": "what is wrong with a sequence that anyone made; preview pictures",
+    "inspect": "problems of any RGB-D sequence; preview images",
     "pack": "the archive to publish: files, checksums, licence, preview, recipe",
-    "evaluate": "against the truth: trajectory error (ate, rpe), surface error (surface)",
-    "odometry": "camera motion from colour and depth: ours and others' odometers",
-    "fuse": "depth images and a trajectory to a coloured surface",
+    "evaluate": "errors against ground truth: trajectory (ate, rpe), surface (surface)",
+    "odometry": "camera motion from colour and depth: our odometers and third-party ones",
+    "fuse": "depth images and a trajectory to a coloured mesh",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",
     "surface": "the scene as a surface, PLY or OBJ with textures; or what a trajectory saw of it",
@@ -41,7 +41,7 @@ COMMANDS = {
     "check-depth": "cast the same rays independently and compare the depth",
     "bench": "measurements: time, error, and where they go",
     "extension": "the Blender extension as a zip",
-    "doctor": "what is installed, what is missing, and how to mend it",
+    "doctor": "what is installed, what is missing, and how to install it",
 }
 
 
@@ -104,7 +104,7 @@ def _overview() -> str:
     width = max(map(len, COMMANDS))
     lines = [f"  {name:<{width}}  {text}" for name, text in COMMANDS.items()]
     return "\n".join(
-        ["usage: iclnuim COMMAND ...", "", *lines, "", "iclnuim COMMAND --help tells more; iclnuim --version."]
+        ["usage: iclnuim COMMAND ...", "", *lines, "", "iclnuim COMMAND --help describes a command; iclnuim --version."]
     )
 
 

@@ -1,4 +1,4 @@
-"""What a command says: results on standard output, notes and progress on standard error."""
+"""Output of commands: results on standard output, notes and progress on standard error."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Progress:
         self.terminal = sys.stderr.isatty()
 
     def begin(self) -> None:
-        """The clock starts now: what came before was preparation, and says nothing about the time left."""
+        """Start the clock: what came before was preparation, which tells nothing about the time left."""
         if not self.done:
             self.started = time.monotonic()
 

@@ -94,7 +94,7 @@ def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> 
 
 
 class _Renamed(argparse.Action):
-    """Stores the value (True where the option takes none), and says what the option is called now."""
+    """Stores the value (True where the option takes none), and prints the option's new name."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, new: str, append: bool = False, **how: Any) -> None:
         super().__init__(option_strings, dest, **how)

@@ -8,7 +8,7 @@ from iclnuim.geometry.scene_axes import SceneReading, parse_unit
 
 from .options import add_settings, renamed, settings_from
 
-#: For help texts; what is taken is told by iclnuim.blender.user_scene.
+#: For help texts; iclnuim.blender.user_scene decides.
 KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 

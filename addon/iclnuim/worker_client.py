@@ -101,7 +101,7 @@ class WorkerClient:
         return time.monotonic() - self._last_s
 
     def send(self, command: Mapping[str, Any]) -> None:
-        """Never fails: where the process has ended, its Exited event says how."""
+        """Never fails: where the process has ended, its Exited event has the exit code."""
         self._last_s = time.monotonic()
         assert self._process.stdin is not None
         with suppress(OSError, ValueError):

@@ -108,7 +108,7 @@ def _queue(raw: Path) -> str | None:
 
 
 def _holder(lock: Path) -> str | None:
-    """Who has the folder, as its lock says."""
+    """The process that holds the folder's lock."""
     try:
         content = json.loads(lock.read_text("utf-8"))
         return f"process {content['pid']} on {content['host']}"

@@ -1,1 +1,1 @@
-"""The farm: frames that are missing, split into chunks, rendered by many workers. What is done, the output folder alone says."""
+"""The farm: frames that are missing, split into chunks, rendered by many workers. Only the output folder decides what is done."""

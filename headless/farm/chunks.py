@@ -1,4 +1,4 @@
-"""How a run is divided: missing frames into chunks, a machine's cores among workers. What is done, the output folder alone says."""
+"""How a run is divided: missing frames into chunks, a machine's cores among workers. Only the output folder decides what is done."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from iclnuim.errors import InputError
 
 #: Frames that one worker renders in one go.
 Chunk = tuple[int, ...]
-#: Threads a worker takes unless the number of workers says otherwise: `iclnuim bench farm` measures them. One alone would spin.
+#: Threads a worker takes unless the number of workers says otherwise: `iclnuim bench farm` measures them. A single thread would busy-wait.
 THREADS = {"baked": 2, "path": 2}
 
 

@@ -16,7 +16,6 @@ from iclnuim.formats.files import sha256, write_json
 from iclnuim.job import RenderJob
 
 from .run_plan import RunPlan
-from .slurm_settings import SlurmSettings
 
 #: Fewer frames than this say little.
 MIN_FRAMES = 3
@@ -104,9 +103,6 @@ class Estimate:
     dataset_minutes: float
     figures: str
 
-    def to_dict(self) -> dict:
-        return asdict(self)
-
     def text(self) -> str:
         baked = (
             f", {self.bake_core_hours:.2f} of them for the light unless it is cached" if self.bake_core_hours else ""
@@ -120,22 +116,22 @@ class Estimate:
         )
 
 
-def estimate(plan: RunPlan, chunks: list[int], known: Figures, settings: SlurmSettings) -> Estimate:
+def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     """`chunks`: frames of each task still to be run."""
-    frames, most, cpus = sum(chunks), max(chunks, default=0), settings.cpus
+    frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
     vga = plan.job.camera.width * plan.job.camera.height / (640 * 480)
     texels = plan.job.map_size**2 * plan.job.map_samples / (2048**2 * 32)
     bake_s = BAKE_CORE_S * texels if plan.job.light == "baked" and chunks else 0.0
     pairs_s = PAIR_CORE_S * vga * len(plan.numbers) if plan.sequences is not None else 0.0
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
-    task_s = known.start_s + known.frame_core_s * most / cpus
-    rounds = ceil(len(chunks) / settings.at_once)
+    task_s = known.start_s + known.frame_core_s * largest / cpus
+    rounds = ceil(len(chunks) / plan.slurm.at_once)
     light_s, dataset_s = known.start_s + bake_s / cpus, 10 + pairs_s / cpus
     wall_s = (light_s + rounds * task_s if chunks else 0) + (dataset_s if plan.sequences is not None else 0)
     return Estimate(
         frames=frames,
         tasks=len(chunks),
-        frames_a_task=most,
+        frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
         gigabytes=_gigabytes(plan, frames),

@@ -43,11 +43,7 @@ def _render_and_write(run: LocalRun, writer: SequenceWriter, stopped: Callable[[
     plan = run.plan
     stage = SequenceStage(writer, run.run, len(own_cores()), plan.keep_raw)
     try:
-        there = set(run.run.frame_numbers()).intersection(plan.numbers)
-        finished = there.difference(run.run.missing(sorted(there)))
-        for number in sorted(finished):
-            stage.add(number)
-        missing = [n for n in writer.missing if n not in finished]
+        missing = stage.add_finished(plan.numbers)
         outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)
     finally:
         stage.close()

@@ -35,7 +35,7 @@ class WorkerError(IclnuimError):
 
 @dataclass
 class Outcome:
-    """Frames done in this run; frames given up, with the log that says why; whether a stop was asked for; workers that died."""
+    """Frames done in this run; frames given up, with the log of the worker; whether a stop was asked for; workers that died."""
 
     done: set[int] = field(default_factory=set)
     failed: dict[int, Path] = field(default_factory=dict)

@@ -19,7 +19,7 @@ BEAT_S, STALE_S = 5.0, 90.0
 
 
 class OutputLock:
-    """`with OutputLock(folder):` holds it. Raises WorkError that says who works there already.
+    """`with OutputLock(folder):` holds it. Raises WorkError that names who works there already.
 
     The file appears by a hard link, which is atomic on NFS too.
     """
@@ -81,7 +81,7 @@ class OutputLock:
         return True
 
     def _holder(self) -> dict | None:
-        """What the file says; {} where it cannot be read, None where there is none."""
+        """The content of the file; {} where it cannot be read, None where there is none."""
         try:
             content = json.loads(self.path.read_text("utf-8"))
         except FileNotFoundError:

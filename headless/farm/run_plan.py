@@ -95,7 +95,7 @@ class RunPlan:
         }
 
     def missing(self) -> list[int]:
-        """Frames that are neither finished nor turned into pairs, as the folder alone says."""
+        """Frames that are neither finished nor turned into pairs, by the files of the folder."""
         if not (self.raw / "sequence.json").is_file():
             return list(self.numbers)
         run, made = read_run(self.raw), set()

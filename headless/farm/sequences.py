@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.journal import JournalEntry
@@ -36,6 +36,14 @@ class SequenceStage:
             self._pool.add(number)
         else:
             self._drop(number)
+
+    def add_finished(self, numbers: Iterable[int]) -> list[int]:
+        """Add those of `numbers` that are rendered already; the frames that the sequences still lack then."""
+        there = sorted(set(self._raw.frame_numbers()).intersection(numbers))
+        finished = set(there).difference(self._raw.missing(there))
+        for number in sorted(finished):
+            self.add(number)
+        return [n for n in self._writer.missing if n not in finished]
 
     @property
     def broken(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import ceil
 from typing import Any
 
@@ -32,7 +32,7 @@ Chunks = tuple[Chunk, ...]
 
 @dataclass(frozen=True)
 class Batch:
-    """Jobs to be handed over: the frames of each array's tasks, and what they are expected to take; tasks that wait or run already."""
+    """Jobs to be submitted: the frames of each array's tasks, and what they are expected to take; tasks that wait or run already."""
 
     arrays: tuple[Chunks, ...]
     light: bool
@@ -82,7 +82,7 @@ def _show(plan: RunPlan, console: Console) -> None:
         console.note(f"as for an empty queue: {error}")
         batch = prepare(plan, ask=False)
     texts = scripts(plan, batch)
-    values = {"scripts": texts, "estimate": batch.estimate.to_dict()}
+    values = {"scripts": texts, "estimate": asdict(batch.estimate)}
     titled = [f"# job {k} of {len(texts)}\n{text}" for k, text in enumerate(texts, 1)]
     console.result(values, "\n".join([*titled, batch.estimate.text()]))
 
@@ -100,21 +100,21 @@ def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     waiting = slurm_queue.in_queue(jobs)
     taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
     missing = [n for n in plan.missing() if n not in taken]
-    settings, known = plan.slurm, known_figures(plan.job)
-    size = size_for_seconds(60 * settings.chunk_minutes, known.frame_core_s / settings.cpus)
+    known = known_figures(plan.job)
+    size = size_for_seconds(60 * plan.slurm.chunk_minutes, known.frame_core_s / plan.slurm.cpus)
     chunks = tuple(chunks_of(missing, size))
     most = slurm_queue.max_array_size() if ask else slurm_queue.MAX_ARRAY_SIZE
     return Batch(
         arrays=_arrays(chunks, most),
         light=bool(chunks),
         dataset=plan.sequences is not None and (bool(chunks) or not (_dataset_waits(jobs, waiting) or complete(plan))),
-        estimate=estimate(plan, [len(frames) for frames in chunks], known, settings),
+        estimate=estimate(plan, [len(frames) for frames in chunks], known),
         waiting=waiting,
     )
 
 
 def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
-    """Hand the batch over. What was handed over before a failure is cancelled. Raises WorkError in Slurm's own words."""
+    """Submit the batch; what was submitted before a failure is cancelled. Raises WorkError with Slurm's message."""
     executor = _executor(plan)
     from submitit.core.utils import FailedJobError, FailedSubmissionError
 
@@ -149,7 +149,7 @@ def scripts(plan: RunPlan, batch: Batch) -> list[str]:
 
 
 def complete(plan: RunPlan) -> bool:
-    """Whether every sequence says of itself that it is finished, with all frames asked for."""
+    """Whether the recipe of every sequence is finished, with all frames asked for."""
     files = [folder / "recipe.json" for folder in plan.variants()]
     recipes = [read_recipe(file) for file in files if file.is_file()]
     counts = [recipe["frames"]["count"] for recipe in recipes if recipe.get("finished")]
@@ -211,7 +211,7 @@ def _scratch(folder: str | None) -> list[str]:
 
 
 def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
-    """Frames after the light if it was good; the data set after all others whatever became of them: it says what is missing."""
+    """Frames after the light if it was good; the data set after all others, successful or not: it reports what is missing."""
     if stage == "light":
         return None
     if stage == "frames":
@@ -230,10 +230,11 @@ def _dataset_waits(jobs: list[Submitted], waiting: dict[str, str]) -> bool:
 
 
 def _refuse_other_job(plan: RunPlan) -> None:
-    """Said before submitting, not by a log hours later. A worker may settle for no denoising, and for path tracing where things move."""
+    """Refused before submitting, not by a log hours later. A worker may settle for no denoising, and for path tracing where things move."""
     if not (plan.raw / "sequence.json").is_file():
         return
     there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
     settled = {"light", "samples"} if (there.get("light"), asked["light"]) == ("path", "baked") else set()
     names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
-    refuse_other("run", plan.raw, *({k: job.get(k) for k in names} for job in (there, asked)), hint="another {out}")
+    begun, wanted = ({name: job.get(name) for name in names} for job in (there, asked))
+    refuse_other("run", plan.raw, begun, wanted, "another {out}")

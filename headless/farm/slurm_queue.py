@@ -1,4 +1,4 @@
-"""What a Slurm says of itself and of our jobs: array size, who is still in the queue. Never whether a frame is done."""
+"""Queries to Slurm: array size, which of our jobs are still in the queue. Whether a frame is done is never asked there."""
 
 from __future__ import annotations
 

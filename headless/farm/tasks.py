@@ -70,13 +70,9 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
         writer = SequenceWriter(source, plan.variants(), plan.formats)
         stage = SequenceStage(writer, run, len(granted_cores()), plan.keep_raw, on_frame)
         try:
-            there = sorted(set(run.frame_numbers()).intersection(plan.numbers))
-            finished = set(there).difference(run.missing(there))
-            for number in sorted(finished):
-                stage.add(number)
+            lacking = stage.add_finished(plan.numbers)
         finally:
             stage.close()
-        lacking = [n for n in writer.missing if n not in finished]
         if lacking:
             raise WorkError(
                 f"{plan.out}: {len(lacking)} of {len(plan.numbers)} frames are not rendered (the first is {lacking[0]}); "
