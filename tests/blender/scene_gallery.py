@@ -1,0 +1,472 @@
+"""A gallery of awkward scenes, each a few polygons: what foreign files do that light maps and depth must survive or refuse. Needs bpy.
+
+Every function of GALLERY fills the emptied Blender scene, around a room of 4 x 4 x 2.5 m seen from one of its corners.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+#: Position and quaternion (x y z w) of a camera in a corner of the room that looks across it, slightly down.
+POSE = "0.000000 -1.6 -1.6 1.5 -0.727534 0.301354 -0.235865 0.569428"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """fill: fills the empty scene, or writes a file at the path it is given and returns that. light: what the frames must be made by.
+
+    light is `baked`, `path`, or `either`; note: words that a note or error must have; refused: the file must be refused.
+    """
+
+    fill: Callable[[Path], Path | None]
+    light: str = "baked"
+    note: str = ""
+    refused: bool = False
+
+
+GALLERY: dict[str, Scene] = {}
+
+
+def scene(light: str = "baked", note: str = "", refused: bool = False) -> Callable:
+    """Put a function into the gallery under its name."""
+
+    def add(fill: Callable) -> Callable:
+        GALLERY[fill.__name__] = Scene(fill, light, note, refused)
+        return fill
+
+    return add
+
+
+def make(name: str, folder: Path) -> Path:
+    """Write a scene of the gallery into `folder` and return its file."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    written = GALLERY[name].fill(folder)
+    if written is not None:
+        return written
+    path = folder / f"{name}.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def material(name: str, colour: tuple[float, float, float] = (0.7, 0.7, 0.7), **inputs: object) -> bpy.types.Material:
+    """A Principled surface without gloss; `inputs` by their names with `_` for spaces."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    node = made.node_tree.nodes["Principled BSDF"]
+    values = {"Base_Color": (*colour, 1.0), "Specular_IOR_Level": 0.0, "Roughness": 0.8, **inputs}
+    for key, value in values.items():
+        node.inputs[key.replace("_", " ")].default_value = value
+    return made
+
+
+def mesh(name: str, vertices: list, faces: list, surface: bpy.types.Material | None = None) -> bpy.types.Object:
+    """One object of a mesh in world coordinates."""
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(vertices, [], faces)
+    if surface is not None:
+        data.materials.append(surface)
+    made = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(made)
+    return made
+
+
+def box(name: str, low: tuple, high: tuple, surface: bpy.types.Material | None = None, inward: bool = False) -> bpy.types.Object:
+    """A closed box; `inward`: its normals point to its inside."""
+    corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return mesh(name, corners, [face[::-1] for face in faces] if inward else faces, surface)
+
+
+def lamp(place: tuple = (0.5, 0.3, 2.1), watts: float = 60.0, radius: float = 0.15, kind: str = "POINT") -> bpy.types.Object:
+    """A lamp of the scene."""
+    data = bpy.data.lights.new("lamp", kind)
+    data.energy = watts
+    if kind == "AREA":
+        data.size = 2 * radius
+    else:
+        data.shadow_soft_size = radius
+    made = bpy.data.objects.new("lamp", data)
+    made.location = place
+    bpy.context.scene.collection.objects.link(made)
+    return made
+
+
+def room(inward: bool = True, furnished: bool = True, lit: bool = True) -> None:
+    """Walls, a box of another colour on the floor, a lamp under the ceiling."""
+    box("room", (-2, -2, 0), (2, 2, 2.5), material("walls", (0.7, 0.65, 0.6)), inward=inward)
+    if furnished:
+        box("box", (0.3, 0.2, 0.0), (1.0, 1.1, 0.7), material("red", (0.7, 0.2, 0.15)))
+    if lit:
+        lamp()
+
+
+def collection(name: str) -> bpy.types.Collection:
+    """A collection of the scene."""
+    made = bpy.data.collections.new(name)
+    bpy.context.scene.collection.children.link(made)
+    return made
+
+
+def moved(thing: bpy.types.Object, to: bpy.types.Collection) -> None:
+    """Out of the scene's own collection into another."""
+    to.objects.link(thing)
+    bpy.context.scene.collection.objects.unlink(thing)
+
+
+@scene()
+def plain_room(folder: Path) -> None:
+    """Nothing awkward at all."""
+    room()
+
+
+@scene()
+def zero_normal(folder: Path) -> Path:
+    """An OBJ with a corner normal of length 0, and a triangle without area."""
+    room()
+    bpy.ops.wm.obj_export(filepath=str(folder / "plain.obj"), export_normals=True)
+    lines = (folder / "plain.obj").read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("vn "))
+    lines[first] = "vn 0 0 0"
+    lines.append("f 1 1 2")
+    path = folder / "zero_normal.obj"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@scene()
+def zero_area_faces(folder: Path) -> None:
+    """Triangles whose corners coincide: their normals have no direction."""
+    room()
+    mesh("slivers", [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0.5, 0, 1), (1.0, 0, 1)], [(0, 1, 2), (0, 3, 4)], material("sliver"))
+
+
+@scene()
+def point_lamp_without_size(folder: Path) -> None:
+    """A lamp of radius 0, close to a wall: very bright texels."""
+    room(lit=False)
+    lamp((1.9, 0.0, 1.2), watts=300.0, radius=0.0)
+
+
+@scene()
+def walls_outward(folder: Path) -> None:
+    """A beginner's cube: the room's normals point away from it."""
+    room(inward=False)
+
+
+@scene()
+def mixed_normals(folder: Path) -> None:
+    """Half of the walls' normals point in, half out."""
+    room(furnished=True)
+    data = bpy.data.objects["room"].data
+    for k in (0, 3, 4):
+        data.polygons[k].flip()
+
+
+@scene()
+def lamp_in_hidden_collection(folder: Path) -> None:
+    """A lamp in a collection that is disabled in renders gives no light."""
+    room()
+    hidden = collection("not rendered")
+    moved(lamp((-1.0, -1.0, 2.0), watts=500.0), hidden)
+    hidden.hide_render = True
+
+
+@scene()
+def lamp_in_excluded_collection(folder: Path) -> None:
+    """A lamp in a collection that the view layer excludes gives no light, and is no light of the scene."""
+    room()
+    hidden = collection("excluded")
+    moved(lamp((-1.0, -1.0, 2.0), watts=500.0), hidden)
+    bpy.context.view_layer.layer_collection.children["excluded"].exclude = True
+
+
+@scene(note="no light")
+def only_an_excluded_lamp(folder: Path) -> None:
+    """All light of the scene stands in an excluded collection."""
+    room(lit=False)
+    hidden = collection("excluded")
+    moved(lamp(), hidden)
+    bpy.context.view_layer.layer_collection.children["excluded"].exclude = True
+
+
+@scene(light="either")
+def geometry_nodes_instances(folder: Path) -> None:
+    """Boxes on a grid by Geometry Nodes: instances that are no objects."""
+    room(furnished=False)
+    block = box("block", (-0.15, -0.15, 0), (0.15, 0.15, 0.5), material("green", (0.2, 0.6, 0.2)))
+    block.location = (0, 0, -5)
+    block.hide_render = True
+    carrier = mesh("carrier", [(0, 0, 0)], [])
+    tree = bpy.data.node_groups.new("instances", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    grid = tree.nodes.new("GeometryNodeMeshGrid")
+    grid.inputs["Size X"].default_value = grid.inputs["Size Y"].default_value = 2.0
+    grid.inputs["Vertices X"].default_value = grid.inputs["Vertices Y"].default_value = 3
+    instance = tree.nodes.new("GeometryNodeInstanceOnPoints")
+    source = tree.nodes.new("GeometryNodeObjectInfo")
+    source.inputs["Object"].default_value = block
+    output = tree.nodes.new("NodeGroupOutput")
+    tree.links.new(grid.outputs["Mesh"], instance.inputs["Points"])
+    tree.links.new(source.outputs["Geometry"], instance.inputs["Instance"])
+    tree.links.new(instance.outputs["Instances"], output.inputs[0])
+    carrier.modifiers.new("instances", "NODES").node_group = tree
+
+
+@scene()
+def collection_instances(folder: Path) -> None:
+    """A collection that stands twice, by empties."""
+    room(furnished=False)
+    library = bpy.data.collections.new("furniture")
+    piece = box("piece", (-0.3, -0.3, 0), (0.3, 0.3, 0.6), material("blue", (0.2, 0.3, 0.7)))
+    moved(piece, library)
+    for k, place in enumerate(((0.8, 0.5, 0), (-0.6, 1.2, 0))):
+        carrier = bpy.data.objects.new(f"stand {k}", None)
+        carrier.instance_type, carrier.instance_collection, carrier.location = "COLLECTION", library, place
+        bpy.context.scene.collection.objects.link(carrier)
+
+
+@scene(light="path", note="hair")
+def particle_hair(folder: Path) -> None:
+    """Hair of a particle system."""
+    room()
+    rug = mesh("rug", [(-1, -1, 0.01), (1, -1, 0.01), (1, 1, 0.01), (-1, 1, 0.01)], [(0, 1, 2, 3)], material("rug"))
+    rug.modifiers.new("hair", "PARTICLE_SYSTEM")
+    settings = rug.particle_systems[0].settings
+    settings.type, settings.count, settings.hair_length = "HAIR", 200, 0.3
+
+
+@scene(light="path", note="hair")
+def hair_curves(folder: Path) -> None:
+    """The newer hair: a curves object."""
+    room()
+    data = bpy.data.hair_curves.new("strands")
+    data.add_curves([3, 3])
+    data.position_data.foreach_set("vector", [0, 0, 0.2, 0.1, 0, 0.6, 0.2, 0, 1.0, 0.3, 0, 0.2, 0.4, 0, 0.6, 0.5, 0, 1.0])
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("strands", data))
+
+
+@scene(light="path", note="volume")
+def fog_in_a_box(folder: Path) -> None:
+    """A box filled with a volume."""
+    room()
+    fog = bpy.data.materials.new("fog")
+    fog.use_nodes = True
+    fog.node_tree.nodes.clear()
+    output, volume = fog.node_tree.nodes.new("ShaderNodeOutputMaterial"), fog.node_tree.nodes.new("ShaderNodeVolumePrincipled")
+    fog.node_tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    box("fog", (-1.0, -0.5, 0.2), (0.0, 0.5, 1.2), fog)
+
+
+@scene(light="path", note="link")
+def light_linking(folder: Path) -> None:
+    """A lamp that lights only some things."""
+    room()
+    lit = bpy.data.collections.new("receivers")
+    lit.objects.link(bpy.data.objects["box"])
+    bpy.data.objects["lamp"].light_linking.receiver_collection = lit
+    lamp((-1.0, 1.0, 2.0), watts=30.0)
+
+
+@scene(note="no light")
+def metal_without_light(folder: Path) -> Path:
+    """glTF's default material is metal: without lamps it must not be black."""
+    box("room", (-2, -2, 0), (2, 2, 2.5), None, inward=True)
+    return gltf(folder / "metal_without_light.gltf")
+
+
+@scene()
+def tiny_light(folder: Path) -> None:
+    """An LED of a centimetre is no light for a room."""
+    room(lit=False)
+    box("led", (0.0, 1.98, 0.5), (0.01, 1.99, 0.51), material("led", Emission_Color=(0, 1, 0, 1), Emission_Strength=1.0))
+
+
+@scene(light="either")
+def sun_through_a_window(folder: Path) -> None:
+    """A room lit by the sun through a pane of window glass."""
+    window_room(material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5))
+
+
+@scene(light="either")
+def sun_through_thin_glass(folder: Path) -> None:
+    """The same with a Glass BSDF, as architects' files have it."""
+    pane = bpy.data.materials.new("pane")
+    pane.use_nodes = True
+    pane.node_tree.nodes.clear()
+    output, glass = pane.node_tree.nodes.new("ShaderNodeOutputMaterial"), pane.node_tree.nodes.new("ShaderNodeBsdfGlass")
+    glass.inputs["Roughness"].default_value = 0.0
+    pane.node_tree.links.new(glass.outputs[0], output.inputs["Surface"])
+    window_room(pane)
+
+
+def window_room(pane: bpy.types.Material) -> None:
+    """A room with a hole in the wall x = 2, a pane in it, sun and sky outside."""
+    walls = material("walls", (0.7, 0.65, 0.6))
+    a, b = 2.0, 2.5
+    mesh("floor", [(-a, -a, 0), (a, -a, 0), (a, a, 0), (-a, a, 0)], [(0, 1, 2, 3)], walls)
+    mesh("ceiling", [(-a, -a, b), (-a, a, b), (a, a, b), (a, -a, b)], [(0, 1, 2, 3)], walls)
+    mesh("back", [(-a, a, 0), (-a, a, b), (a, a, b), (a, a, 0)][::-1], [(0, 1, 2, 3)], walls)
+    mesh("front", [(-a, -a, 0), (-a, -a, b), (a, -a, b), (a, -a, 0)], [(0, 1, 2, 3)], walls)
+    mesh("left", [(-a, -a, 0), (-a, a, 0), (-a, a, b), (-a, -a, b)], [(0, 1, 2, 3)], walls)
+    outer, inner = [(a, -a, 0), (a, a, 0), (a, a, b), (a, -a, b)], [(a, -1, 0.8), (a, 1, 0.8), (a, 1, 2.0), (a, -1, 2.0)]
+    ring = [(k, 4 + k, 4 + (k + 1) % 4, (k + 1) % 4) for k in range(4)]
+    mesh("right", outer + inner, ring, walls)
+    mesh("pane", inner, [(0, 1, 2, 3)], pane)
+    sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
+    sun.data.energy, sun.data.angle, sun.rotation_euler = 4.0, 0.05, (0.0, 0.9, 0.2)
+    bpy.context.scene.collection.objects.link(sun)
+    sky = bpy.data.worlds.new("sky")
+    sky.use_nodes = True
+    sky.node_tree.nodes["Background"].inputs["Color"].default_value = (0.5, 0.7, 1.0, 1.0)
+    bpy.context.scene.world = sky
+
+
+@scene()
+def coincident_faces(folder: Path) -> None:
+    """Two faces in one place."""
+    room()
+    for name in ("one", "other"):
+        mesh(name, [(-1, 1.99, 0.5), (1, 1.99, 0.5), (1, 1.99, 1.5), (-1, 1.99, 1.5)], [(0, 1, 2, 3)], material(name, (0.3, 0.5, 0.3)))
+
+
+@scene()
+def bent_quads(folder: Path) -> None:
+    """Quads whose corners are not in one plane, shaded flat."""
+    room()
+    mesh("bent", [(-1, 0, 0.3), (0, 0, 0.5), (0, 1, 0.3), (-1, 1, 0.6)], [(0, 1, 2, 3)], material("bent", (0.4, 0.4, 0.7)))
+
+
+@scene(light="path", note="diffuse")
+def unlit_room(folder: Path) -> None:
+    """Light baked into emission, as rooms on the web are: nothing is diffuse."""
+    glow = bpy.data.materials.new("baked")
+    glow.use_nodes = True
+    glow.node_tree.nodes.clear()
+    output, emission = glow.node_tree.nodes.new("ShaderNodeOutputMaterial"), glow.node_tree.nodes.new("ShaderNodeEmission")
+    emission.inputs["Color"].default_value = (0.4, 0.5, 0.6, 1.0)
+    glow.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    box("room", (-2, -2, 0), (2, 2, 2.5), glow, inward=True)
+
+
+@scene(light="path", note="diffuse")
+def all_metal(folder: Path) -> None:
+    """Nothing but metal."""
+    box("room", (-2, -2, 0), (2, 2, 2.5), material("metal", Metallic=1.0, Roughness=0.4), inward=True)
+    lamp()
+
+
+@scene(light="path", note="diffuse")
+def all_glass(folder: Path) -> None:
+    """Nothing but glass."""
+    box("vitrine", (-0.5, 0.2, 0.3), (0.5, 1.0, 1.2), material("glass", Transmission_Weight=1.0, Roughness=0.0))
+    lamp()
+
+
+@scene()
+def flattened_object(folder: Path) -> None:
+    """An object scaled to 0 along one axis: its matrix has no inverse."""
+    room()
+    flat = box("flat", (-1.0, 1.0, 0.6), (-0.2, 1.4, 1.2), material("flat", (0.2, 0.2, 0.6)))
+    flat.scale = (1.0, 0.0, 1.0)
+    flat.location = (0.0, 1.2, 0.0)
+
+
+@scene()
+def mirrored_object(folder: Path) -> None:
+    """A negative scale."""
+    room()
+    bpy.data.objects["box"].scale = (-1.0, 1.0, 1.0)
+
+
+@scene()
+def no_material(folder: Path) -> None:
+    """Objects without any material."""
+    box("room", (-2, -2, 0), (2, 2, 2.5), None, inward=True)
+    box("box", (0.3, 0.2, 0.0), (1.0, 1.1, 0.7))
+    lamp()
+
+
+@scene()
+def empty_slots(folder: Path) -> None:
+    """Material slots that hold nothing."""
+    room()
+    bpy.data.objects["box"].data.materials[0] = None
+
+
+@scene(light="path", note="move")
+def moving_box(folder: Path) -> None:
+    """A box that moves."""
+    room()
+    thing = bpy.data.objects["box"]
+    thing.keyframe_insert("location", frame=1)
+    thing.location.x += 1.0
+    thing.keyframe_insert("location", frame=50)
+
+
+@scene(refused=True, note="surface")
+def nothing_at_all(folder: Path) -> None:
+    """A file without a surface."""
+    lamp()
+
+
+@scene()
+def transparent_leaves(folder: Path) -> None:
+    """Cut-out leaves: alpha of 0 and 1."""
+    room()
+    leaf = material("leaf", (0.2, 0.5, 0.1))
+    image = bpy.data.images.new("cut-out", 8, 8, alpha=True)
+    pixels = np.ones((8, 8, 4), np.float32)
+    pixels[::2, :, 3] = 0.0
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    texture = leaf.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image, texture.interpolation = image, "Closest"
+    leaf.node_tree.links.new(texture.outputs["Alpha"], leaf.node_tree.nodes["Principled BSDF"].inputs["Alpha"])
+    plane = mesh("leaves", [(-1.4, 0.5, 0.2), (-0.4, 0.5, 0.2), (-0.4, 0.5, 1.2), (-1.4, 0.5, 1.2)], [(0, 1, 2, 3)], leaf)
+    plane.data.uv_layers.new(name="uv")
+
+
+@scene(light="either")
+def holdout_and_catcher(folder: Path) -> None:
+    """A shadow catcher, as compositors use them."""
+    room()
+    bpy.data.objects["box"].is_shadow_catcher = True
+
+
+def gltf(path: Path) -> Path:
+    """A minimal glTF of the scene's first mesh, without a material: the format's default is metal."""
+    data = bpy.context.scene.objects[0].data
+    data.calc_loop_triangles()
+    points = np.array([v.co for v in data.vertices], np.float32)[:, [0, 2, 1]] * (1, 1, -1)
+    corners = np.array([t.vertices for t in data.loop_triangles], np.uint16).ravel()
+    blob = points.astype("<f4").tobytes() + corners.astype("<u2").tobytes()
+    path.with_suffix(".bin").write_bytes(blob)
+    views = [
+        {"buffer": 0, "byteOffset": 0, "byteLength": points.size * 4},
+        {"buffer": 0, "byteOffset": points.size * 4, "byteLength": corners.size * 2},
+    ]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3",
+         "min": points.min(0).tolist(), "max": points.max(0).tolist()},
+        {"bufferView": 1, "componentType": 5123, "count": len(corners), "type": "SCALAR"},
+    ]  # fmt: skip
+    content = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"uri": path.with_suffix(".bin").name, "byteLength": len(blob)}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    path.write_text(json.dumps(content))
+    assert struct.calcsize("<f") == 4
+    return path
