@@ -1,7 +1,5 @@
 """Where the time of a rendered frame goes: rays, shading, and what our loop with its EXR files adds to Cycles' own time."""
 
-from __future__ import annotations
-
 import statistics
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """`iclnuim bench evaluate`: the time of `iclnuim evaluate ate` beside that of evo_ape on the same two TUM files."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import subprocess

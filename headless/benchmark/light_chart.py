@@ -1,7 +1,5 @@
 """The race of lighting ways as a chart and as a table: time per frame against error, and against flicker."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far rendered frames are from a reference, and how far neighbouring frames are from each other. Display values, 0..1."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

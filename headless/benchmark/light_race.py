@@ -1,7 +1,5 @@
 """Ways of lighting a frame against a reference of many path-traced samples: seconds a frame, error, and flicker between frames."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Noise models as a chart and as tables: time a frame against likeness to published noisy frames; cost beside the files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from iclnuim.report.charts import COLOURS

@@ -6,8 +6,6 @@ nothing in common. It sees amount, bias and gaps of the noise by depth and brigh
 pixel to pixel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

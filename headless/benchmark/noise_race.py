@@ -1,7 +1,5 @@
 """Noise models in one run: time of clean and noisy sequences beside that of their files alone, and of each model alone."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

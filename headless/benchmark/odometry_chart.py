@@ -1,7 +1,5 @@
 """Time against error of odometers, one panel a sequence."""
 
-from __future__ import annotations
-
 from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,7 +1,5 @@
 """Odometers on the same frames in one run: time, error, and which of them no other beats in both."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Table I of the paper from the shipped trajectory files: frames, length, mean speed, beside the printed figures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

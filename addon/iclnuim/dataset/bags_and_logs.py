@@ -5,8 +5,6 @@ ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) an
 than in the sequence, as ROS 1 takes stamp 0 for none.
 """
 
-from __future__ import annotations
-
 import struct
 import tempfile
 import zlib

@@ -1,7 +1,5 @@
 """Reading what a calibration needs from a folder: a static exposure series, static walls."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

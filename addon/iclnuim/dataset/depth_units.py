@@ -1,7 +1,5 @@
 """Depth in metres to the 16-bit units of a depth image, and counts of what cannot be stored in them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

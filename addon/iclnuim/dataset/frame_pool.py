@@ -4,8 +4,6 @@ Threads share Python's lock and take it between any two array operations: four m
 processes make it four times as fast.
 """
 
-from __future__ import annotations
-
 import ctypes
 import multiprocessing
 import os
@@ -44,7 +42,7 @@ class FramePool:
         self._stopped = False
         self._error: BaseException | None = None
 
-    def __enter__(self) -> FramePool:
+    def __enter__(self) -> "FramePool":
         return self
 
     def __exit__(self, kind: type | None, *error: object) -> None:

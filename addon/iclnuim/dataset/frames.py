@@ -1,7 +1,5 @@
 """Where a sequence's frames come from: the EXR frames of a render run, or the PNG pairs of a sequence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ground truth beside colour and depth as images: instance/, class/, normal/, and the table of what the numbers mean."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from pathlib import Path
 

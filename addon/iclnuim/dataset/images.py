@@ -1,7 +1,5 @@
 """Finding the image pairs, the camera and the ground truth in a folder that somebody made."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

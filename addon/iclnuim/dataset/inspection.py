@@ -1,7 +1,5 @@
 """What is wrong with a sequence that somebody has, in plain words."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

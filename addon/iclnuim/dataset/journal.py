@@ -1,7 +1,5 @@
 """`frames.jsonl`: one line a finished frame, with the hashes of its images, so that a stopped sequence can go on."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import asdict, dataclass, field

@@ -1,7 +1,5 @@
 """One frame of a sequence: RGB and depth through a sensor's noise to the pixels that are written."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

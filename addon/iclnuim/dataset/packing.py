@@ -1,7 +1,5 @@
 """The archive to publish: a sequence's files, checksums, licence, preview, recipe; the same bytes each time."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import tarfile

@@ -1,7 +1,5 @@
 """recipe.json of a sequence: what decided its pixels, what made it, what was counted. Same recipe, same bytes."""
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Mapping

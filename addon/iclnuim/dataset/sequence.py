@@ -1,7 +1,5 @@
 """Frames -> noise -> a sequence on disk: in any order, on any number of cores, resumable, with its recipe."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor

@@ -3,8 +3,6 @@
 A new format is one entry of FORMATS; the command line, the panel and the pages list what stands there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -80,7 +78,7 @@ class SequenceFormat:
     description: str
     rgb: Callable[[SequenceFrame], str]
     depth: Callable[[SequenceFrame], str]
-    write_texts: Callable[[Path, Contents, SequenceFormat], None]
+    write_texts: "Callable[[Path, Contents, SequenceFormat], None]"
     check: Callable[[Contents], None] = lambda contents: None
 
     def lists(self, contents: Contents) -> tuple[ImageList, ImageList]:

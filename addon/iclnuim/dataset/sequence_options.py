@@ -1,7 +1,5 @@
 """What decides a sequence, in plain values: declared once for the command line, the panel, workers and the records of runs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar

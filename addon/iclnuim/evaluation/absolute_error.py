@@ -4,8 +4,6 @@ Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012,
 holds such errors.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

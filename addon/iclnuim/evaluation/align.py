@@ -6,8 +6,6 @@ unit quaternions", JOSA A 1987. x are the estimate's positions, y the reference'
 paired.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

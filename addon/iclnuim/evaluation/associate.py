@@ -4,8 +4,6 @@ Both are n log n for any window. Stamps in seconds, strictly increasing; a pair 
 max_difference.
 """
 
-from __future__ import annotations
-
 import heapq
 from dataclasses import dataclass
 
@@ -96,7 +94,7 @@ class Pairs:
         return len(self.stamps_s)
 
     @classmethod
-    def of_poses(cls, reference: SE3, estimate: SE3, rate_hz: float = 30.0) -> Pairs:
+    def of_poses(cls, reference: SE3, estimate: SE3, rate_hz: float = 30.0) -> "Pairs":
         """Pose i with pose i, stamped i / rate."""
         if reference.shape != estimate.shape or len(reference.shape) != 1:
             found = f"{estimate.shape} and {reference.shape}"

@@ -4,8 +4,6 @@ Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012,
 (P_i^-1 P_j) with Q the ground truth and P the estimate; (i, j) is called an RPE pair.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 

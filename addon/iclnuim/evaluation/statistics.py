@@ -1,7 +1,5 @@
 """What is said of a list of errors: the six statistics, and the scores that count missing frames too."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -23,7 +21,7 @@ class ErrorStatistics:
     max: float
 
     @classmethod
-    def of(cls, errors: np.ndarray, factor: float = 1.0) -> ErrorStatistics:
+    def of(cls, errors: np.ndarray, factor: float = 1.0) -> "ErrorStatistics":
         """Of errors (n,), n >= 1, times a change of unit."""
         e = np.asarray(errors, float) * factor
         values = (np.sqrt(np.mean(e * e)), e.mean(), np.median(e), e.std(), e.min(), e.max())
@@ -47,7 +45,7 @@ class Completeness:
     area_under_curve: float
 
     @classmethod
-    def of(cls, errors_m: np.ndarray, frames: int) -> Completeness:
+    def of(cls, errors_m: np.ndarray, frames: int) -> "Completeness":
         """errors_m (m,): one for each frame that has an estimate; frames >= m: all of them."""
         limit = RECALL_M[-1]
         recall = {bound: float(np.count_nonzero(errors_m <= bound)) / frames for bound in RECALL_M}

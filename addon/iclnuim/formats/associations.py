@@ -3,8 +3,6 @@
 TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass, field

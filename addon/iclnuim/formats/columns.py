@@ -3,8 +3,6 @@
 A new format of this kind is one entry of COLUMNS; the command line, the panel and the pages list what stands there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -70,7 +68,7 @@ class Columns:
     left_handed: bool = False
     world: str = OWN_WORLD
     delimiter: str | None = None
-    rows: Callable[[Source, Columns], Table] = lambda source, self: read_table(
+    rows: "Callable[[Source, Columns], Table]" = lambda source, self: read_table(
         source.path, source.text, self.counts, self.expected, self.delimiter
     )
     how: Callable[[Source, Trajectory], str] = lambda source, trajectory: ""

@@ -4,8 +4,6 @@ Layout: OpenEXR's "File Layout" page. The libraries print to standard error on a
 header claims; so every header is checked here first.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from dataclasses import dataclass

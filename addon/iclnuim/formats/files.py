@@ -1,7 +1,5 @@
 """Writing so that a file is whole or absent, and reading text with errors that name the place."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

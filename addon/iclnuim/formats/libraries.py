@@ -1,7 +1,5 @@
 """The image libraries that may be there: OpenEXR and OpenCV where pip is, OpenImageIO inside Blender."""
 
-from __future__ import annotations
-
 import functools
 import glob
 import importlib

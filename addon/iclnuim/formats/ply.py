@@ -4,8 +4,6 @@ numpy alone, because this runs inside Blender too: Blender's own PLY reader foll
 checking them, so `check_ply` looks at a file first.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

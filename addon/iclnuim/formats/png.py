@@ -4,8 +4,6 @@ Compression level 1 with run-length matching: a noisy 640 x 480 colour image tak
 0.43 MB), a depth image 10 ms and 0.24 MB (15 ms and 0.21 MB).
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

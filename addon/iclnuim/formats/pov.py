@@ -5,8 +5,6 @@ the images of the camera's x, y, z axes, row 3 is the position.
 Camera files, one a frame in a folder: `cam_pos = [91, 465, -292]';` and so on; z = dir/|dir|, x = up x z normalised, y = z x x.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A scene as a surface: triangles with shading normals, texture coordinates, materials and instances; cut and chosen as arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -39,12 +37,12 @@ class SceneModel:
         a, b, c = np.moveaxis(self.corners_m, 1, 0)
         return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
-    def chosen(self, rows: np.ndarray) -> SceneModel:
+    def chosen(self, rows: np.ndarray) -> "SceneModel":
         """Some of the triangles, by a mask (m,) or by indices."""
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         return replace(self, **arrays)
 
-    def cut(self, longest_m: float) -> tuple[SceneModel, np.ndarray]:
+    def cut(self, longest_m: float) -> "tuple[SceneModel, np.ndarray]":
         """The same surface in k triangles without an edge longer than `longest_m`, and which triangle (k,) each was part of.
 
         The longest edge is halved, as often as it takes.
@@ -63,7 +61,7 @@ class SceneModel:
         }
         return replace(self, **joined), np.concatenate(origins or [origin])
 
-    def _bisected(self, edge: np.ndarray) -> SceneModel:
+    def _bisected(self, edge: np.ndarray) -> "SceneModel":
         """Two triangles for each, split in the middle of the edge that starts at corner edge (m,)."""
         order = (edge[:, None] + np.arange(3)) % 3
         halves: dict[str, Any] = {}

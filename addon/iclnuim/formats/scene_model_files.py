@@ -1,7 +1,5 @@
 """A scene's surface as PLY (binary, with normals and instances) and as OBJ with MTL and textures. Our world: metres, z up, as everywhere."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Numbers in columns: read at the speed of C, and only when something is wrong is the offending line looked for."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

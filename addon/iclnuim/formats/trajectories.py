@@ -1,7 +1,5 @@
 """The one registry of trajectory formats: recognised by name and content, read, and written where it makes sense."""
 
-from __future__ import annotations
-
 import os
 
 from ..errors import InputError

@@ -1,7 +1,5 @@
 """What the readers and writers of trajectory files share: the file, the options, the result, and checks blamed on their line."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable
@@ -75,8 +73,8 @@ class TrajectoryFormat:
     to be written it is meant: endings, or a word in the name of a .txt.
     """
 
-    sniff: Callable[[Source], bool]
-    read: Callable[[Source, ReadOptions], LoadedTrajectory]
+    sniff: "Callable[[Source], bool]"
+    read: "Callable[[Source, ReadOptions], LoadedTrajectory]"
     write: Callable[[Trajectory, WriteOptions], str] | None = None
     goes_to: str = ""
     endings: tuple[str, ...] = ()

@@ -1,7 +1,5 @@
 """The surface coloured by its error, and how the errors are distributed."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figure(points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float) -> Figure:
+def figure(points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float) -> "Figure":
     """points (n, 3) in the model's world; without triangles they are drawn from above. Dark is near, bright is `max_mm` and more."""
     from matplotlib import colormaps, colors
     from matplotlib.backends.backend_agg import FigureCanvasAgg

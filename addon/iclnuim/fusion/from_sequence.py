@@ -1,7 +1,5 @@
 """From a sequence in any TUM-like form and a trajectory to a surface."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass

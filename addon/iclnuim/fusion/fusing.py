@@ -3,8 +3,6 @@
 Each block is written by one thread only, so the number of threads cannot change a bit. K is (fx, fy, cx, cy).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ cube of n^3 slots, n a power of two; block b lies in slot b modulo n, and only b
 `first` are held, so that no two share a slot. Row 0 stands for "no block".
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, wi
 from a corner below all blocks, and n = 2^19; so a vertex that several cubes share has one key.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit, prange
 

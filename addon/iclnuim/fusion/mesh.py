@@ -1,7 +1,5 @@
 """Triangle meshes: what is taken out of a volume, as it goes or at the end."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +18,7 @@ class Mesh:
     colours: np.ndarray
 
     @classmethod
-    def joined(cls, parts: list[Mesh]) -> Mesh:
+    def joined(cls, parts: "list[Mesh]") -> "Mesh":
         """One mesh; vertices of different parts are not merged."""
         if not parts:
             return cls(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))

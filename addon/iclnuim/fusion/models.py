@@ -1,7 +1,5 @@
 """Surfaces from files: a reconstruction, and the model that it is compared with."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tracking against a model: frames are fused where they were found, and the next is aligned against the surface."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

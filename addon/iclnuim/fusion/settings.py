@@ -1,7 +1,5 @@
 """Settings of the volume and of fusing a sequence; without numba, so that the command can name them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from ..errors import InputError

@@ -1,7 +1,5 @@
 """Pictures of a mesh: rays from a camera outside, back faces left out, lit from the camera."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..raycast.caster import RayCaster

@@ -1,7 +1,5 @@
 """How far a reconstructed surface lies from the true one, vertex by vertex (paper, VI-A and Tables II, VII)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.3, in a window that fo
 "Kintinuous", RSS RGB-D workshop 2012: what leaves the window is handed out and forgotten.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -44,7 +42,7 @@ class Volume:
     """leaving(volume, leaves): called with a bool (rows,) of the rows that are about to be forgotten."""
 
     def __init__(
-        self, settings: VolumeSettings | None = None, leaving: Callable[[Volume, np.ndarray], None] | None = None
+        self, settings: VolumeSettings | None = None, leaving: "Callable[[Volume, np.ndarray], None] | None" = None
     ) -> None:
         self.settings = s = settings or VolumeSettings()
         rows = s.max_blocks + 1

@@ -11,8 +11,6 @@
 A left-handed pose is held as SE3 too (its rotation part is a proper rotation); only these functions may mix the kinds.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .se3 import SE3

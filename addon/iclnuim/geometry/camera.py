@@ -3,8 +3,6 @@
 Camera frame: cv (x right, y down, z forward). Depth is planar: z along the optical axis, in metres.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import asdict, dataclass, fields
 
@@ -60,7 +58,7 @@ class PinholeCamera:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def from_dict(cls, settings: dict) -> PinholeCamera:
+    def from_dict(cls, settings: dict) -> "PinholeCamera":
         """The inverse of to_dict; unknown keys are refused."""
         known = {f.name for f in fields(cls)}
         unknown = sorted(set(settings) - known)
@@ -72,7 +70,7 @@ class PinholeCamera:
             raise InputError("numbers for every camera key", found=error) from None
 
     @classmethod
-    def parse(cls, text: str) -> PinholeCamera:
+    def parse(cls, text: str) -> "PinholeCamera":
         """`WIDTHxHEIGHT,FX,FY,CX,CY`, the last four optional: by default the benchmark's view, scaled to the width."""
         parts = text.strip().split(",")
         size = re.fullmatch(r"(\d+)x(\d+)", parts[0])
@@ -120,7 +118,7 @@ class PinholeCamera:
         """(height, width) distance along the ray, as in `.depth` files -> planar depth, Z = d / sqrt(x^2 + y^2 + 1)."""
         return np.asarray(distance_m) / np.linalg.norm(self.rays(), axis=-1)
 
-    def halved(self) -> PinholeCamera:
+    def halved(self) -> "PinholeCamera":
         """The camera of the 2x2-mean pyramid's next level: centres keep to pixel centres, cx' = (cx + 0.5)/2 - 0.5."""
         return PinholeCamera(
             self.width // 2,

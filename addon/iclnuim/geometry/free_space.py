@@ -1,7 +1,5 @@
 """Routes through free space: a grid of clearances, and the shortest route between two points that keeps clear of everything."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +27,7 @@ class FreeSpace:
     measure: Clearance
 
     @classmethod
-    def between(cls, low_m: np.ndarray, high_m: np.ndarray, measure: Clearance) -> FreeSpace:
+    def between(cls, low_m: np.ndarray, high_m: np.ndarray, measure: Clearance) -> "FreeSpace":
         """Over a box, in cells of 0.1 m or larger where the box is large."""
         size = np.maximum(high_m - low_m, 1e-3)
         cell_m = max(_MIN_CELL_M, float((size.prod() / _MAX_CELLS) ** (1 / 3)), float(size.max()) / 400)

@@ -9,8 +9,6 @@ IEEE Sensors 2011. Amounts and slopes follow what was measured on the official l
 rotation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

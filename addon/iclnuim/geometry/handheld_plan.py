@@ -1,7 +1,5 @@
 """A hand-held trajectory planned through waypoints in a scene: its route round obstacles, its gaze, its pace, as a recipe of handheld."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar

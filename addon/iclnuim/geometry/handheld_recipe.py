@@ -1,7 +1,5 @@
 """The recipe of a hand-held trajectory as typed settings, read from JSON (its keys: trajectories/README.md)."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -85,7 +83,7 @@ class Recipe:
         _require(len(self.viewpoints) >= 2, "two viewpoints or more", len(self.viewpoints))
 
     @classmethod
-    def from_dict(cls, content: object) -> Recipe:
+    def from_dict(cls, content: object) -> "Recipe":
         """From a JSON object. Raises InputError, naming the key, for unknown or missing keys and unfit values."""
         return _built(cls, content, "recipe")
 

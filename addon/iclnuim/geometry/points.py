@@ -1,7 +1,5 @@
 """Sets of points: the smallest upright box about them, and some of them far apart. Numpy only; metres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

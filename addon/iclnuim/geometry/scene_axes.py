@@ -1,7 +1,5 @@
 """Where a scene file's axes and units lead: the options of a reading, the matrix they make, and a guess for files that say nothing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar

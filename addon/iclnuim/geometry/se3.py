@@ -3,8 +3,6 @@
 `T_a_b` is the pose of b in a: p_a = T_a_b.apply(p_b), and T_a_b @ T_b_c = T_a_c. Lengths in metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,11 +42,11 @@ class SE3:
     # -- made from ---------------------------------------------------------------------------------------------------
 
     @classmethod
-    def identity(cls, shape: tuple[int, ...] = ()) -> SE3:
+    def identity(cls, shape: tuple[int, ...] = ()) -> "SE3":
         return cls(np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.zeros((*shape, 3)))
 
     @classmethod
-    def from_matrix(cls, matrix: np.ndarray) -> SE3:
+    def from_matrix(cls, matrix: np.ndarray) -> "SE3":
         """(..., 3, 4) or (..., 4, 4). A rotation off by rounding is moved to the nearest one, else InputError."""
         m = np.asarray(matrix, float)
         if m.shape[-2:] not in ((3, 4), (4, 4)):
@@ -60,12 +58,12 @@ class SE3:
         return cls(so3.nearest_rotation(m[..., :3, :3]), m[..., :3, 3])
 
     @classmethod
-    def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> SE3:
+    def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> "SE3":
         """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised."""
         return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
 
     @classmethod
-    def exp(cls, twist: np.ndarray) -> SE3:
+    def exp(cls, twist: np.ndarray) -> "SE3":
         """(..., 6): translational part first (metres), rotation vector last (radians)."""
         twist = np.asarray(twist, float)
         v, w = twist[..., :3], twist[..., 3:]
@@ -99,11 +97,11 @@ class SE3:
 
     # -- group -------------------------------------------------------------------------------------------------------
 
-    def inverse(self) -> SE3:
+    def inverse(self) -> "SE3":
         r = np.swapaxes(self.rotation, -1, -2)
         return SE3(r, -(r @ self.translation[..., None])[..., 0])
 
-    def __matmul__(self, other: SE3) -> SE3:
+    def __matmul__(self, other: "SE3") -> "SE3":
         """Compose: T_a_b @ T_b_c = T_a_c; leading shapes broadcast."""
         rotation = self.rotation @ other.rotation
         translation = (self.rotation @ other.translation[..., None])[..., 0] + self.translation
@@ -116,7 +114,7 @@ class SE3:
             return (self.rotation @ points[..., None])[..., 0] + self.translation
         return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
 
-    def interpolate(self, other: SE3, share: np.ndarray | float) -> SE3:
+    def interpolate(self, other: "SE3", share: np.ndarray | float) -> "SE3":
         """The screw motion from self (share 0) to other (share 1): self exp(share log(self^-1 other))."""
         twist = (self.inverse() @ other).log()
         return self @ SE3.exp(np.asarray(share, float)[..., None] * twist)
@@ -131,7 +129,7 @@ class SE3:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, index: Any) -> SE3:
+    def __getitem__(self, index: Any) -> "SE3":
         """Indexing over the leading shape."""
         if not self.shape:
             raise IndexError("a single pose has no leading shape to index")

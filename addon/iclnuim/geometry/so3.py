@@ -4,8 +4,6 @@ Stable where the usual formulas break: angles near 0 (series), angles near pi (b
 All results are float64. Quaternions are Hamilton's, order named by each function.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import InputError

@@ -1,7 +1,5 @@
 """A timed camera path: statistics, equation 2 of the paper, resampling, slices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,14 +30,14 @@ class Trajectory:
         object.__setattr__(self, "stamps_s", stamps)
 
     @classmethod
-    def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> Trajectory:
+    def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> "Trajectory":
         """Pose i gets the stamp i / rate."""
         return cls(np.arange(len(T_world_camera)) / rate_hz, T_world_camera)
 
     def __len__(self) -> int:
         return len(self.stamps_s)
 
-    def __getitem__(self, index: slice | np.ndarray) -> Trajectory:
+    def __getitem__(self, index: slice | np.ndarray) -> "Trajectory":
         """Part of the trajectory, by slice or increasing indices."""
         return Trajectory(self.stamps_s[index], self.T_world_camera[index])
 

@@ -3,8 +3,6 @@
 The projection stretches nothing by more than 1 / cos(LIMIT), keeps straight what is straight, and shows flat walls undistorted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ samples tell the variance of each texel; neighbours count as far as their differ
 Each half is smoothed with weights from the other (Rousselle et al. 2012), so that a bright speck cannot vouch for itself.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _LEVELS = 5

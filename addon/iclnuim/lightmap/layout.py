@@ -1,7 +1,5 @@
 """The layout of a light map: which sides of faces get texels, how densely, and where."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

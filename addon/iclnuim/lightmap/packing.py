@@ -3,8 +3,6 @@
 Charts get more texels where faces are narrow: along bevels, folds and mouldings, where light changes fast.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +46,7 @@ def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray | Non
 
 
 def _densest(
-    ruler: Ruler, size: int, weight: np.ndarray, plain: np.ndarray, charts: Charts
+    ruler: "Ruler", size: int, weight: np.ndarray, plain: np.ndarray, charts: Charts
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Density, first texel (K, 2) and whether its axes are swapped (K,) for each chart."""
     low, high, best = 0.0, 2.0 * size / np.sqrt(max(float((charts.size_m.prod(1) * weight**2).sum()), 1e-12)), None

@@ -1,7 +1,5 @@
 """The surfaces of a scene as plain arrays, in world coordinates: what a light map is laid out over."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

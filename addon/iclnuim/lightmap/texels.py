@@ -3,8 +3,6 @@
 Texels that hold part of a chart lie inside it; the ones that interpolation reaches beyond its rim take the rim's nearest point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

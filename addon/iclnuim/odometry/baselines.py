@@ -1,7 +1,5 @@
 """Third-party odometers behind our protocol: OpenCV's (contrib) and Open3D's, with their packages' defaults."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs as a picture: trajectories beside the truth, residuals, and how certain the odometers were."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg

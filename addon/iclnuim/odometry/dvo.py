@@ -3,8 +3,6 @@
 The whole grey image, inverse compositional, Student-t weights (section III), coarse to fine on levels 3 to 1.
 """
 
-from __future__ import annotations
-
 from .photometric import PhotometricSettings
 from .rgbd import Rgbd
 from .solver import Limits, Stop

@@ -1,7 +1,5 @@
 """ICP: point-to-plane with projective association, R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.5."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

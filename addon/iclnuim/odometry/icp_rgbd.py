@@ -1,7 +1,5 @@
 """ICP+RGB-D: T. Whelan et al., "Robust real-time visual odometry for dense RGB-D mapping", ICRA 2013, section IV."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from ..geometry.se3 import SE3

@@ -6,8 +6,6 @@ normal equations after, so that a scale can be estimated in between. Twists are 
 left in the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ monocular camera; then the prior is firm in tiles where the factor came out near
 (Geman, McClure 1987).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an odometer takes and returns: the protocol that the built-in odometers, the baselines and anyone's own share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Protocol
@@ -25,7 +23,7 @@ class Frame:
     stamp_s: float
 
     @classmethod
-    def of(cls, image: np.ndarray, depth_z_m: np.ndarray, stamp_s: float) -> Frame:
+    def of(cls, image: np.ndarray, depth_z_m: np.ndarray, stamp_s: float) -> "Frame":
         """Colour (h, w, 3) or grey (h, w) in 0..255; NaN, infinite and negative depth count as missing.
 
         Raises InputError where the two images differ in size.

@@ -1,7 +1,5 @@
 """Image pyramids with the camera of each level (2x2 means, so that K keeps to pixel centres), and odometers on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

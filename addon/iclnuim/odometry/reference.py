@@ -1,7 +1,5 @@
 """What the next frame is aligned against: the frame before, or a keyframe. (A fused model: fusion/reference.py.)"""
 
-from __future__ import annotations
-
 import math
 from typing import Any, Protocol
 

@@ -1,7 +1,5 @@
 """Odometers by name and preset. An odometer of one's own is a module with PRESETS and a class, and a line here."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from ..errors import InputError, WorkError

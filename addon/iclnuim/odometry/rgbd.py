@@ -3,8 +3,6 @@
 Photometric error of the whole image, plain least squares, as Kintinuous runs it.
 """
 
-from __future__ import annotations
-
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .photometric import PhotometricSettings, no_contrast, photometric_passes

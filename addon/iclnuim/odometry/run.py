@@ -1,7 +1,5 @@
 """Whole sequences through one or several odometers: frames in, trajectories, figures and a table out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Gauss-Newton from coarse to fine, the loop that the built-in odometers share, and its normal equations."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -34,7 +32,7 @@ class System:
     informed: bool = False
 
     @classmethod
-    def of_sums(cls, s: np.ndarray) -> System:
+    def of_sums(cls, s: np.ndarray) -> "System":
         """From kernels.sums() (34,)."""
         A = np.zeros((6, 6))
         A[np.triu_indices(6)] = s[:21]
@@ -44,7 +42,7 @@ class System:
         length = np.sqrt(max(s[33] / weight - centre @ centre, 1e-12))
         return cls(A, s[21:27], float(s[27] / weight), float(s[29]), centre, float(length), float(weight))
 
-    def less_noise(self, noise: float) -> System:
+    def less_noise(self, noise: float) -> "System":
         """Every eigenvalue of the centred A less `noise`, at least 0, and b in proportion."""
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
@@ -54,19 +52,19 @@ class System:
         b = back @ (vectors @ (share * (vectors.T @ (G @ self.b))))
         return replace(self, A=back @ (vectors * left) @ vectors.T @ back.T, b=b)
 
-    def as_information(self, spread: float) -> System:
+    def as_information(self, spread: float) -> "System":
         """A and b as information (1 / variance) where `spread` pixels share one error; spread 0: unchanged."""
         if not spread:
             return self
         weight = 1.0 / (spread * max(self.error, 1e-12))
         return replace(self, A=self.A * weight, b=self.b * weight, informed=True)
 
-    def scaled(self, factor: float, factor_b: float | None = None) -> System:
+    def scaled(self, factor: float, factor_b: float | None = None) -> "System":
         """All weights times a factor; a second one for b alone only to repeat an old slip."""
         b = self.b * (factor if factor_b is None else factor_b)
         return replace(self, A=self.A * factor, b=b, error=self.error * factor)
 
-    def without_scale(self, t_m: np.ndarray, sigma: float) -> System:
+    def without_scale(self, t_m: np.ndarray, sigma: float) -> "System":
         """Where everything that these equations (information) say of a translation t_m (3,) may be off by one factor.
 
         The factor, of standard deviation `sigma` about 1, is a further unknown, eliminated by its Schur complement.
@@ -76,7 +74,7 @@ class System:
         stiff = along @ slopes + sigma**-2
         return replace(self, A=self.A - np.outer(slopes, slopes) / stiff, b=self.b - slopes * (along @ self.b) / stiff)
 
-    def plus(self, other: System) -> System:
+    def plus(self, other: "System") -> "System":
         """Joint equations; all else stays the first one's."""
         return replace(self, A=self.A + other.A, b=self.b + other.b)
 

@@ -1,7 +1,5 @@
 """From frames to a trajectory: what a frame is aligned against, and what happens after one that was lost."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

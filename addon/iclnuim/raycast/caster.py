@@ -1,7 +1,5 @@
 """Rays against triangles, and distances to them: Embree, by way of open3d. Nothing else here or in fusion asks it for rays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +43,7 @@ class RayCaster:
         self._scene.add_triangles(self._packed(vertices), self._tensor(np.ascontiguousarray(triangles, np.uint32)))
 
     @classmethod
-    def of_model(cls, model: SceneModel) -> RayCaster:
+    def of_model(cls, model: SceneModel) -> "RayCaster":
         """Triangle k is the model's."""
         return cls(model.corners_m.reshape(-1, 3), np.arange(3 * len(model)).reshape(-1, 3))
 

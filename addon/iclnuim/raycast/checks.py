@@ -1,7 +1,5 @@
 """Rendered depth, instances and normals against an independent judge: Embree casts the same rays at the same triangles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

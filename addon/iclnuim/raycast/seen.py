@@ -1,7 +1,5 @@
 """Which triangles a camera saw along a trajectory: rays through pixels, and rays to the centroids of triangles that no pixel met."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

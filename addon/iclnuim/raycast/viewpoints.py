@@ -1,7 +1,5 @@
 """Viewpoints chosen in a scene's free space: in rooms, at the height of eyes, far from one another, looking across."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import InputError

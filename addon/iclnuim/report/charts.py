@@ -3,8 +3,6 @@
 Matplotlib's Agg canvas without pyplot: no window, no global settings. Import this module late, it takes half a second.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

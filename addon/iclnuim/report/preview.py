@@ -1,7 +1,5 @@
 """Pictures of a sequence: a sheet of colour, depth and error of some frames, and a short film."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

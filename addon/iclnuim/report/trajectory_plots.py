@@ -1,7 +1,5 @@
 """Charts of a trajectory's error: both trajectories, error along them, error over time. Imports Matplotlib: import it late."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -22,8 +22,6 @@ rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row pe
 ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_deg.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -49,7 +47,7 @@ class Source:
     loaded: LoadedTrajectory
 
     @classmethod
-    def read(cls, path: str, format: str | None = None, rate_hz: float = 30.0) -> Source:
+    def read(cls, path: str, format: str | None = None, rate_hz: float = 30.0) -> "Source":
         """From a file of a named format, or of one recognised; rate_hz is for files that number their frames. Raises InputError."""
         return cls(path, read_trajectory(path, format, rate_hz=rate_hz))
 
@@ -67,7 +65,7 @@ class AbsoluteReport:
     result: AbsoluteError
 
     @classmethod
-    def of(cls, reference: Source, estimate: Source, settings: AbsoluteErrorSettings) -> AbsoluteReport:
+    def of(cls, reference: Source, estimate: Source, settings: AbsoluteErrorSettings) -> "AbsoluteReport":
         """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
         with _naming(estimate):
             result = absolute_error(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
@@ -121,7 +119,7 @@ class RelativeReport:
     result: RelativeError
 
     @classmethod
-    def of(cls, reference: Source, estimate: Source, settings: RelativeErrorSettings) -> RelativeReport:
+    def of(cls, reference: Source, estimate: Source, settings: RelativeErrorSettings) -> "RelativeReport":
         """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
         with _naming(estimate):
             result = relative_error(reference.loaded.trajectory, estimate.loaded.trajectory, settings)

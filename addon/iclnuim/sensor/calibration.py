@@ -3,8 +3,6 @@
 The inverse of the models `paper`: what they are given as sigmas comes back out of their images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

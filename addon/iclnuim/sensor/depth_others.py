@@ -1,7 +1,5 @@
 """Depth noise that users know from elsewhere: none at all, Nguyen's Kinect, the Redwood simulation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Depth noise as the paper writes it: shift, disparity noise, rounding (equation 3), a step along the normal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Depth noise as the released noisy frames of the original really contain it, measured on office kt3."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

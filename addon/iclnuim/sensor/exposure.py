@@ -4,8 +4,6 @@ Motion blur is the mean light over the exposure; a rolling shutter gives each ro
 frame's stamp, whose pose stays the ground truth. The paper counts their absence among its limitations (section V).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

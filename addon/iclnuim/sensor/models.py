@@ -1,7 +1,5 @@
 """The registry of noise models, and a user's own as `module:function`."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import traceback

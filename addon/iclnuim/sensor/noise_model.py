@@ -1,7 +1,5 @@
 """The base of the noise models: a group of settings with a name. The command takes them as JSON, so they have no options."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar

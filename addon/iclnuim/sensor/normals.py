@@ -5,8 +5,6 @@ along the ray r = (x, y, 1), and N . r = 1; so the cosine of the angle between n
 planes, whose w is linear in u and v.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,7 +23,7 @@ class Normals:
     z: np.ndarray
     secant: np.ndarray
 
-    def __getitem__(self, rows: slice) -> Normals:
+    def __getitem__(self, rows: slice) -> "Normals":
         """Some rows, as views."""
         return Normals(self.x[rows], self.y[rows], self.z[rows], self.secant[rows])
 

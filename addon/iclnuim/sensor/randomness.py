@@ -1,7 +1,5 @@
 """One generator per (sequence seed, frame, stream), and a Gaussian that is fast and the same under every numpy."""
 
-from __future__ import annotations
-
 import functools
 from statistics import NormalDist
 

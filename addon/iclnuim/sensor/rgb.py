@@ -5,8 +5,6 @@ whose response the paper takes as linear, and their sum of variances holds there
 released frames is noise of the finished 8-bit values, and is added to these.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Depth images in parts and between their pixels. Depth 0 is no measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

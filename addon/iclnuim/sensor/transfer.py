@@ -1,7 +1,5 @@
 """From light to 8 bits and back: the fixed sRGB transfer function (IEC 61966-2-1) of scene-linear RGB."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
