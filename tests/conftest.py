@@ -16,20 +16,26 @@ for package in ("iclnuim.tools", "iclnuim.blend.builder"):  # what only a checko
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
-_ended = []
+EXIT_STATUS = pytest.StashKey[int]()
 
 
-def pytest_sessionfinish(exitstatus):
-    _ended.append(int(exitstatus))
+def pytest_xdist_auto_num_workers(config) -> int:
+    """Processes of `-n auto`: one a core up to four for the whole suite, none for a part of it or for the debugger."""
+    whole = config.args == config.getini("testpaths") and not config.option.keyword
+    return min(4, len(os.sched_getaffinity(0))) if whole and not config.option.usepdb else 0
+
+
+def pytest_sessionfinish(session, exitstatus):
+    session.config.stash[EXIT_STATUS] = int(exitstatus)
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_unconfigure():
+def pytest_unconfigure(config):
     """Blender as a module may wait at the end for threads of its own that are gone by then: all is said, so end here."""
-    if "bpy" in sys.modules and _ended:
+    if "bpy" in sys.modules and EXIT_STATUS in config.stash:
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(_ended[-1])
+        os._exit(config.stash[EXIT_STATUS])
 
 
 @pytest.fixture(scope="session")
