@@ -62,16 +62,8 @@ MAY_IMPORT |= {
 #: What only a checkout has: loaded by name where it is there.
 FROM_A_CHECKOUT = {"tools", "builder"}
 MAY_LOAD_A_CHECKOUT = {"headless.commands.bench", "headless.commands.scene", "blend.builder.command"}
-#: Circles that are still there. An entry goes with its circle.
-KNOWN_CIRCLES: tuple[set[str], ...] = ()
-#: Modules that still import against the way. An entry goes with its imports.
-KNOWN_AGAINST_THE_WAY: set[str] = set()
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}
-#: Modules that still keep state in a global. An entry goes with its global.
-KNOWN_GLOBALS = {}
-#: Files of the library whose messages still name options of the command line. An entry goes with its options.
-KNOWN_TO_NAME_OPTIONS: dict[str, str] = {}
 
 
 @cache
@@ -173,8 +165,6 @@ def test_imports_are_found_however_they_are_written(monkeypatch, tmp_path):
 def test_imports_point_one_way():
     wrong = []
     for name in modules():
-        if short(name) in KNOWN_AGAINST_THE_WAY:
-            continue
         room = room_of(name)
         allowed = {room, *MAY_IMPORT[room].split()} | (FROM_A_CHECKOUT if short(name) in MAY_LOAD_A_CHECKOUT else set())
         wrong += [f"{short(name)} imports {short(m)}" for m in imported(name) if room_of(m) not in allowed]
@@ -184,10 +174,6 @@ def test_imports_point_one_way():
 def test_modules_import_each_other_in_no_circle():
     """iclnuim itself is left out: it names what the library offers, and imports it when it is used."""
     graph = {short(n): set(map(short, imported(n) - {"iclnuim", n})) for n in modules() if n != "iclnuim"}
-    graph |= {name: set() for name in KNOWN_AGAINST_THE_WAY}
-    for circle in KNOWN_CIRCLES:
-        for name in circle & set(graph):
-            graph[name] -= circle
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -261,7 +247,7 @@ def state_in_globals(path: Path) -> Iterator[str]:
 
 def test_no_module_keeps_state_in_a_global():
     found = {str(p.relative_to(REPOSITORY)): list(state_in_globals(p)) for p in modules().values()}
-    assert {name: lines for name, lines in found.items() if lines and name not in KNOWN_GLOBALS} == {}
+    assert {name: lines for name, lines in found.items() if lines} == {}
 
 
 def messages(path: Path) -> Iterator[ast.Constant]:
@@ -282,8 +268,7 @@ def test_the_library_does_not_speak_of_command_line_options():
     wrong = {}
     for path in (REPOSITORY / "addon/iclnuim").rglob("*.py"):
         found = [f"{m.lineno}: {m.value}" for m in messages(path) if re.search(r"(?<![-\w])--[a-z]", m.value)]
-        room = path.parent.name if path.parent.name != "iclnuim" else ""
-        if found and path.stem not in KNOWN_TO_NAME_OPTIONS.get(room, "").split():
+        if found:
             wrong[str(path.relative_to(REPOSITORY))] = found
     assert wrong == {}
 

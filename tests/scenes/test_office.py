@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.scenes import SCENES
 
 cv2 = pytest.importorskip("cv2")
 o3d = pytest.importorskip("open3d")
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
+from iclnuim.blend.builder import build_scene  # noqa: E402
 from iclnuim.tools.official_views import OFFICE  # noqa: E402
 
 LISTED = {
@@ -61,7 +61,7 @@ def captured(seconds):
 def built(seed=0, detail=1.0):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     begun = time.process_time()
-    SCENES["office"].build(seed=seed, detail=detail)
+    build_scene("office", seed, detail)
     return captured(time.process_time() - begun)
 
 
