@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from .noise_race import PairTime
+from .noise_times import PairTime
 
 Figures = Mapping[str, Mapping[str, float]]
 

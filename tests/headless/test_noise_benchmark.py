@@ -10,7 +10,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.benchmark.noise_fidelity import overlaps
-from iclnuim.headless.benchmark.noise_race import race
+from iclnuim.headless.benchmark.noise_times import pair_times
 from iclnuim.headless.cli import main
 from iclnuim.sensor.models import depth_model, rgb_model
 
@@ -61,7 +61,7 @@ def test_the_command_reports_every_pair_and_model_and_draws(raw, tmp_path, capsy
 def test_noise_costs_little_more_than_its_files_and_keeps_up_with_the_sensor(tmp_path):
     """On a machine with nothing else at work: where others take the caches, noise loses more than files do."""
     raw = _run(tmp_path / "raw", "640x480", 48)
-    for pair in race(raw, "::", rounds=3, workers=4):
+    for pair in pair_times(raw, "::", rounds=3, workers=4):
         # processor time: the clock depends on what else the machine does
         assert pair.cpu_ratio <= 1.6, pair
         assert pair.cpu_ms <= 4 * 1000 / 25, pair

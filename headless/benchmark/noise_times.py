@@ -40,7 +40,7 @@ class PairTime:
     cpu_ratio: float
 
 
-def race(
+def pair_times(
     raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
 ) -> list[PairTime]:
     """Each of PAIRS on the frames of a run, `rounds` times with noise and without, in turns."""
