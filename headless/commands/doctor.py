@@ -126,7 +126,7 @@ def _blender_binary() -> Finding:
         return Finding("blender binary", "not on the PATH", False, False, mend)
     done = subprocess.run([path, "--version"], capture_output=True, text=True, timeout=120, check=False)
     version = re.search(r"Blender (\d+)\.(\d+)\S*", done.stdout)
-    good = bool(version) and (int(version[1]), int(version[2])) >= (4, 2)
+    good = version is not None and (int(version[1]), int(version[2])) >= (4, 2)
     return Finding("blender binary", f"{version[0] if version else 'no version'} at {path}", good, False, mend)
 
 

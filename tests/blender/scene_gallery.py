@@ -77,14 +77,18 @@ def mesh(name: str, vertices: list, faces: list, surface: bpy.types.Material | N
     return made
 
 
-def box(name: str, low: tuple, high: tuple, surface: bpy.types.Material | None = None, inward: bool = False) -> bpy.types.Object:
+def box(
+    name: str, low: tuple, high: tuple, surface: bpy.types.Material | None = None, inward: bool = False
+) -> bpy.types.Object:
     """A closed box; `inward`: its normals point to its inside."""
     corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return mesh(name, corners, [face[::-1] for face in faces] if inward else faces, surface)
 
 
-def lamp(place: tuple = (0.5, 0.3, 2.1), watts: float = 60.0, radius: float = 0.15, kind: str = "POINT") -> bpy.types.Object:
+def lamp(
+    place: tuple = (0.5, 0.3, 2.1), watts: float = 60.0, radius: float = 0.15, kind: str = "POINT"
+) -> bpy.types.Object:
     """A lamp of the scene."""
     data = bpy.data.lights.new("lamp", kind)
     data.energy = watts
@@ -144,7 +148,12 @@ def zero_normal(folder: Path) -> Path:
 def zero_area_faces(folder: Path) -> None:
     """Triangles whose corners coincide: their normals have no direction."""
     room()
-    mesh("slivers", [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0.5, 0, 1), (1.0, 0, 1)], [(0, 1, 2), (0, 3, 4)], material("sliver"))
+    mesh(
+        "slivers",
+        [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0.5, 0, 1), (1.0, 0, 1)],
+        [(0, 1, 2), (0, 3, 4)],
+        material("sliver"),
+    )
 
 
 @scene()
@@ -248,7 +257,9 @@ def hair_curves(folder: Path) -> None:
     room()
     data = bpy.data.hair_curves.new("strands")
     data.add_curves([3, 3])
-    data.position_data.foreach_set("vector", [0, 0, 0.2, 0.1, 0, 0.6, 0.2, 0, 1.0, 0.3, 0, 0.2, 0.4, 0, 0.6, 0.5, 0, 1.0])
+    data.position_data.foreach_set(
+        "vector", [0, 0, 0.2, 0.1, 0, 0.6, 0.2, 0, 1.0, 0.3, 0, 0.2, 0.4, 0, 0.6, 0.5, 0, 1.0]
+    )
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("strands", data))
 
 
@@ -259,7 +270,10 @@ def fog_in_a_box(folder: Path) -> None:
     fog = bpy.data.materials.new("fog")
     fog.use_nodes = True
     fog.node_tree.nodes.clear()
-    output, volume = fog.node_tree.nodes.new("ShaderNodeOutputMaterial"), fog.node_tree.nodes.new("ShaderNodeVolumePrincipled")
+    output, volume = (
+        fog.node_tree.nodes.new("ShaderNodeOutputMaterial"),
+        fog.node_tree.nodes.new("ShaderNodeVolumePrincipled"),
+    )
     fog.node_tree.links.new(volume.outputs[0], output.inputs["Volume"])
     box("fog", (-1.0, -0.5, 0.2), (0.0, 0.5, 1.2), fog)
 
@@ -285,7 +299,9 @@ def metal_without_light(folder: Path) -> Path:
 def tiny_light(folder: Path) -> None:
     """An LED of a centimetre is no light for a room."""
     room(lit=False)
-    box("led", (0.0, 1.98, 0.5), (0.01, 1.99, 0.51), material("led", Emission_Color=(0, 1, 0, 1), Emission_Strength=1.0))
+    box(
+        "led", (0.0, 1.98, 0.5), (0.01, 1.99, 0.51), material("led", Emission_Color=(0, 1, 0, 1), Emission_Strength=1.0)
+    )
 
 
 @scene(light="either")
@@ -300,7 +316,10 @@ def sun_through_thin_glass(folder: Path) -> None:
     pane = bpy.data.materials.new("pane")
     pane.use_nodes = True
     pane.node_tree.nodes.clear()
-    output, glass = pane.node_tree.nodes.new("ShaderNodeOutputMaterial"), pane.node_tree.nodes.new("ShaderNodeBsdfGlass")
+    output, glass = (
+        pane.node_tree.nodes.new("ShaderNodeOutputMaterial"),
+        pane.node_tree.nodes.new("ShaderNodeBsdfGlass"),
+    )
     glass.inputs["Roughness"].default_value = 0.0
     pane.node_tree.links.new(glass.outputs[0], output.inputs["Surface"])
     window_room(pane)
@@ -315,7 +334,10 @@ def window_room(pane: bpy.types.Material) -> None:
     mesh("back", [(-a, a, 0), (-a, a, b), (a, a, b), (a, a, 0)][::-1], [(0, 1, 2, 3)], walls)
     mesh("front", [(-a, -a, 0), (-a, -a, b), (a, -a, b), (a, -a, 0)], [(0, 1, 2, 3)], walls)
     mesh("left", [(-a, -a, 0), (-a, a, 0), (-a, a, b), (-a, -a, b)], [(0, 1, 2, 3)], walls)
-    outer, inner = [(a, -a, 0), (a, a, 0), (a, a, b), (a, -a, b)], [(a, -1, 0.8), (a, 1, 0.8), (a, 1, 2.0), (a, -1, 2.0)]
+    outer, inner = (
+        [(a, -a, 0), (a, a, 0), (a, a, b), (a, -a, b)],
+        [(a, -1, 0.8), (a, 1, 0.8), (a, 1, 2.0), (a, -1, 2.0)],
+    )
     ring = [(k, 4 + k, 4 + (k + 1) % 4, (k + 1) % 4) for k in range(4)]
     mesh("right", outer + inner, ring, walls)
     mesh("pane", inner, [(0, 1, 2, 3)], pane)
@@ -333,14 +355,24 @@ def coincident_faces(folder: Path) -> None:
     """Two faces in one place."""
     room()
     for name in ("one", "other"):
-        mesh(name, [(-1, 1.99, 0.5), (1, 1.99, 0.5), (1, 1.99, 1.5), (-1, 1.99, 1.5)], [(0, 1, 2, 3)], material(name, (0.3, 0.5, 0.3)))
+        mesh(
+            name,
+            [(-1, 1.99, 0.5), (1, 1.99, 0.5), (1, 1.99, 1.5), (-1, 1.99, 1.5)],
+            [(0, 1, 2, 3)],
+            material(name, (0.3, 0.5, 0.3)),
+        )
 
 
 @scene()
 def bent_quads(folder: Path) -> None:
     """Quads whose corners are not in one plane, shaded flat."""
     room()
-    mesh("bent", [(-1, 0, 0.3), (0, 0, 0.5), (0, 1, 0.3), (-1, 1, 0.6)], [(0, 1, 2, 3)], material("bent", (0.4, 0.4, 0.7)))
+    mesh(
+        "bent",
+        [(-1, 0, 0.3), (0, 0, 0.5), (0, 1, 0.3), (-1, 1, 0.6)],
+        [(0, 1, 2, 3)],
+        material("bent", (0.4, 0.4, 0.7)),
+    )
 
 
 @scene(light="path", note="diffuse")
@@ -349,7 +381,10 @@ def unlit_room(folder: Path) -> None:
     glow = bpy.data.materials.new("baked")
     glow.use_nodes = True
     glow.node_tree.nodes.clear()
-    output, emission = glow.node_tree.nodes.new("ShaderNodeOutputMaterial"), glow.node_tree.nodes.new("ShaderNodeEmission")
+    output, emission = (
+        glow.node_tree.nodes.new("ShaderNodeOutputMaterial"),
+        glow.node_tree.nodes.new("ShaderNodeEmission"),
+    )
     emission.inputs["Color"].default_value = (0.4, 0.5, 0.6, 1.0)
     glow.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
     box("room", (-2, -2, 0), (2, 2, 2.5), glow, inward=True)
@@ -429,7 +464,9 @@ def transparent_leaves(folder: Path) -> None:
     texture = leaf.node_tree.nodes.new("ShaderNodeTexImage")
     texture.image, texture.interpolation = image, "Closest"
     leaf.node_tree.links.new(texture.outputs["Alpha"], leaf.node_tree.nodes["Principled BSDF"].inputs["Alpha"])
-    plane = mesh("leaves", [(-1.4, 0.5, 0.2), (-0.4, 0.5, 0.2), (-0.4, 0.5, 1.2), (-1.4, 0.5, 1.2)], [(0, 1, 2, 3)], leaf)
+    plane = mesh(
+        "leaves", [(-1.4, 0.5, 0.2), (-0.4, 0.5, 0.2), (-0.4, 0.5, 1.2), (-1.4, 0.5, 1.2)], [(0, 1, 2, 3)], leaf
+    )
     plane.data.uv_layers.new(name="uv")
 
 
