@@ -88,6 +88,8 @@ class RenderJob(Settings):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> RenderJob:
         """Raises InputError for unknown keys, a newer schema_version, or values out of range."""
+        if not isinstance(content, Mapping):
+            raise InputError("a render job as a JSON object", found=content)
         content = dict(content)
         version = content.pop("schema_version", SCHEMA_VERSION)
         if version != SCHEMA_VERSION:
@@ -130,7 +132,7 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
     try:
         job = RenderJob.from_dict(content)
     except InputError as error:
-        raise InputError(error.expected, path=path, setting=error.setting, found=error.found, hint=error.hint) from None
+        raise error.at(path) from None
     return replace(
         job,
         scene=_inside(path, job.scene, shipped.SCENE_NAMES),

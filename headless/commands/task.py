@@ -74,8 +74,9 @@ def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], No
         nonlocal last
         seconds, last = time.monotonic() - last, time.monotonic()
         console.result({}, f"Time: {int(seconds // 60):02}:{seconds % 60:05.2f} (frame {number})")
-        if stage == "dataset":
-            console.result({}, f"Saved: '{images / f'{number:06}.png'}'")
+        image = images / f"{number:06}.png"
+        if stage == "dataset" and image.is_file():  # in the format tum alone
+            console.result({}, f"Saved: '{image}'")
 
     if stage == "frames":
         for number in sorted(set(plan.numbers).difference(plan.missing())):

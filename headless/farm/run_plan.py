@@ -136,7 +136,7 @@ class RunPlan:
         return cls(
             RenderJob.from_dict(content["job"]),
             raw,
-            numbers_from(content["frames"]),
+            numbers_from(str(content["frames"])),
             None if sequences is None else SequenceOptions.from_dict(sequences),
             content["keep_raw"],
             FarmSettings.from_dict(content["farm"]),
@@ -165,11 +165,7 @@ def read_plan(raw: Path) -> RunPlan:
     except KeyError as error:
         raise InputError(f"the key {error}", path=raw / RECORD) from None
     except InputError as error:
-        if error.path is not None:
-            raise
-        raise InputError(
-            error.expected, path=raw / RECORD, setting=error.setting, found=error.found, hint=error.hint
-        ) from None
+        raise error if error.path else error.at(raw / RECORD) from None
 
 
 def _find_modules_of(record: Mapping[str, Any]) -> None:

@@ -81,4 +81,4 @@ def read_settings(path: Path) -> SlurmSettings:
     try:
         return SlurmSettings.from_dict(content)
     except InputError as error:
-        raise InputError(error.expected, path=path, setting=error.setting, found=error.found, hint=error.hint) from None
+        raise error.at(path) from None
