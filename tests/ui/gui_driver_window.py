@@ -219,6 +219,7 @@ def switch_off_during_a_render():
     found["timers_meanwhile"] = timers()
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 1.0
+    yield from ticking("switched off", lambda: child.exit_code is not None, 10.0)
     found["child_after_switching_off"] = child.exit_code
     found["left"] = {
         "timers": timers(),

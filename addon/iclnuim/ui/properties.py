@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from ..geometry.scene_axes import UNITS_M, SceneReading
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..scenes import SCENES, TRAJECTORIES
-from ..settings import Setting, declared
+from ..settings import Setting, Settings, declared, setting
 from . import state
 
 #: What is no built-in scene or trajectory, by the number that a saved .blend keeps: (value, name, tooltip).
@@ -32,14 +33,53 @@ _OTHER_TRAJECTORIES = {
     5: ("CAMERA", "Active camera", "The animation of the scene's active camera, one pose per frame of the timeline"),
 }
 _AUTO = {0: ("AUTO", "Auto", "The default")}
+_EQUATION_2 = "paper, equation 2"
+
+
+@dataclass(frozen=True)
+class PanelSettings(Settings):
+    """Settings that only the panel has: where the trajectory starts, what is drawn, and which frames and sequences are made."""
+
+    scale: float = setting(1.0, "factor on the trajectory's lengths", low=1e-3, high=1e3, source=_EQUATION_2)
+    use_start: bool = setting(
+        False, "move the trajectory so that its first pose is the one below", source=_EQUATION_2, label="Own start pose"
+    )
+    start_location: tuple[float, float, float] = setting(
+        (0.0, 0.0, 1.5), "position of the first pose, metres in Blender's world, z up", label="Start"
+    )
+    start_rotation: tuple[float, float, float] = setting(
+        (math.pi / 2, 0.0, 0.0),
+        "rotation of Blender's camera at the first pose, XYZ Euler; (90, 0, 0) degrees looks along +y",
+        label="Rotation",
+    )
+    show_path: bool = setting(
+        True, "draw the trajectory as a curve with camera frusta; drawn only, never rendered", label="Show in the view"
+    )
+    write_clean: bool = setting(True, "write a sequence without noise", label="Clean")
+    write_noisy: bool = setting(True, "write a sequence with the sensor's noise", label="Noisy")
+    frames: str = setting(
+        "::30",
+        "poses to render, as A:B:S: from A, before B, every S-th (30 per second); :: is all, a number is one frame",
+    )
+    delta: str = setting(
+        "1s",
+        "how far apart the two poses of an RPE pair are: 30 (frames), 1s (seconds) or 0.5m (metres)",
+        label="RPE delta",
+    )
+
+
 #: Declared settings in the panel, and what the names of their properties begin with. Of two groups with a setting the later one has it.
 _GROUPS: dict[type, str] = {
+    PanelSettings: "",
     AlignmentSettings: "align_",
     SequenceOptions: "",
     PinholeCamera: "",
     RenderJob: "",
     SceneReading: "scene_",
 }
+_SUBTYPES = {"textures": "DIR_PATH", "start_location": "TRANSLATION", "start_rotation": "EULER"}
+#: Settings whose change makes the trajectory another one, beside those of its source and the scene's.
+_MOVES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotation")
 
 
 def properties_of_this_file() -> dict[str, Any]:
@@ -75,57 +115,9 @@ def properties_of_this_file() -> dict[str, Any]:
 
 def properties_of_a_preset() -> dict[str, Any]:
     """Name -> property of all other settings."""
-    return {
-        "scale": FloatProperty(
-            name="Scale",
-            default=1.0,
-            min=1e-3,
-            max=1e3,
-            update=_trajectory_changed,
-            description="Factor on the trajectory's lengths before it is put into the scene, no unit (paper, equation 2)",
-        ),
-        "use_start": BoolProperty(
-            name="Own start pose",
-            update=_trajectory_changed,
-            description="Move the trajectory so that its first pose is the one below (paper, equation 2)",
-        ),
-        "start_location": FloatVectorProperty(
-            name="Start",
-            subtype="TRANSLATION",
-            default=(0.0, 0.0, 1.5),
-            update=_trajectory_changed,
-            description="Position of the first pose, metres in Blender's world, z up",
-        ),
-        "start_rotation": FloatVectorProperty(
-            name="Rotation",
-            subtype="EULER",
-            default=(math.pi / 2, 0.0, 0.0),
-            update=_trajectory_changed,
-            description="Rotation of Blender's camera at the first pose, XYZ Euler; (90, 0, 0) degrees looks along +y",
-        ),
-        "show_path": BoolProperty(
-            name="Show in the view",
-            default=True,
-            description="Draw the trajectory as a curve with camera frusta; drawn only, never rendered",
-        ),
-        **_properties(PinholeCamera),
-        **_properties(SequenceOptions, depth_noise="released", rgb_noise="released"),
-        **_properties(RenderJob),
-        "write_clean": BoolProperty(name="Clean", default=True, description="Write a sequence without noise"),
-        "write_noisy": BoolProperty(name="Noisy", default=True, description="Write a sequence with the sensor's noise"),
-        "frames": StringProperty(
-            name="Frames",
-            default="::30",
-            description="Poses to render as A:B:S, a Python slice: from A, before B, every S-th; :: is all (30 per second). A number is "
-            "one frame",
-        ),
-        **_properties(AlignmentSettings),
-        "delta": StringProperty(
-            name="RPE delta",
-            default="1s",
-            description="How far apart the two poses of an RPE pair are: 30 (frames), 1s (seconds) or 0.5m (metres)",
-        ),
-    }
+    noise = {"depth_noise": "released", "rgb_noise": "released"}
+    groups = (PanelSettings, PinholeCamera, SequenceOptions, RenderJob, AlignmentSettings)
+    return {name: made for group in groups for name, made in _properties(group, **noise).items()}
 
 
 def names_of(group: type) -> list[str]:
@@ -213,21 +205,25 @@ def _properties(group: type, **defaults: Any) -> dict[str, Any]:
 
 
 def _property(s: Setting, default: Any) -> Any:
-    text = {"name": s.label, "description": _tooltip(s, s.shown[0])}
+    more: dict[str, Any] = {"name": s.label, "description": _tooltip(s, s.shown[0])}
+    if s.name in _MOVES_THE_TRAJECTORY:
+        more["update"] = _trajectory_changed
     if s.choices is not None:
         return _choice(s, ((v, v, _sentence(about)) for v, about in s.choices.items()), default)
     if s.kind is bool and s.optional:
         return _choice(s, (("ON", "On", ""), ("OFF", "Off", "")))
     if s.kind is bool:
-        return BoolProperty(default=default, **text)
+        return BoolProperty(default=default, **more)
     if s.kind is str:
-        return _file(**text, subtype="DIR_PATH")
+        return StringProperty(default=default or "", subtype=_SUBTYPES.get(s.name, "NONE"), **more)
+    if s.length is not None:
+        return FloatVectorProperty(size=s.length, default=default, subtype=_SUBTYPES.get(s.name, "NONE"), **more)
     factor, kind = s.shown[1], s.kind
     limits = {key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)}
     if s.optional:
         limits["min"] = 0  # which stands for the default
     make, digits = (IntProperty, {}) if kind is int else (FloatProperty, {"precision": 3})
-    return make(default=kind((default or 0) * factor), **limits, **digits, **text)
+    return make(default=kind((default or 0) * factor), **limits, **digits, **more)
 
 
 def _value(s: Setting, shown: Any) -> Any:
