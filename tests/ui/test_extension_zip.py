@@ -39,7 +39,7 @@ def driven(archive, estimate, tmp_path_factory) -> dict:
         [sys.executable, str(DRIVER), str(archive), str(home / "out"), str(estimate)],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=900,
         env=clean,
         cwd=home,
     )
