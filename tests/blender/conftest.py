@@ -1,4 +1,4 @@
-"""Tiny analytic scenes, and the render command in a process of its own as users run it."""
+"""Tiny analytic scenes; the render command in a process of its own as users run it, and the same frame loop in this process."""
 
 import subprocess
 import sys
@@ -78,4 +78,33 @@ def render(cornered_room, forward_path):
         return [sys.executable, str(REPOSITORY / "headless/render.py"), *fixed, *options]
 
     run.command = command
+    return run
+
+
+@pytest.fixture(scope="session")
+def render_here(cornered_room, forward_path):
+    """`render_here(out, frames, **settings)` renders in this process, where Blender is loaded already; returns what was noted.
+
+    The bytes are those of the command: tests of the command itself, and of whole processes, use `render`.
+    """
+    from iclnuim.blender import worker
+    from iclnuim.geometry.camera import PinholeCamera
+    from iclnuim.job import RenderJob
+    from iclnuim.worker_events import Note
+
+    def run(
+        out: Path, frames="::", *, job=None, scene=cornered_room, trajectory=forward_path, camera="64x48", **settings
+    ):
+        if job is None:
+            small = {"light": "path", "samples": 2, "denoise": False} if settings.get("light") != "baked" else {}
+            lens = PinholeCamera.parse(camera)
+            job = RenderJob("test", str(scene), str(trajectory), camera=lens, **{**small, **settings})
+        notes = []
+        out.parent.mkdir(parents=True, exist_ok=True)
+        whole = worker.render_run(
+            job, out, frames, lambda event: notes.append(event.text) if isinstance(event, Note) else None, lambda: False
+        )
+        assert whole
+        return notes
+
     return run

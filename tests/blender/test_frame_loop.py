@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.job import RenderJob
 
 
 def frames(out):
@@ -24,6 +26,11 @@ def whole_run(render, tmp_path_factory):
     done = render(out)
     assert done.returncode == 0, done.stderr
     return out
+
+
+def job_of(run, **settings):
+    """The job that a run folder was made by, with other settings."""
+    return RenderJob.from_dict(json.loads((run / "sequence.json").read_text())["job"]).changed(**settings)
 
 
 def analytic_depth(camera, T):
@@ -48,22 +55,22 @@ def test_depth_is_planar_and_exact_to_a_tenth_of_a_millimetre(whole_run):
         assert np.median(off[~nearer]) < 1e-5
 
 
-def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(render, whole_run, tmp_path):
-    for name, options in (("many", ("--samples", "16")), ("soft", ("--antialias",))):
+def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(render_here, whole_run, tmp_path):
+    for name, changed in (("many", {"samples": 16}), ("soft", {"antialias": True})):
         out = tmp_path / name
-        assert render(out, "--frames", "3", *options).returncode == 0
+        render_here(out, "3", job=job_of(whole_run, **changed))
         a, b = read_exr(out / "exr/000003.exr"), read_exr(whole_run / "exr/000003.exr")
         assert a["Z"].dtype == np.float32
         assert np.array_equal(a["Z"], b["Z"])
         assert not np.array_equal(a["R"], b["R"])
 
 
-def test_a_frame_is_the_same_bytes_alone_in_sequence_backwards_and_resumed(render, whole_run, tmp_path):
+def test_a_frame_is_the_same_bytes_alone_in_sequence_backwards_and_resumed(render_here, whole_run, tmp_path):
     reference = frames(whole_run)
     assert len(reference) == 12
     out = tmp_path / "parts"
     for part in ("7", "::-3", "0:5", "::"):
-        assert render(out, "--frames", part).returncode == 0
+        render_here(out, part, job=job_of(whole_run))
     assert frames(out) == reference
 
 
@@ -78,7 +85,7 @@ def test_a_second_start_renders_nothing_again(render, whole_run):
 def test_broken_and_foreign_frames_are_rendered_again(render, whole_run, tmp_path):
     reference = frames(whole_run)
     out = tmp_path / "damaged"
-    assert render(out).returncode == 0
+    shutil.copytree(whole_run, out)
     (out / "exr/000002.exr").write_bytes(reference["000002.exr"][:-100])
     (out / "exr/000004.exr").write_bytes(b"")
     os.remove(out / "exr/000006.exr")
@@ -103,13 +110,13 @@ def test_the_run_folder_tells_camera_poses_and_recipe(whole_run, forward_path):
     ]
 
 
-def test_background_is_zero(render, tmp_path, forward_path):
+def test_background_is_zero(render_here, tmp_path, forward_path):
     """Looking up from the cornered room, where there is nothing."""
     text = [line for line in forward_path.read_text().splitlines() if not line.startswith("#")][:1]
     stamp, x, y, z, *_ = text[0].split()
     up = tmp_path / "up.txt"
     up.write_text(f"{stamp} {x} {y} {z} 0 0 0 1\n{float(stamp) + 1} {x} {y} {z} 0 0 0 1\n")
-    assert render(tmp_path / "run", "--frames", "0", trajectory=up).returncode == 0
+    render_here(tmp_path / "run", "0", trajectory=up)
     assert (read_exr(tmp_path / "run/exr/000000.exr")["Z"] == 0).all()
 
 

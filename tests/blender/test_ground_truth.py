@@ -99,11 +99,9 @@ def normals_of(frame):
 
 
 @pytest.fixture(scope="module")
-def truth_run(render, awkward_scene, tmp_path_factory):
+def truth_run(render_here, awkward_scene, tmp_path_factory):
     out = tmp_path_factory.mktemp("truth") / "run"
-    options = ("--frames", "::6", "--camera", "160x120", "--samples", "1", "--ground-truth")
-    done = render(out, *options, scene=awkward_scene)
-    assert done.returncode == 0, done.stderr
+    render_here(out, "::6", scene=awkward_scene, camera="160x120", samples=1, ground_truth=True)
     return out
 
 
@@ -128,11 +126,10 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth
         assert (facing < 0.3).all()  # they face the viewer, up to smooth shading
 
 
-def test_baked_light_shows_the_same_truth_as_path_tracing(render, truth_run, awkward_scene, tmp_path, monkeypatch):
+def test_baked_light_shows_the_same_truth_as_path_tracing(render_here, truth_run, awkward_scene, tmp_path, monkeypatch):
     monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
-    options = ("--frames", "6", "--camera", "160x120", "--map-size", "256", "--map-samples", "2", "--ground-truth")
-    done = render(tmp_path / "baked", *options, scene=awkward_scene, base=())
-    assert done.returncode == 0, done.stderr
+    light = {"light": "baked", "map_size": 64, "map_samples": 2}
+    render_here(tmp_path / "baked", "6", scene=awkward_scene, camera="160x120", ground_truth=True, **light)
     baked, traced = (read_exr(p / "exr/000006.exr") for p in (tmp_path / "baked", truth_run))
     assert np.array_equal(baked["instance"], traced["instance"])
     assert angle_deg(normals_of(baked), normals_of(traced)).max() < 0.01
@@ -177,11 +174,11 @@ def test_the_table_names_every_object_with_pose_boxes_class_and_nyu40_label(trut
 
 
 def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_truth(
-    render, truth_run, awkward_scene, tmp_path
+    render_here, truth_run, awkward_scene, tmp_path
 ):
-    small = ("--frames", "6", "--camera", "160x120")
-    for name, options in (("plain", ("--samples", "1")), ("many", ("--samples", "4", "--antialias", "--ground-truth"))):
-        assert render(tmp_path / name, *small, *options, scene=awkward_scene).returncode == 0
+    small = {"scene": awkward_scene, "camera": "160x120"}
+    render_here(tmp_path / "plain", "6", **small, samples=1)
+    render_here(tmp_path / "many", "6", **small, samples=4, antialias=True, ground_truth=True)
     truth, plain, many = (read_exr(p / "exr/000006.exr") for p in (truth_run, tmp_path / "plain", tmp_path / "many"))
     assert set(plain) == set("RGBZ")
     assert all(np.array_equal(plain[c], truth[c]) for c in "RGBZ")

@@ -34,27 +34,20 @@ def edge(tmp_path_factory):
     return folder
 
 
-def shot(render, edge, out, *options):
+def shot(render_here, edge, out, **shutter):
     """Light (h, w) of frame 2, in which the camera stands at x = 0, and depth."""
     from iclnuim.formats.exr import read_exr
 
     camera = f"{WIDTH}x{HEIGHT},{F},{F},{WIDTH / 2 - 0.5},{HEIGHT / 2 - 0.5}"
-    fixed = ("--frames", "2", "--camera", camera, *options)
-    done = render(
-        out,
-        *fixed,
-        scene=edge / "edge.blend",
-        trajectory=edge / "path.txt",
-        base=("--light", "path", "--samples", "1", "--no-denoise"),
-    )
-    assert done.returncode == 0, done.stderr
+    place = {"scene": edge / "edge.blend", "trajectory": edge / "path.txt", "camera": camera}
+    render_here(out, "2", **place, samples=1, **shutter)
     channels = read_exr(out / "exr/000002.exr")
     return channels["G"].astype(float), channels["Z"]
 
 
 @pytest.fixture(scope="module")
-def sharp(render, edge, tmp_path_factory):
-    return shot(render, edge, tmp_path_factory.mktemp("sharp") / "run")
+def sharp(render_here, edge, tmp_path_factory):
+    return shot(render_here, edge, tmp_path_factory.mktemp("sharp") / "run")
 
 
 def edge_px():
@@ -66,8 +59,8 @@ def test_a_sharp_frame_has_the_edge_where_the_formula_puts_it(sharp):
     assert np.abs(sharp[0].sum(1) - edge_px()).max() <= 0.5
 
 
-def test_an_exposure_of_a_frame_blurs_the_edge_over_the_motion_of_a_frame(render, edge, sharp, tmp_path):
-    light, depth = shot(render, edge, tmp_path / "run", "--exposure", str(1 / 30))
+def test_an_exposure_of_a_frame_blurs_the_edge_over_the_motion_of_a_frame(render_here, edge, sharp, tmp_path):
+    light, depth = shot(render_here, edge, tmp_path / "run", exposure_s=1 / 30)
     row = light[HEIGHT // 2]
     x = np.arange(WIDTH) + 0.5
     expected = np.clip((edge_px() + MOTION_PX / 2 - x) / MOTION_PX, 0, 1)
@@ -77,8 +70,8 @@ def test_an_exposure_of_a_frame_blurs_the_edge_over_the_motion_of_a_frame(render
     assert np.array_equal(depth, sharp[1])
 
 
-def test_a_rolling_shutter_slants_the_edge_by_the_motion_during_readout(render, edge, sharp, tmp_path):
-    light, depth = shot(render, edge, tmp_path / "run", "--readout", str(1 / 30))
+def test_a_rolling_shutter_slants_the_edge_by_the_motion_during_readout(render_here, edge, sharp, tmp_path):
+    light, depth = shot(render_here, edge, tmp_path / "run", readout_s=1 / 30)
     rows = (np.arange(HEIGHT) + 0.5) / HEIGHT - 0.5
     expected = edge_px() - rows * MOTION_PX
     assert np.abs(light.sum(1) - expected).max() <= 0.5 + 0.1
@@ -87,8 +80,8 @@ def test_a_rolling_shutter_slants_the_edge_by_the_motion_during_readout(render, 
     assert np.array_equal(depth, sharp[1])
 
 
-def test_a_blurred_frame_is_the_same_bytes_whenever_it_is_rendered(render, edge, tmp_path):
-    a = shot(render, edge, tmp_path / "a", "--exposure", "0.02", "--readout", "0.02")
-    b = shot(render, edge, tmp_path / "b", "--exposure", "0.02", "--readout", "0.02")
+def test_a_blurred_frame_is_the_same_bytes_whenever_it_is_rendered(render_here, edge, tmp_path):
+    a = shot(render_here, edge, tmp_path / "a", exposure_s=0.02, readout_s=0.02)
+    b = shot(render_here, edge, tmp_path / "b", exposure_s=0.02, readout_s=0.02)
     assert np.array_equal(a[0], b[0]) and np.array_equal(a[1], b[1])
     assert (tmp_path / "a/exr/000002.exr").read_bytes() == (tmp_path / "b/exr/000002.exr").read_bytes()
