@@ -149,10 +149,10 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
         T_model_mesh = surface.aligned(points, T_model_mesh)
     error = surface.error(points, T_model_mesh)
     if args.plot:
-        from iclnuim.fusion.error_picture import figure
+        from iclnuim.fusion.pictures import error_figure
         from iclnuim.report.charts import save
 
-        save(figure(T_model_mesh.apply(points), triangles, error, args.max_error), args.plot, 100)
+        save(error_figure(T_model_mesh.apply(points), triangles, error, args.max_error), args.plot, 100)
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     console.result(values, _surface_text(values))
 

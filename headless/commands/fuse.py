@@ -93,7 +93,7 @@ def _draw(mesh: Mesh, loaded: LoadedTrajectory, path: Path) -> None:
     """Worlds that are the first camera's frame (y down) are stood upright, as well as its tilt allows."""
     from iclnuim.formats.columns import ANCHORED_WORLD
     from iclnuim.formats.png import write_png
-    from iclnuim.fusion.shading import picture
+    from iclnuim.fusion.pictures import picture
     from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN
 
     first = loaded.trajectory.T_world_camera[0].matrix

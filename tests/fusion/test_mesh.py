@@ -5,8 +5,7 @@ import pytest
 
 pytest.importorskip("numba")
 from iclnuim.formats.ply import write_ply  # noqa: E402
-from iclnuim.fusion import marching  # noqa: E402
-from iclnuim.fusion.mesh import Mesh, extract  # noqa: E402
+from iclnuim.fusion.mesh import Mesh, edge, extract, loops  # noqa: E402
 from iclnuim.fusion.settings import VolumeSettings  # noqa: E402
 from iclnuim.fusion.volume import Volume  # noqa: E402
 
@@ -22,7 +21,7 @@ def filled(distance):
     for block in np.ndindex(8, 8, 8):
         b = np.array(block) - 4
         row += 1
-        grid.index[tuple(b & 15)] = row
+        grid.slots[tuple(b & 15)] = row
         grid.place[row] = b
         axes = [(8 * b[a] + steps) * SETTINGS.voxel_m for a in range(3)]
         grid.tsdf[row] = distance(*np.meshgrid(*axes, indexing="ij")).ravel()
@@ -53,12 +52,12 @@ def open_edges(triangles):
 def test_every_case_cuts_all_crossed_edges_and_only_those():
     for case in range(256):
         crossed = {
-            marching.edge(n, n | bit)
+            edge(n, n | bit)
             for n in range(8)
             for bit in (1, 2, 4)
             if not n & bit and (case >> n & 1) != (case >> (n | bit) & 1)
         }
-        found = [edge for loop in marching.loops(case) for edge in loop]
+        found = [cut for loop in loops(case) for cut in loop]
         assert sorted(found) == sorted(crossed)
 
 

@@ -20,7 +20,7 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
     """
     n, lost = 0, 0
     size, step = 8.0 * voxel, 2.0 * voxel
-    count = grid.index.shape[0]
+    count = grid.slots.shape[0]
     for v in range(0, inverse.shape[0], stride):
         for u in range(0, inverse.shape[1], stride):
             if inverse[v, u] <= 0.0:
@@ -39,14 +39,14 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
                 if i < 0 or j < 0 or k < 0 or i >= count or j >= count or k >= count:
                     continue
                 i, j, k = a & (count - 1), b & (count - 1), c & (count - 1)
-                row = grid.index[i, j, k]
+                row = grid.slots[i, j, k]
                 if row == 0:
                     if n_free == 0:
                         lost += 1
                         continue
                     n_free -= 1
                     row = free[n_free]
-                    grid.index[i, j, k] = row
+                    grid.slots[i, j, k] = row
                     grid.place[row, 0], grid.place[row, 1], grid.place[row, 2] = a, b, c
                 elif stamp[row] == frame:
                     continue

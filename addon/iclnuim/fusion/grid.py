@@ -13,13 +13,13 @@ from numba import njit
 
 
 class Grid(NamedTuple):
-    """first (3,) int64: lowest block of the window; index (n, n, n) int32 rows; place (rows, 3) int32 block of a row;
+    """first (3,) int64: lowest block of the window; slots (n, n, n) int32 rows; place (rows, 3) int32 block of a row;
     tsdf (rows, 512) float32 metres; weight (rows, 512) uint16; colour (rows, 512, channels + 1) uint16: mean times 256,
     and the count behind it.
     """
 
     first: np.ndarray
-    index: np.ndarray
+    slots: np.ndarray
     place: np.ndarray
     tsdf: np.ndarray
     weight: np.ndarray
@@ -29,11 +29,11 @@ class Grid(NamedTuple):
 @njit(cache=True, inline="always")
 def row_of(grid, a, b, c):
     """Row of block (a, b, c); 0 where there is none."""
-    n = grid.index.shape[0]
+    n = grid.slots.shape[0]
     x, y, z = a - grid.first[0], b - grid.first[1], c - grid.first[2]
     if x < 0 or y < 0 or z < 0 or x >= n or y >= n or z >= n:
         return 0
-    return grid.index[a & (n - 1), b & (n - 1), c & (n - 1)]
+    return grid.slots[a & (n - 1), b & (n - 1), c & (n - 1)]
 
 
 @njit(cache=True)

@@ -1,12 +1,151 @@
-"""Triangle meshes: what is taken out of a volume, as it goes or at the end."""
+"""Triangle meshes of a volume, by marching cubes over blocks, compiled: triangles by the keys of their edges, then vertices by key.
+
+W. Lorensen, H. Cline, "Marching cubes", SIGGRAPH 1987. The 256 cases are computed: on each face, every run of inside corners
+is cut off by one line, so two cubes that share a face always agree, and the surface has no holes where a face is ambiguous.
+
+Corner n of a cube stands at (n >> 2, n >> 1 & 1, n & 1); edge 3 n + axis leaves corner n towards +axis. A cube belongs to the
+block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, with (i, j, k) the voxel that it leaves, counted
+from a corner below all blocks, and n = 2^19; so a vertex that several cubes share has one key.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit, prange
 
-from . import marching
 from .fusing import UNIT
+from .grid import row_of
 from .volume import Volume
+
+SIDE = 1 << 19
+#: Corners around each face, counter-clockwise as seen from outside.
+FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+def edge(one: int, two: int) -> int:
+    """The edge between two neighbouring corners."""
+    return 3 * min(one, two) + {4: 0, 2: 1, 1: 2}[one ^ two]
+
+
+def loops(case: int) -> list[list[int]]:
+    """Closed loops of crossed edges that cut off the inside corners (bits of `case`)."""
+    following = {}
+    for face in FACES:
+        inside = [bool(case >> corner & 1) for corner in face]
+        for i in range(4):
+            if inside[i] or not inside[(i + 1) % 4]:
+                continue
+            run = next(n for n in range(1, 4) if not inside[(i + 1 + n) % 4])
+            entered, left = edge(face[i], face[(i + 1) % 4]), edge(face[(i + run) % 4], face[(i + run + 1) % 4])
+            following[entered] = left
+    found = []
+    while following:
+        loop = [next(iter(following))]
+        while following[loop[-1]] != loop[0]:
+            loop.append(following.pop(loop[-1]))
+        del following[loop[-1]]
+        found.append(loop)
+    return found
+
+
+def triangles(case: int) -> list[tuple[int, int, int]]:
+    """Fans over the loops; normals point away from the inside."""
+    return [(loop[0], loop[i], loop[i + 1]) for loop in loops(case) for i in range(1, len(loop) - 1)]
+
+
+def case_table() -> tuple[np.ndarray, np.ndarray]:
+    """(count (256,), edges (256, max, 3)) int8: the triangles of each case and the edges that they touch."""
+    cases = [triangles(case) for case in range(256)]
+    count = np.array([len(c) for c in cases], np.int8)
+    edges = np.zeros((256, count.max(), 3), np.int8)
+    for case, found in enumerate(cases):
+        edges[case, : len(found)] = np.array(found, np.int8).reshape(-1, 3)
+    return count, edges
+
+
+COUNT, EDGES = case_table()
+
+
+@njit(cache=True)
+def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
+    """The triangles of a block's cubes; written to keys (n, 3) if it has any rows. Returns how many.
+
+    A cube counts where all its corners were seen min_weight times, and one of them lies in a row that leaves.
+    """
+    a0, b0, c0 = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
+    near = np.empty(8, np.int64)
+    for n in range(8):
+        near[n] = row_of(grid, a0 + (n >> 2), b0 + (n >> 1 & 1), c0 + (n & 1))
+    found = 0
+    for at in range(512):
+        i, j, k = at >> 6, at >> 3 & 7, at & 7
+        case, whole, mine = 0, True, False
+        for n in range(8):
+            x, y, z = i + (n >> 2), j + (n >> 1 & 1), k + (n & 1)
+            other = near[(x >> 3) * 4 + (y >> 3) * 2 + (z >> 3)]
+            place = (x & 7) * 64 + (y & 7) * 8 + (z & 7)
+            if other == 0 or grid.weight[other, place] < min_weight:
+                whole = False
+                break
+            mine = mine or leaves[other]
+            case |= (1 << n) if grid.tsdf[other, place] <= 0.0 else 0
+        if not (whole and mine):
+            continue
+        if keys.shape[0]:
+            for m in range(count[case]):
+                for e in range(3):
+                    edge = edges[case, m, e]
+                    n = edge // 3
+                    x = (a0 - low[0]) * 8 + i + (n >> 2)
+                    y = (b0 - low[1]) * 8 + j + (n >> 1 & 1)
+                    z = (c0 - low[2]) * 8 + k + (n & 1)
+                    keys[found + m, e] = ((x * SIDE + y) * SIDE + z) * 3 + edge % 3
+        found += count[case]
+    return found
+
+
+@njit(cache=True, parallel=True)
+def count_triangles(grid, rows, min_weight, leaves, edges, count, low, totals):
+    """totals (rows,): of each block."""
+    none = np.empty((0, 3), np.int64)
+    for r in prange(rows.shape[0]):
+        totals[r] = _cubes(grid, rows[r], min_weight, leaves, edges, count, low, none)
+
+
+@njit(cache=True, parallel=True)
+def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys):
+    """keys (n, 3): those of block r from start[r] to start[r + 1]."""
+    for r in prange(rows.shape[0]):
+        if start[r] < start[r + 1]:
+            _cubes(grid, rows[r], min_weight, leaves, edges, count, low, keys[start[r] : start[r + 1]])
+
+
+@njit(cache=True, parallel=True)
+def place_vertices(grid, keys, low, voxel, points, colours):
+    """Where the distance is zero along each edge, and the colour there (mean of the ends that have one)."""
+    channels = grid.colour.shape[2] - 1
+    for v in prange(keys.shape[0]):
+        axis, rest = keys[v] % 3, keys[v] // 3
+        p = np.empty(3, np.int64)
+        p[0] = rest // (SIDE * SIDE) + low[0] * 8
+        p[1], p[2] = rest // SIDE % SIDE + low[1] * 8, rest % SIDE + low[2] * 8
+        q = p.copy()
+        q[axis] += 1
+        one = row_of(grid, p[0] >> 3, p[1] >> 3, p[2] >> 3)
+        two = row_of(grid, q[0] >> 3, q[1] >> 3, q[2] >> 3)
+        i = (p[0] & 7) * 64 + (p[1] & 7) * 8 + (p[2] & 7)
+        j = (q[0] & 7) * 64 + (q[1] & 7) * 8 + (q[2] & 7)
+        f, g = grid.tsdf[one, i], grid.tsdf[two, j]
+        share = f / (f - g)
+        for a in range(3):
+            points[v, a] = p[a] * voxel
+        points[v, axis] += share * voxel
+        if channels:
+            w = (1 - share) if grid.colour[one, i, channels] else 0.0
+            x = share if grid.colour[two, j, channels] else 0.0
+            for c in range(channels):
+                mixed = w * grid.colour[one, i, c] + x * grid.colour[two, j, c]
+                colours[v, c] = np.uint8(min(mixed / (256 * (w + x)) + 0.5, 255.0)) if w + x > 0 else 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +183,16 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
     if not len(rows):
         return Mesh.joined([])
     low = grid.place[rows].min(axis=0).astype(np.int64)
-    common = (max(1.0, min_weight * UNIT), leaves, marching.EDGES, marching.COUNT, low)
+    common = (max(1.0, min_weight * UNIT), leaves, EDGES, COUNT, low)
     totals = np.zeros(len(rows), np.int64)
-    marching.count_triangles(grid, rows, *common, totals)
+    count_triangles(grid, rows, *common, totals)
     start = np.concatenate([[0], np.cumsum(totals)])
     keys = np.empty((start[-1], 3), np.int64)
-    marching.list_triangles(grid, rows, *common, start, keys)
+    list_triangles(grid, rows, *common, start, keys)
     unique, corners = np.unique(keys, return_inverse=True)
     points = np.empty((len(unique), 3), np.float32)
     colours = np.zeros((len(unique), volume.settings.channels), np.uint8)
-    marching.place_vertices(grid, unique, low, volume.settings.voxel_m, points, colours)
+    place_vertices(grid, unique, low, volume.settings.voxel_m, points, colours)
     if colours.shape[1] == 1:
         colours = np.repeat(colours, 3, axis=1)
     return Mesh(points, corners.reshape(-1, 3).astype(np.int32), colours)
@@ -61,7 +200,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
 
 def _near(place: np.ndarray, rows: np.ndarray, leaves: np.ndarray) -> np.ndarray:
     """Of rows: which own a cube with a corner in a block that leaves, being that block or one below it."""
-    side = marching.SIDE
+    side = SIDE
     offset = place[rows].min(axis=0) - 1
 
     def key(blocks: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ class Volume:
         """At the fullest moment: voxels and the index."""
         g = self.grid
         per_block = sum(a[0].nbytes for a in (g.place, g.tsdf, g.weight, g.colour)) + 12
-        return self.max_used * per_block + g.index.nbytes
+        return self.max_used * per_block + g.slots.nbytes
 
     def integrate(
         self,
@@ -170,7 +170,7 @@ class Volume:
             leaves[rows] = True
             self._leaving(self, leaves)
         slots = self.grid.place[rows] & (self.settings.window_blocks - 1)
-        self.grid.index[slots[:, 0], slots[:, 1], slots[:, 2]] = 0
+        self.grid.slots[slots[:, 0], slots[:, 1], slots[:, 2]] = 0
         self.grid.tsdf[rows], self.grid.weight[rows], self.grid.colour[rows] = 0, 0, 0
         self._stamp[rows] = 0
         self._free[self._n_free : self._n_free + len(rows)] = rows
