@@ -1,4 +1,4 @@
-"""A crash of Blender worded: what opens somebody's file here runs in a forked process, whose end by a signal becomes one line."""
+"""A crash of Blender reported: what opens a user-provided file runs in a forked process, whose end by a signal becomes one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The race of lighting ways as a chart and as a table: time per frame against error, and against flicker."""
+"""Ways of lighting compared, as a chart and as a table: time per frame against error, and against flicker."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from .light_race import Result
+from .light_comparison import Result
 
 _HEADER = (
     "way",

@@ -100,7 +100,7 @@ def _render(args: argparse.Namespace, console: Console) -> int:
         import bpy  # noqa: F401
     except ImportError as error:
         raise blender_missing("bench render", error) from None
-    return _breakdown(args, console) if args.breakdown else _race(args, console)
+    return _breakdown(args, console) if args.breakdown else _compare_light(args, console)
 
 
 def _breakdown(args: argparse.Namespace, console: Console) -> int:
@@ -113,29 +113,29 @@ def _breakdown(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _race(args: argparse.Namespace, console: Console) -> int:
+def _compare_light(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.blender import worker
     from iclnuim.report import charts as plots
 
-    from ..benchmark import light_chart, light_race
+    from ..benchmark import light_chart, light_comparison
 
     job = jobs.shipped_job(args.sequence)
     job = job.changed(map_size=max(args.maps))
     views = list(frame_slice(args.frames or "::160", len(worker.load_trajectory(job)) - 1))
     if len(views) < 3:
         raise InputError("at least 3 frames to compare", found=len(views))
-    console.note(f"references: {light_race.REFERENCE_SAMPLES} samples, {len(views)} views")
-    race = light_race.Race(job, views, PinholeCamera.parse("320x240"), console.note)
-    ways = [w for w in light_race.ways(job, args.maps) if (args.only or "") in w.family]
+    console.note(f"references: {light_comparison.REFERENCE_SAMPLES} samples, {len(views)} views")
+    comparison = light_comparison.Comparison(job, views, PinholeCamera.parse("320x240"), console.note)
+    ways = [w for w in light_comparison.ways(job, args.maps) if (args.only or "") in w.family]
     progress, results = console.progress(len(ways), "bench render", "ways"), []
     for way in ways:
-        results.append(race.run(way))
+        results.append(comparison.run(way))
         console.note(light_chart.row(results[-1]))
         progress.advance()
     if args.plot:
         plots.save(light_chart.figure(results), args.plot)
     console.result(
-        {"machine": light_race.machine(), "ways": [asdict(r) for r in results]},
+        {"machine": light_comparison.machine(), "ways": [asdict(r) for r in results]},
         light_chart.table(results) + "\n" + light_chart.summary(results, job),
     )
     return 0

@@ -69,7 +69,7 @@ def _move_into_place(temporary: Path, folder: Path) -> None:
         temporary.rename(folder)
     except OSError:
         if is_whole(folder):
-            return  # somebody else was first; equal keys make equal maps
+            return  # another process was first; equal keys make equal maps
         shutil.rmtree(folder, ignore_errors=True)
         temporary.rename(folder)
 

@@ -74,7 +74,7 @@ def render_run(
 
 
 class Session:
-    """A run taken up in `out`, its scene built at the first frame and kept; then any frames of it, as often as asked.
+    """A run opened in `out`, its scene built at the first frame and kept; then any frames of it, as often as asked.
 
     `threads` for Cycles; default: all cores of this process. Use as a context manager: Blender's chatter goes to a log meanwhile.
     """
@@ -170,7 +170,7 @@ def recipe(job: RenderJob) -> dict:
 
 
 def _opened(job: RenderJob, emit: Emit) -> RenderJob:
-    """Open somebody's own scene before its run is taken up: its textures count in the recipe, and what moves decides the light."""
+    """Open a user-provided scene before its run begins: its textures count in the recipe, and what moves decides the light."""
     with output.blender_output_in(Path(os.devnull)):
         notes = scene.open_scene(job.scene, job.reading)
         job, more = user_scene.lit_as_it_can_be(job)

@@ -73,7 +73,7 @@ def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
     return baked + path
 
 
-class Race:
+class Comparison:
     """Measures ways on the `views` (frame numbers) of a sequence. `small` is the camera for errors, the job's own for times."""
 
     def __init__(self, job: RenderJob, views: Sequence[int], small: PinholeCamera, note: Callable[[str], None]) -> None:
