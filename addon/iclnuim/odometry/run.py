@@ -36,7 +36,7 @@ class Sequence:
         if not abs(depth_offset) <= MAX_OFFSET:
             raise InputError(f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset)
         self.folder, self.depth_offset = Path(folder), depth_offset
-        self.pairs: list[ImagePair] = find_pairs(folder)
+        self.pairs: list[ImagePair] = find_pairs(self.folder)
         present = next((p.rgb for p in self.pairs if p.rgb.is_file()), None)
         if present is None:
             raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
