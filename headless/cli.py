@@ -3,8 +3,6 @@
 Exit codes: 0 done, 2 bad input, 3 work failed, 130 interrupted. Only the module that is needed is imported.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import os

@@ -1,7 +1,5 @@
 """Output of commands: results on standard output, notes and progress on standard error."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time
@@ -22,7 +20,7 @@ class Console:
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
 
-    def progress(self, total: int, label: str, unit: str = "frames") -> Progress:
+    def progress(self, total: int, label: str, unit: str = "frames") -> "Progress":
         return Progress(total, label, unit, enabled=not self.quiet)
 
 

@@ -1,7 +1,5 @@
 """The extension's zip: the package with its manifest, every scene of blend/ and all trajectories, the same bytes each time."""
 
-from __future__ import annotations
-
 import tomllib
 import zipfile
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A crash of Blender reported: what opens a user-provided file runs in a forked process, whose end by a signal becomes one line."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

@@ -1,7 +1,5 @@
 """Options that every command shares."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

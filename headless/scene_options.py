@@ -1,7 +1,5 @@
 """Options that say how a scene file is to be read, shared by all commands that open one."""
 
-from __future__ import annotations
-
 import argparse
 
 from iclnuim.geometry.scene_axes import SceneReading, parse_unit

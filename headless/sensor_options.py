@@ -1,7 +1,5 @@
 """Options of the noise models and of what is written, shared by `dataset`, `noise`, `make` and its tasks."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

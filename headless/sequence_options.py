@@ -1,7 +1,5 @@
 """What the commands on a recorded sequence share: the packages they need, the camera, words that were renamed."""
 
-from __future__ import annotations
-
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,7 +32,7 @@ def camera_from(args: argparse.Namespace) -> SequenceCamera | None:
     return None
 
 
-def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> Sequence:
+def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> "Sequence":
     """The sequence with the camera of the options, or of the folder; a camera that had to be assumed is named."""
     from iclnuim.odometry.run import Sequence
 

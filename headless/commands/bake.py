@@ -1,7 +1,5 @@
 """`iclnuim bake`: a scene's light map into the cache, where every render by baked light finds it."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`iclnuim bench`: measurements, each with its figures and where they come from."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`iclnuim bench odometry`: our odometers and third-party ones on the same frames, speed against error."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

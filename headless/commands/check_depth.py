@@ -1,7 +1,5 @@
 """`iclnuim check-depth DIR`: the depth of a run's frames, and their ground truth, against rays cast independently at the same geometry."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from dataclasses import asdict

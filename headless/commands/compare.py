@@ -1,7 +1,5 @@
 """`iclnuim compare A B`: are these the same frames? To the byte, or by tolerance where processors or Blenders differ."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 from pathlib import Path

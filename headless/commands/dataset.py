@@ -1,7 +1,5 @@
 """`iclnuim dataset`: the EXR frames of a run to a sequence, clean or with a sensor's noise, in any format."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`iclnuim doctor`: what is installed, what is missing, what works without it, and the command that installs it."""
 
-from __future__ import annotations
-
 import argparse
 import importlib.metadata
 import importlib.util

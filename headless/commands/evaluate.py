@@ -2,8 +2,6 @@
 and of a reconstructed surface (surface). iclnuim.report.trajectory_report says what --json prints and --csv writes.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path
@@ -157,7 +155,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     console.result(values, _surface_text(values))
 
 
-def _given_transform(args: argparse.Namespace) -> SE3:
+def _given_transform(args: argparse.Namespace) -> "SE3":
     """T_model_mesh as far as the options give it."""
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.fusion.models import read_transform

@@ -1,7 +1,5 @@
 """`iclnuim extension`: build the Blender extension as a zip that installs from disk."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`iclnuim fuse`: depth images and a trajectory to a coloured surface."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -89,7 +87,7 @@ def _recipe() -> dict:
     return {"schema_version": 1, "kind": "surface", "iclnuim": __version__, "source_commit": source_commit()}
 
 
-def _draw(mesh: Mesh, loaded: LoadedTrajectory, path: Path) -> None:
+def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:
     """Worlds that are the first camera's frame (y down) are stood upright, as well as its tilt allows."""
     from iclnuim.formats.columns import ANCHORED_WORLD
     from iclnuim.formats.png import write_png

@@ -1,7 +1,5 @@
 """`iclnuim inspect`: what is wrong with a sequence that somebody has; `--preview` draws it."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`iclnuim make`: render, clean and noisy sequence in one command, resumable at any point."""
 
-from __future__ import annotations
-
 import argparse
 
 from ..console import Console

@@ -1,7 +1,5 @@
 """`iclnuim noise`: a sensor's noise on a sequence that somebody has; `noise calibrate` fits it to a real sensor."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`iclnuim odometry`: camera motion from the images of a sequence, by one odometer or all of them."""
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 from pathlib import Path
@@ -71,7 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _keep(runs: list[Run], args: argparse.Namespace, console: Console) -> None:
+def _keep(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:
     """Write and draw the runs that have a trajectory. Raises WorkError where none has one."""
     found = []
     for done in runs:

@@ -1,7 +1,5 @@
 """`iclnuim pack`: the archive of a sequence to publish, with checksums, licence, preview and recipe."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`iclnuim render`: EXR frames with RGB and exact depth, by worker processes on all cores."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

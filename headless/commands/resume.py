@@ -1,7 +1,5 @@
 """`iclnuim resume DIR`: what was asked for when a folder was begun, again; what is finished is skipped."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

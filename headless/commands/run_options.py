@@ -1,7 +1,5 @@
 """Options of a run, shared by `render`, `make`, `task` and `resume`, and the plan that they make."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

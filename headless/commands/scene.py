@@ -1,7 +1,5 @@
 """`iclnuim scene`: build a shipped scene by code, or compare it with the official frames. Needs a checkout: blend/builder/command.py."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 

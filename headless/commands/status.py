@@ -1,7 +1,5 @@
 """`iclnuim status DIR`: what is done in an output folder and what is missing, read from the files alone."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence

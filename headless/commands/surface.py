@@ -1,7 +1,5 @@
 """`iclnuim surface SCENE`: the scene as a surface model, whole or what a trajectory saw of it."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`iclnuim table N`: a table of the paper from our own files, beside the printed figures."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 

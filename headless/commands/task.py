@@ -1,7 +1,5 @@
 """`iclnuim task STAGE SEQUENCE`: one task of a render farm, as a scheduler calls it; many may share a folder, on many machines."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable

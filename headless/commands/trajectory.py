@@ -1,7 +1,5 @@
 """`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample. Each says which frame it comes from and goes to."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -2,8 +2,6 @@
 user-provided scene, clear of its surfaces.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

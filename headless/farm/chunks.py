@@ -1,7 +1,5 @@
 """How a run is divided: missing frames into chunks, a machine's cores among workers. Only the output folder decides what is done."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """What a run takes: figures measured by tasks and kept in the cache, or defaults; from them the size of chunks and the estimate for a cluster."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """A plan carried out: rendered here, with sequences made of finished frames meanwhile, or handed over to Slurm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The local farm: chunks of a plan to worker processes; dead and stuck ones are replaced, their frames tried again."""
 
-from __future__ import annotations
-
 import queue
 import time
 from collections import Counter, deque

@@ -1,7 +1,5 @@
 """One command at a time on an output folder, also on shared file systems: a file with host, process and heartbeat."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform
@@ -34,7 +32,7 @@ class OutputLock:
         }
         self._end = threading.Event()
 
-    def __enter__(self) -> OutputLock:
+    def __enter__(self) -> "OutputLock":
         self.path.parent.mkdir(parents=True, exist_ok=True)
         while not self._take():
             holder = self._holder()

@@ -1,7 +1,5 @@
 """A run rendered on this machine: its folder opened and its light baked by one worker process, then frames by several."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import platform
@@ -82,7 +80,7 @@ class Opener:
         self._inbox: Inbox = queue.SimpleQueue()
         self._client: WorkerClient | None = None
 
-    def __enter__(self) -> Opener:
+    def __enter__(self) -> "Opener":
         self._client = self._workers.start(own_cores(), self._inbox)
         try:
             self._wait(Started)

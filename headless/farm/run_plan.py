@@ -1,7 +1,5 @@
 """All that a run was asked for: job, frames, sequences, and how the work is shared. Its record in the run folder is what `resume` reads."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping
@@ -119,7 +117,7 @@ class RunPlan:
         }
 
     @classmethod
-    def from_dict(cls, content: Mapping[str, Any], raw: Path) -> RunPlan:
+    def from_dict(cls, content: Mapping[str, Any], raw: Path) -> "RunPlan":
         """The inverse, for the folder where the run lies now. Raises InputError for unknown keys and values that do not fit.
 
         The folder in which the command was given is searched for a user's own noise model.

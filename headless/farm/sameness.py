@@ -1,7 +1,5 @@
 """Whether two folders hold the same frames: to the byte on one kind of processor and one Blender, by tolerance across kinds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Finished frames turned into sequences while others are still being rendered."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from iclnuim.dataset.frame_pool import FramePool

@@ -1,7 +1,5 @@
 """Slurm: light, arrays of frame tasks and the data set, handed over to an existing Slurm by submitit, each after the one before."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """Queries to Slurm: array size, which of our jobs are still in the queue. Whether a frame is done is never asked there."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

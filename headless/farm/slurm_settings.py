@@ -1,7 +1,5 @@
 """How tasks are asked of Slurm: settings from options or a TOML file."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from dataclasses import dataclass, field

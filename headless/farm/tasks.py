@@ -4,8 +4,6 @@ Frames are whole or absent and of equal bytes whoever renders them, so two tasks
 journals have one writer, is made under the folder's lock.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping

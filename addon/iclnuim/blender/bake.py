@@ -5,8 +5,6 @@ by gathering: rays that end at the first surface and read the light there from a
 and lights the last gathering, for the fine map. So no ray is longer than one bounce, and none of them finds its lamp by chance.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time
@@ -144,7 +142,7 @@ def _make(
 
 
 @contextmanager
-def _bounced(found: list[Part], coarse: _Points, first: Halves) -> Iterator[None]:
+def _bounced(found: list[Part], coarse: "_Points", first: Halves) -> Iterator[None]:
     """The scene lit by the coarse map with all bounces but the last; `first` is the light that comes straight."""
     cycles = bpy.context.scene.cycles
     image = lit_scene.image_from_pixels(coarse.map(first))

@@ -6,8 +6,6 @@ Here it is a formula of roughness and angle, fitted to what Cycles 4.5 itself sh
 off by 0.008 RMS and at most 0.036, beyond 80 degrees.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

@@ -1,7 +1,5 @@
 """Cameras of the open scene: keyed with a trajectory's exact poses; an animated one read as a trajectory, its lens as a pinhole."""
 
-from __future__ import annotations
-
 import bpy
 import mathutils
 import numpy as np

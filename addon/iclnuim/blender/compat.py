@@ -1,7 +1,5 @@
 """Every difference between Blender versions, one function a difference. Each asks for the feature, not for the version."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

@@ -3,8 +3,6 @@
 Motion blur and rolling shutter are many cheap renders at poses inside the exposure, averaged in linear light, band by band.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

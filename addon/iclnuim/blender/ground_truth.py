@@ -4,8 +4,6 @@ Both come from each pixel's first ray, as Z does. Cycles' own Normal pass is the
 gloss bends them at grazing angles; so every material also puts out the shading normal itself, by a shader output variable (AOV).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

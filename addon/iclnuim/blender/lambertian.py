@@ -4,8 +4,6 @@ A mix or sum with a Glossy BSDF becomes its other part; a metal becomes a matt s
 specular, metallic, coat and sheen. What an odometer gains on such frames is what reflections cost it.
 """
 
-from __future__ import annotations
-
 import bpy
 
 _MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}

@@ -2,8 +2,6 @@
 so that a window can tell without opening the scene.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json

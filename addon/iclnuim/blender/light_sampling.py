@@ -8,8 +8,6 @@ bring far more noise than each one alone: with one lamp a sample is wasted only 
 windows, skies and surfaces need many.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stdout
@@ -57,7 +55,7 @@ class Halves:
     a: np.ndarray
     b: np.ndarray
 
-    def __add__(self, other: Halves) -> Halves:
+    def __add__(self, other: "Halves") -> "Halves":
         return Halves(self.a + other.a, self.b + other.b)
 
     @property
@@ -93,7 +91,7 @@ def _nothing(count: int) -> Halves:
     return Halves(np.zeros((count, 3), np.float32), np.zeros((count, 3), np.float32))
 
 
-def _add(light: Halves, part: slice, target: Target, samples: int, seed: int) -> None:
+def _add(light: Halves, part: slice, target: "Target", samples: int, seed: int) -> None:
     light.a[part] += target.irradiance(samples, 2 * seed)
     light.b[part] += target.irradiance(samples, 2 * seed + 1)
 
@@ -246,7 +244,7 @@ class Target:
         for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
             setattr(self.object, f"visible_{ray}", False)
 
-    def __enter__(self) -> Target:
+    def __enter__(self) -> "Target":
         bpy.context.scene.collection.objects.link(self.object)
         return self
 

@@ -1,7 +1,5 @@
 """The open scene shown with a light map: every surface replaced by a copy with the map's UVs and baked materials, in memory only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import bpy

@@ -1,7 +1,5 @@
 """The open scene as a surface with textures: what a camera can meet, evaluated, in world coordinates."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

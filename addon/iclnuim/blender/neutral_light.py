@@ -1,7 +1,5 @@
 """Light for a scene that has none: an even white sky, and lamps inside where the sky does not reach."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 from mathutils import Vector

@@ -1,7 +1,5 @@
 """The axes and units of an imported scene: what was brought into the session is turned, scaled and mirrored into metres, z up."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Blender's chatter kept off standard output. Does not import bpy, whose very import may print."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

@@ -1,7 +1,5 @@
 """What in the open scene would spoil depth or colour, named before a frame is rendered."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

@@ -4,8 +4,6 @@ by materials, drivers written in Python.
 All in memory. Functions that return sentences say what was found and done.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, redirect_stdout, suppress

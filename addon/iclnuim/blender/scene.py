@@ -1,7 +1,5 @@
 """Opening a scene: a shipped one, or a user-provided file. The file itself is never written."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

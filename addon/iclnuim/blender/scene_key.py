@@ -1,7 +1,5 @@
 """A key for all that decides a scene's light: surfaces, materials, images, lamps, world, bounces. Equal scenes have equal keys."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any

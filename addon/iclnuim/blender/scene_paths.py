@@ -1,7 +1,5 @@
 """Which other files a scene names: none outside its folder is read, and all of them count in the scene's hash."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import mmap

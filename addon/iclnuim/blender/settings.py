@@ -1,7 +1,5 @@
 """Render settings: everything that decides a pixel is set here, so that nothing of the opened file's own settings leaks in."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

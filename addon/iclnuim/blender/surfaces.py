@@ -1,7 +1,5 @@
 """The surfaces that the open scene shows in a render: as triangles in the world, and as mesh objects that may be given light maps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A user-provided scene file of any kind, opened so that it can be rendered: in metres, z up, repaired, lit. The file itself is never written."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable

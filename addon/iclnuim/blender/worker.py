@@ -3,8 +3,6 @@
 `render_run` is the same for the command line, the farm and the panel. It reports through `emit`, see worker_events.py.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil
@@ -91,7 +89,7 @@ class Session:
         self._output = output.blender_output_in(self.work / "blender.log")
         self._ready = False
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> "Session":
         self._output.__enter__()
         return self
 
