@@ -1,7 +1,5 @@
 """`python -m iclnuim` is the command `iclnuim`."""
 
-from __future__ import annotations
-
 from types import ModuleType
 
 

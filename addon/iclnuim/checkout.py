@@ -1,7 +1,5 @@
 """Packages that lie elsewhere in a checkout of the repository: headless/ without an installation, tools/ and blend/builder/ in any case."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import sys

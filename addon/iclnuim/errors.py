@@ -1,7 +1,5 @@
 """What can go wrong, said in one line: what, where, expected, found, and what to try."""
 
-from __future__ import annotations
-
 import functools
 import os
 import re
@@ -66,7 +64,7 @@ class InputError(IclnuimError):
             text += f", found {_shortened(self.found)}"
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
-    def at(self, path: str | os.PathLike[str]) -> InputError:
+    def at(self, path: str | os.PathLike[str]) -> "InputError":
         """The same error in that file, or part of one."""
         return InputError(
             self.expected, path=path, line=self.line, setting=self.setting, found=self.found, hint=self.hint

@@ -1,7 +1,5 @@
 """The frozen description of a render job <-> JSON: the one contract between panel, farm and worker."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -86,7 +84,7 @@ class RenderJob(Settings):
         return {**made, **{key: value for key, value in late.items() if value}}
 
     @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> RenderJob:
+    def from_dict(cls, content: Mapping[str, Any]) -> "RenderJob":
         """Raises InputError for unknown keys, a newer schema_version, or values out of range."""
         if not isinstance(content, Mapping):
             raise InputError("a render job as a JSON object", found=content)
@@ -106,7 +104,7 @@ class RenderJob(Settings):
             content["reading"] = SceneReading.from_dict(content["reading"])
         return cls(**content)
 
-    def changed(self, **settings: Any) -> RenderJob:
+    def changed(self, **settings: Any) -> "RenderJob":
         """The same job with other settings; None means unchanged. A change of light takes that light's own defaults."""
         settings = {key: value for key, value in settings.items() if value is not None}
         if settings.get("light", self.light) != self.light:

@@ -3,8 +3,6 @@
 One worker on all cores. `iclnuim render` does the same with several workers, a lock on the folder and a restart of workers that crash.
 """
 
-from __future__ import annotations
-
 import os
 import queue
 import tempfile

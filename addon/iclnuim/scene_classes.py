@@ -1,7 +1,5 @@
 """What kinds of things there are, their numbers in label images, and what NYU40 calls them. Plain Python, no Blender."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 #: The 40 labels of NYU Depth v2 as Gupta, Arbelaez and Malik (CVPR 2013) reduced them; number 1 comes first.

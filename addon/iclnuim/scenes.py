@@ -1,7 +1,5 @@
 """The built-in scenes and trajectories: the one list that command line, panel and farm read. The code that builds them lies in blend/builder/ of the repository."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

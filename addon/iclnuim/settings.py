@@ -9,8 +9,6 @@ the same declarations.
         map_size: int = setting(2048, "side of the light map", unit="texels", low=16, high=16384)
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

@@ -1,7 +1,5 @@
 """Where the shipped scenes and trajectories lie (the installed package, or the checkout's top level), and the cache."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

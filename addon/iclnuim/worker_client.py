@@ -3,8 +3,6 @@
 The other end of the pipes is blender/child.py; worker_events.py has the events.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os
@@ -57,7 +55,7 @@ class WorkerClient:
         options: Mapping[str, Any],
         out: Path,
         log: Path,
-        inbox: queue.SimpleQueue[tuple[WorkerClient, Event]] | None = None,
+        inbox: "queue.SimpleQueue[tuple[WorkerClient, Event]] | None" = None,
         environment: Mapping[str, str] | None = None,
     ) -> None:
         """Raises WorkError where it cannot be started."""

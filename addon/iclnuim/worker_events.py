@@ -3,19 +3,22 @@
 `worker.render_run` and `worker.Session` emit them in this process, child.py as lines on its standard output.
 """
 
-from __future__ import annotations
-
 from dataclasses import MISSING, dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, dataclass_transform
 
 from .errors import InputError
 
 
+@dataclass_transform(frozen_default=True)
 @dataclass(frozen=True)
 class Event:
-    """`name` is the value of `event` in JSON. Fields that are None or False are left out there."""
+    """Base of all events, each a frozen dataclass. `name` is the value of `event` in JSON; fields that are None or False are left out there."""
 
     name: ClassVar[str]
+
+    def __init_subclass__(cls, name: str) -> None:
+        cls.name = name
+        dataclass(frozen=True)(cls)
 
     def to_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
@@ -23,122 +26,94 @@ class Event:
         return {"event": self.name, **{k: v for k, v in values.items() if v is not None and v is not False}}
 
 
-@dataclass(frozen=True)
-class Note(Event):
+class Note(Event, name="note"):
     """Something worth knowing."""
 
-    name = "note"
     text: str
 
 
-@dataclass(frozen=True)
-class Started(Event):
+class Started(Event, name="start"):
     """The run folder exists. frames: of the trajectory (worker process) or asked for (render_run); missing: still to be rendered."""
 
-    name = "start"
     frames: int
     missing: int | None = None
     pid: int | None = None
 
 
-@dataclass(frozen=True)
-class Ready(Event):
+class Ready(Event, name="ready"):
     """The scene is prepared, frames follow."""
 
-    name = "ready"
 
-
-@dataclass(frozen=True)
-class Missing(Event):
+class Missing(Event, name="missing"):
     """How many `frames` or `sequences` (of) the command still has to make."""
 
-    name = "missing"
     of: str
     missing: int
 
 
-@dataclass(frozen=True)
-class FrameDone(Event):
+class FrameDone(Event, name="frame"):
     """Frame `frame` is finished under its name. Seconds in Cycles, and to close its file; found: another process had finished it."""
 
-    name = "frame"
     frame: int
     cycles: float | None = None
     close: float | None = None
     found: bool = False
 
 
-@dataclass(frozen=True)
-class Written(Event):
+class Written(Event, name="written"):
     """Frame `frame` is in all sequences that the command asks for."""
 
-    name = "written"
     frame: int
 
 
-@dataclass(frozen=True)
-class Baked(Event):
+class Baked(Event, name="baked"):
     """The light map lies in `folder`."""
 
-    name = "baked"
     folder: str
 
 
-@dataclass(frozen=True)
-class ChunkDone(Event):
+class ChunkDone(Event, name="chunk"):
     """A command is done: frames rendered, seconds, resident memory in MB."""
 
-    name = "chunk"
     rendered: int
     seconds: float
     rss_mb: float | None = None
 
 
-@dataclass(frozen=True)
-class Stopped(Event):
+class Stopped(Event, name="stopped"):
     """A command was stopped before its end."""
 
-    name = "stopped"
     rendered: int
     seconds: float
     rss_mb: float | None = None
 
 
-@dataclass(frozen=True)
-class Alive(Event):
+class Alive(Event, name="alive"):
     """Sent every two seconds by a worker process."""
 
-    name = "alive"
 
-
-@dataclass(frozen=True)
-class Failed(Event):
+class Failed(Event, name="error"):
     """One line that says what failed, the same with `{name}` for each setting (errors.named), and the exit code.
 
     bug: an error inside this program.
     """
 
-    name = "error"
     text: str
     code: int | None = None
     template: str | None = None
     bug: bool = False
 
 
-@dataclass(frozen=True)
-class Done(Event):
+class Done(Event, name="done"):
     """All that was asked for is done."""
 
-    name = "done"
     rendered: int | None = None
     seconds: float | None = None
 
 
-@dataclass(frozen=True)
-class Exited(Event):
+class Exited(Event, name="exit"):
     """Added by the parent: the worker process has ended with this code, below 0 for a signal; log: its last line where it failed."""
 
-    name = "exit"
     code: int
     log: str | None = None
 

@@ -1,7 +1,5 @@
 """The panel "ICL-NUIM Export": properties, panels that only draw, operators that only forward, and their registration."""
 
-from __future__ import annotations
-
 import atexit
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """Images shown to the user: an array becomes an image of the open file, and an image editor shows it; a render's last frame too."""
 
-from __future__ import annotations
-
 import threading
 import time
 from contextlib import suppress

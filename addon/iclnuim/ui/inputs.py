@@ -1,7 +1,5 @@
 """From the panel's settings to a trajectory, to the files in the output folder that a worker needs, and to the light map in the cache."""
 
-from __future__ import annotations
-
 import os
 import platform
 import time

@@ -1,7 +1,5 @@
 """The panel "ICL-NUIM Export" in the 3D view's sidebar. It only draws."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable
 

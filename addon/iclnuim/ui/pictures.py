@@ -1,7 +1,5 @@
 """Pictures made of arrays, numpy only: a frame's three views side by side, depth in colour, a plot of errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

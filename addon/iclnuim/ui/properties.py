@@ -1,7 +1,5 @@
 """The panel's settings, kept in the .blend with its scene: made of the declared settings and registries, and turned into a render job."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Mapping

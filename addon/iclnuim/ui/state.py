@@ -1,7 +1,5 @@
 """What the panel holds besides its saved settings, from register() to unregister(): work in a worker process, timers, results, what is drawn."""
 
-from __future__ import annotations
-
 import functools
 import os
 import shutil

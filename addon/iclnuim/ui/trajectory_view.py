@@ -1,7 +1,5 @@
 """The trajectory chosen in the panel and an estimate beside it: read when a setting changes, drawn into the 3D view without objects."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

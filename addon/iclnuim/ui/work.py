@@ -1,7 +1,5 @@
 """Work in a worker process as a state machine without Blender: start, poll, cancel; events in, messages out."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
