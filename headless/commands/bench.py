@@ -142,16 +142,16 @@ def _compare_light(args: argparse.Namespace, console: Console) -> int:
 def _noise(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.report import charts as plots
 
-    from ..benchmark import noise_chart, noise_fidelity, noise_times
+    from ..benchmark import noise
 
     if args.rounds < 1 or args.workers < 1:
         raise InputError("rounds and workers of at least 1", found=min(args.rounds, args.workers))
-    overlaps = noise_fidelity.overlaps(args.official / "clean", args.official / "noisy") if args.official else None
-    times_ms = noise_times.model_times_ms(args.raw, args.frames)
-    progress = console.progress(args.rounds * len(noise_times.PAIRS), "bench noise", "rounds")
-    pairs = noise_times.pair_times(args.raw, args.frames, args.rounds, args.workers, progress.advance)
+    overlaps = noise.overlaps(args.official / "clean", args.official / "noisy") if args.official else None
+    times_ms = noise.model_times_ms(args.raw, args.frames)
+    progress = console.progress(args.rounds * len(noise.PAIRS), "bench noise", "rounds")
+    pairs = noise.pair_times(args.raw, args.frames, args.rounds, args.workers, progress.advance)
     if args.plot:
-        plots.save(noise_chart.figure(pairs, times_ms, overlaps), args.plot)
+        plots.save(noise.figure(pairs, times_ms, overlaps), args.plot)
     values = {"pairs": [asdict(p) for p in pairs], "model_ms": times_ms, "overlap_with_official": overlaps}
-    console.result(values, noise_chart.table(pairs, times_ms, overlaps))
+    console.result(values, noise.table(pairs, times_ms, overlaps))
     return 0

@@ -103,8 +103,7 @@ def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None
     if args.csv:
         atomic_write_text(args.csv, report.csv())
     if args.plot:
-        from iclnuim.report.charts import save
-        from iclnuim.report.trajectory_plots import error_figure
+        from iclnuim.report.charts import error_figure, save
 
         save(error_figure(report), args.plot)
     values = report.to_dict()

@@ -18,7 +18,6 @@ from iclnuim.formats.files import atomic_write_text, read_json, read_text
 from iclnuim.geometry import handheld, trajectory
 from iclnuim.geometry.free_space import FreeSpace
 from iclnuim.geometry.handheld_plan import Plan, PlanSettings, Waypoint, plan
-from iclnuim.geometry.handheld_recipe import Recipe
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.viewpoints import chosen
 
@@ -89,7 +88,7 @@ def _places(name: str, out: Path | None) -> tuple[Path, Path]:
 def _motion(source: Path) -> handheld.Motion:
     content = read_json(source)
     try:
-        return handheld.make(Recipe.from_dict(content))
+        return handheld.make(handheld.Recipe.from_dict(content))
     except InputError as error:
         raise error.at(source if error.path is None else f"{source}: {error.path}") from None
 

@@ -9,8 +9,7 @@ from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless.benchmark.noise_fidelity import overlaps
-from iclnuim.headless.benchmark.noise_times import pair_times
+from iclnuim.headless.benchmark.noise import overlaps, pair_times
 from iclnuim.headless.cli import main
 from iclnuim.sensor.models import depth_model, rgb_model
 

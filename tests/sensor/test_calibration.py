@@ -5,7 +5,7 @@ import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.calibration import calibrate_depth, calibrate_rgb
-from iclnuim.sensor.depth_paper import PaperDepthNoise
+from iclnuim.sensor.depth import PaperDepthNoise
 from iclnuim.sensor.randomness import frame_generator
 from iclnuim.sensor.rgb import PaperRgbNoise
 

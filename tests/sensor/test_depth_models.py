@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.sensor.depth_others import Kinect2012DepthNoise, RedwoodDepthNoise
-from iclnuim.sensor.depth_released import ReleasedDepthNoise
+from iclnuim.sensor.depth import Kinect2012DepthNoise, RedwoodDepthNoise, ReleasedDepthNoise
+from iclnuim.sensor.depth_image import backward_normals, surface_normals
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
-from iclnuim.sensor.normals import backward_normals, surface_normals
 from iclnuim.sensor.randomness import frame_generator
 from iclnuim.settings import declared
 

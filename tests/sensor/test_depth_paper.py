@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.sensor.depth_paper import PaperDepthNoise
+from iclnuim.sensor.depth import PaperDepthNoise
 from iclnuim.sensor.randomness import frame_generator, gaussian
 
 STEPS_CM = 35130.0

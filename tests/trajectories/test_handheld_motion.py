@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry import handheld
-from iclnuim.geometry.handheld import band_noise, eased_progress, natural_spline
-from iclnuim.geometry.handheld_recipe import Recipe
+from iclnuim.geometry.handheld import Recipe, band_noise, eased_progress, natural_spline
 from iclnuim.headless import cli
 from scipy.interpolate import CubicSpline
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import handheld
-from iclnuim.geometry.handheld_recipe import Recipe
+from iclnuim.geometry.handheld import Recipe
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, statistics
 from iclnuim.headless.commands.trajectory_make import tum_text

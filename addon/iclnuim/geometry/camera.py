@@ -26,20 +26,10 @@ class PinholeCamera:
     width: int = setting(640, "width of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
     height: int = setting(480, "height of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
     fx: float = setting(
-        640 / 1.33,
-        "focal length along a row",
-        unit="px",
-        low=1e-3,
-        source="POV-Ray; printed as 481.20 in the paper",
-        label="fx",
+        640 / 1.33, "focal length along a row", unit="px", low=1e-3, source="POV-Ray; paper: 481.20", label="fx"
     )
     fy: float = setting(
-        480.0,
-        "focal length along a column",
-        unit="px",
-        low=1e-3,
-        source="-480 in the paper, whose y points up",
-        label="fy",
+        480.0, "focal length along a column", unit="px", low=1e-3, source="-480 in the paper: y up", label="fy"
     )
     cx: float = setting(319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx")
     cy: float = setting(239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy")
@@ -120,14 +110,8 @@ class PinholeCamera:
 
     def halved(self) -> "PinholeCamera":
         """The camera of the 2x2-mean pyramid's next level: centres keep to pixel centres, cx' = (cx + 0.5)/2 - 0.5."""
-        return PinholeCamera(
-            self.width // 2,
-            self.height // 2,
-            self.fx / 2,
-            self.fy / 2,
-            (self.cx + 0.5) / 2 - 0.5,
-            (self.cy + 0.5) / 2 - 0.5,
-        )
+        cx, cy = ((c + 0.5) / 2 - 0.5 for c in (self.cx, self.cy))
+        return PinholeCamera(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy)
 
 
 @dataclass(frozen=True)

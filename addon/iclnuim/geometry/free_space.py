@@ -3,6 +3,7 @@
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -12,9 +13,6 @@ from ..errors import InputError
 Clearance = Callable[[np.ndarray], np.ndarray]
 #: Cells beyond this number are made larger; fewer than this are not made.
 _MAX_CELLS, _MIN_CELL_M = 400_000, 0.1
-_NEIGHBOURS = np.array(
-    [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)]
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +51,17 @@ class FreeSpace:
     def _search(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
         """Cells from start to end (A*). The two themselves need not be as clear: they were checked before."""
         goal, shape = np.array(end), self.clearance_m.shape
-        steps = [(tuple(n), float(np.linalg.norm(n))) for n in _NEIGHBOURS]
+        steps = [(n, float(np.linalg.norm(n))) for n in product((-1, 0, 1), repeat=3) if any(n)]
         length: dict[tuple, float] = {start: 0.0}
         before: dict[tuple, tuple | None] = {start: None}
         open_, done = [(0.0, start)], set()
         while open_:
             cell = heapq.heappop(open_)[1]
             if cell == end:
-                return _unwound(before, end)
+                route = [end]
+                while (previous := before[route[-1]]) is not None:
+                    route.append(previous)
+                return [np.array(cell) for cell in route[::-1]]
             if cell in done:
                 continue
             done.add(cell)
@@ -95,11 +96,3 @@ class FreeSpace:
         share = np.linspace(0.0, 1.0, count)[:, None]
         inner = (a_m + share * (b_m - a_m))[1:-1]
         return bool((self.measure(inner) >= clear_m).all())
-
-
-def _unwound(before: dict, end: tuple) -> list[np.ndarray]:
-    cells, cell = [], end
-    while cell is not None:
-        cells.append(np.array(cell))
-        cell = before[cell]
-    return cells[::-1]

@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..settings import Settings, setting
 from . import handheld
 from .free_space import Clearance, FreeSpace
-from .handheld_recipe import Pace, Recipe, Shake, Viewpoint
+from .handheld import Pace, Recipe, Shake, Viewpoint
 
 #: What the hands do unless asked otherwise: the amounts of our own kt0..kt3.
 SHAKES = (
@@ -68,10 +68,11 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
     settings = settings or PlanSettings()
     clear_m = settings.clearance_m
     _check(waypoints, space.measure, clear_m)
+    places = [np.array(w.position_m) for w in waypoints]
     found = None
     for margin_m in _MARGINS_M:
         try:
-            routes = [_route(space, a, b, clear_m + margin_m) for a, b in pairwise(waypoints)]
+            routes = [space.route(a, b, clear_m + margin_m) for a, b in pairwise(places)]
         except InputError:
             if margin_m == _MARGINS_M[-1]:
                 raise
@@ -103,10 +104,6 @@ def _check(waypoints: list[Waypoint], measure: Clearance, clear_m: float) -> Non
             found=f"viewpoint {k} at {waypoints[k].position_m}, {clearances[k]:.2f} m away",
             hint="moving it, or a smaller {clearance_m}",
         )
-
-
-def _route(space: FreeSpace, a: Waypoint, b: Waypoint, clear_m: float) -> np.ndarray:
-    return space.route(np.array(a.position_m), np.array(b.position_m), clear_m)
 
 
 def _viewpoints(waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float) -> tuple[Viewpoint, ...]:
@@ -157,10 +154,11 @@ def _viewpoint(position_m: np.ndarray | tuple, yaw: float, pitch: float, dwell_s
     """Rounded to 0.1 mm, so that the recipe reads well and makes the same trajectory."""
     ahead = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
     place = np.array(position_m, float)
-    return Viewpoint(_rounded(place), _rounded(place + 2.0 * ahead), dwell_s)
+    return Viewpoint(rounded(place), rounded(place + 2.0 * ahead), dwell_s)
 
 
-def _rounded(point: np.ndarray) -> tuple[float, float, float]:
+def rounded(point: np.ndarray) -> Point:
+    """To 0.1 mm."""
     x, y, z = (round(float(v), 4) for v in point)
     return x, y, z
 

@@ -35,10 +35,6 @@ def parse_unit(text: str) -> float:
         raise InputError(f"a unit: {', '.join(UNITS_M)}, or metres as a number", found=text) from None
 
 
-def _full_path(text: str) -> str:
-    return str(Path(text).expanduser().resolve())
-
-
 @dataclass(frozen=True)
 class SceneReading(Settings):
     """How a scene file is to be read; None leaves it to the file or to a guess, which is reported."""
@@ -66,7 +62,9 @@ class SceneReading(Settings):
         choices={axis: "nothing is mirrored" if axis == "none" else f"the {axis} axis is mirrored" for axis in MIRRORS},
     )
     textures: str | None = setting(
-        None, "a further folder that the scene's textures may come from; default: its own only", parse=_full_path
+        None,
+        "a further folder that the scene's textures may come from; default: its own only",
+        parse=lambda text: str(Path(text).expanduser().resolve()),
     )
 
     def to_dict(self) -> dict[str, Any]:

@@ -39,8 +39,6 @@ class SE3:
         object.__setattr__(self, "rotation", read_only(rotation))
         object.__setattr__(self, "translation", read_only(translation))
 
-    # -- made from ---------------------------------------------------------------------------------------------------
-
     @classmethod
     def identity(cls, shape: tuple[int, ...] = ()) -> "SE3":
         return cls(np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.zeros((*shape, 3)))
@@ -73,8 +71,6 @@ class SE3:
         left_jacobian = np.eye(3) + b * k + c * (k @ k)
         return cls(so3.exp(w), (left_jacobian @ v[..., None])[..., 0])
 
-    # -- turned into -------------------------------------------------------------------------------------------------
-
     @property
     def matrix(self) -> np.ndarray:
         """(..., 4, 4)."""
@@ -94,8 +90,6 @@ class SE3:
         k = so3.hat(w)
         inverse_jacobian = np.eye(3) - 0.5 * k + _inverse_jacobian_coefficient(angle) * (k @ k)
         return np.concatenate([(inverse_jacobian @ self.translation[..., None])[..., 0], w], axis=-1)
-
-    # -- group -------------------------------------------------------------------------------------------------------
 
     def inverse(self) -> "SE3":
         r = np.swapaxes(self.rotation, -1, -2)
@@ -118,8 +112,6 @@ class SE3:
         """The screw motion from self (share 0) to other (share 1): self exp(share log(self^-1 other))."""
         twist = (self.inverse() @ other).log()
         return self @ SE3.exp(np.asarray(share, float)[..., None] * twist)
-
-    # -- array -------------------------------------------------------------------------------------------------------
 
     @property
     def shape(self) -> tuple[int, ...]:

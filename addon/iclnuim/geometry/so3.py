@@ -42,17 +42,12 @@ def unit_quaternion(quat: np.ndarray) -> np.ndarray:
 def matrix_from_quat_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
     """(..., 4), scalar last -> (..., 3, 3)."""
     x, y, z, w = np.moveaxis(unit_quaternion(quat_xyzw), -1, 0)
-    m = np.empty((*x.shape, 3, 3))
-    m[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    m[..., 0, 1] = 2 * (x * y - z * w)
-    m[..., 0, 2] = 2 * (x * z + y * w)
-    m[..., 1, 0] = 2 * (x * y + z * w)
-    m[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    m[..., 1, 2] = 2 * (y * z - x * w)
-    m[..., 2, 0] = 2 * (x * z - y * w)
-    m[..., 2, 1] = 2 * (y * z + x * w)
-    m[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    return m
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
@@ -65,16 +60,13 @@ def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
     d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
     wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    rows = np.empty((*d0.shape, 4, 4))  # rows[k] = 4 q_k q
-    for k, row in enumerate(
-        (
-            (1 + d0 - d1 - d2, xy, xz, wx),
-            (xy, 1 - d0 + d1 - d2, yz, wy),
-            (xz, yz, 1 - d0 - d1 + d2, wz),
-            (wx, wy, wz, 1 + d0 + d1 + d2),
-        )
-    ):
-        rows[..., k, :] = np.stack(row, -1)
+    products = (  # row k = 4 q_k q
+        (1 + d0 - d1 - d2, xy, xz, wx),
+        (xy, 1 - d0 + d1 - d2, yz, wy),
+        (xz, yz, 1 - d0 - d1 + d2, wz),
+        (wx, wy, wz, 1 + d0 + d1 + d2),
+    )
+    rows = np.stack([np.stack(row, -1) for row in products], -2)
     best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)

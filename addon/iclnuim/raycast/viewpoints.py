@@ -4,7 +4,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.free_space import FreeSpace
-from ..geometry.handheld_plan import Waypoint
+from ..geometry.handheld_plan import Waypoint, rounded
 from ..geometry.points import farthest_points
 from .caster import RayCaster
 
@@ -32,7 +32,7 @@ def chosen(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed
             f"room for {count} viewpoints", found=f"{len(places)} free places", hint="giving the {viewpoints}"
         )
     places = _in_order(farthest_points(places, count))
-    return [Waypoint(_tuple(p), _tuple(_gaze(p, places, caster, rays))) for p in places]
+    return [Waypoint(rounded(p), rounded(_gaze(p, places, caster, rays))) for p in places]
 
 
 def _inside(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
@@ -74,8 +74,3 @@ def _gaze(place: np.ndarray, places: np.ndarray, caster: RayCaster, rays: np.nda
     towards = level @ (middle / max(float(np.linalg.norm(middle)), 1e-6))
     ahead = level[int((far * (1.2 + towards)).argmax())]
     return place + 2.0 * np.array([ahead[0], ahead[1], 0.0]) / np.hypot(*ahead[:2]) + [0.0, 0.0, -0.25]
-
-
-def _tuple(point: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = (round(float(v), 4) for v in point)
-    return x, y, z

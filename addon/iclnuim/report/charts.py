@@ -1,4 +1,4 @@
-"""Pictures of trajectories: the path from above, and position, speed and rotation rate over time.
+"""Pictures of trajectories: from above, position, speed and rotation rate over time, and the error of an estimate.
 
 Matplotlib's Agg canvas without pyplot: no window, no global settings. Import this module late, it takes half a second.
 """
@@ -14,9 +14,16 @@ from ..formats.columns import ANCHORED_WORLD
 from ..formats.files import atomic_write, check_picture
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
+from ..geometry.se3 import SE3
+from .trajectory_report import AbsoluteReport, RelativeReport, Report, title
 
 #: Told apart also without colour vision (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
+#: A line is broken where stamps are this many usual steps apart, so that missing frames show.
+GAP_STEPS = 5.0
+#: Up to this many values are marked one by one.
+FEW = 100
 
 
 def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
@@ -76,3 +83,103 @@ def _label(above: Axes, over_time: list[Axes]) -> None:
     over_time[0].legend(handles[:3], labels[:3], loc="best", fontsize="small", ncols=3)
     for axes in (above, *over_time):
         axes.grid(alpha=0.3)
+
+
+# -- errors of an estimate
+
+
+def error_figure(report: Report) -> Figure:
+    """One sheet of four charts."""
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    figure.suptitle(title(report.to_dict()))
+    (first, along), (over_time, rotation) = figure.subplots(2, 2)
+    if isinstance(report, AbsoluteReport):
+        _draw_absolute(report, first, along, over_time, rotation)
+    else:
+        _draw_relative(report, first, along, over_time, rotation)
+    return figure
+
+
+def widest_plane(poses: SE3) -> tuple[int, int]:
+    """The two axes, in order, along which positions reach furthest."""
+    a, b = sorted(np.argsort(np.ptp(poses.translation, axis=0))[1:].tolist())
+    return a, b
+
+
+def _draw_absolute(report: AbsoluteReport, both: Axes, along: Axes, over_time: Axes, rotation: Axes) -> None:
+    result = report.result
+    truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
+    plane = widest_plane(truth.T_world_camera)
+    _trajectory(both, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
+    _trajectory(both, result.stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
+    both.set_title("trajectories")
+    both.legend()
+    _coloured_positions(along, result.aligned, plane, result.translation_error_m)
+    along.set_title("the estimate, coloured by its error")
+    _errors_over_time(over_time, rotation, result.stamps_s, result.translation_error_m, result.rotation_error_rad)
+
+
+def _draw_relative(report: RelativeReport, shares: Axes, along: Axes, over_time: Axes, rotation: Axes) -> None:
+    result = report.result
+    errors_m = np.sort(result.translation_error_m)
+    shares.plot(errors_m, 100 * np.arange(1, len(errors_m) + 1) / len(errors_m), color=ESTIMATE_COLOUR)
+    shares.set(title="RPE pairs within an error", xlabel="translation error (m)", ylabel="share of RPE pairs (%)")
+    shares.set(xlim=(0, None), ylim=(0, 102))
+    starts = result.reference[result.start]
+    plane = widest_plane(result.reference)
+    _trajectory(along, result.stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
+    _coloured_positions(along, starts, plane, result.translation_error_m)
+    along.set_title("where the RPE pairs start, coloured by their error")
+    stamps_s = result.stamps_s[result.start]
+    _errors_over_time(over_time, rotation, stamps_s, result.translation_error_m, result.rotation_error_rad)
+
+
+def _trajectory(
+    chart: Axes, stamps_s: np.ndarray, poses: SE3, plane: tuple[int, int], colour: str, label: str, width: float = 1.2
+) -> None:
+    _, broken = _with_gaps(stamps_s, poses.translation)
+    chart.plot(*broken[:, plane].T, color=colour, linewidth=width, label=label)
+    _label_plane(chart, plane)
+
+
+def _coloured_positions(chart: Axes, poses: SE3, plane: tuple[int, int], errors_m: np.ndarray) -> None:
+    dots = chart.scatter(
+        poses.translation[:, plane[0]], poses.translation[:, plane[1]], c=errors_m, s=7, cmap="viridis", zorder=3
+    )
+    chart.figure.colorbar(dots, ax=chart, label="translation error (m)")
+    _label_plane(chart, plane)
+
+
+def _label_plane(chart: Axes, plane: tuple[int, int]) -> None:
+    a, b = plane
+    chart.set(xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)")
+    chart.set_aspect("equal", adjustable="datalim")
+    chart.grid(alpha=0.3)
+
+
+def _errors_over_time(
+    over_time: Axes, rotation: Axes, stamps_s: np.ndarray, errors_m: np.ndarray, errors_rad: np.ndarray
+) -> None:
+    _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
+    _series(rotation, stamps_s, np.degrees(errors_rad), "rotation error (deg)", ROTATION_COLOUR)
+
+
+def _series(chart: Axes, stamps_s: np.ndarray, errors: np.ndarray, label: str, colour: str) -> None:
+    rmse = float(np.sqrt(np.mean(np.square(errors))))
+    times_s, broken = _with_gaps(stamps_s, errors[:, None])
+    marker = "." if len(errors) <= FEW else None
+    chart.plot(times_s - stamps_s[0], broken[:, 0], color=colour, linewidth=0.9, marker=marker)
+    chart.axhline(rmse, color="0.2", linestyle="--", linewidth=0.9, label=f"RMSE {rmse:.4g}")
+    chart.set(
+        xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, 1.08 * float(np.max(errors, initial=1e-9)))
+    )
+    chart.grid(alpha=0.3)
+    chart.legend()
+
+
+def _with_gaps(stamps_s: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (n,) and values (n, k) with a row of NaN wherever frames are missing."""
+    steps_s = np.diff(stamps_s)
+    usual_s = np.median(steps_s) if len(steps_s) else 0.0
+    gaps = np.flatnonzero(steps_s > GAP_STEPS * usual_s) + 1
+    return np.insert(stamps_s, gaps, np.nan), np.insert(values, gaps, np.nan, axis=0)

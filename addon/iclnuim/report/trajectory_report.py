@@ -23,9 +23,8 @@ ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_d
 """
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 
@@ -34,9 +33,12 @@ from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, ab
 from ..evaluation.align import Alignment, MirrorCheck
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..formats.trajectories import LoadedTrajectory, read_trajectory
+from ..geometry.trajectory import Trajectory
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"
+S = TypeVar("S", AbsoluteErrorSettings, RelativeErrorSettings)
+E = TypeVar("E", AbsoluteError, RelativeError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,94 +58,94 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteReport:
-    """An ATE and what it was computed from."""
+class _Report(Generic[S, E]):
+    """An error and what it was computed from."""
 
     reference: Source
     estimate: Source
-    settings: AbsoluteErrorSettings
-    result: AbsoluteError
+    settings: S
+    result: E
 
     @classmethod
-    def of(cls, reference: Source, estimate: Source, settings: AbsoluteErrorSettings) -> "AbsoluteReport":
+    def of(cls, reference: Source, estimate: Source, settings: S) -> Self:
         """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
-        with _naming(estimate):
-            result = absolute_error(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
+        try:
+            result = cls._compute(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
+        except InputError as error:
+            if error.path is not None:
+                raise
+            raise error.at(estimate.path) from None
         return cls(reference, estimate, settings, result)
-
-    @property
-    def warnings(self) -> list[str]:
-        return [*_mirror_warning(self.result.mirror, self.estimate), *_rotation_warning(self.result.alignment)]
-
-    def to_dict(self) -> dict:
-        alignment = self.result.alignment
-        return {
-            "metric": "ate",
-            **_files(self),
-            "settings": asdict(self.settings),
-            "pairs": len(self.result.stamps_s),
-            "largest_difference_s": _largest_difference_s(self.result),
-            **_errors(self.result),
-            **self.result.completeness.to_dict(),
-            "alignment": {
-                "scale": alignment.scale,
-                "translation_m": alignment.T_reference_estimate.translation.tolist(),
-                "quat_xyzw": alignment.T_reference_estimate.quat_xyzw.tolist(),
-                "poses_used": alignment.poses_used,
-                "extents_m": alignment.extents_m.tolist(),
-                "residual_rms_m": alignment.residual_rms_m,
-            },
-            **_diagnostics(self),
-        }
-
-    def csv(self) -> str:
-        result, pairs = self.result, self.result.association
-        header = "reference_index,estimate_index,reference_stamp_s,time_difference_s," + ERRORS + ",x_m,y_m,z_m"
-        numbers = [
-            result.stamps_s,
-            pairs.difference_s,
-            result.translation_error_m,
-            np.degrees(result.rotation_error_rad),
-            *result.aligned.translation.T,
-        ]
-        return _csv(header, [pairs.first, pairs.second], numbers)
-
-
-@dataclass(frozen=True, eq=False)
-class RelativeReport:
-    """An RPE and what it was computed from."""
-
-    reference: Source
-    estimate: Source
-    settings: RelativeErrorSettings
-    result: RelativeError
 
     @classmethod
-    def of(cls, reference: Source, estimate: Source, settings: RelativeErrorSettings) -> "RelativeReport":
-        """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
-        with _naming(estimate):
-            result = relative_error(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
-        return cls(reference, estimate, settings, result)
+    def _compute(cls, reference: Trajectory, estimate: Trajectory, settings: S) -> E:
+        raise NotImplementedError
 
     @property
     def warnings(self) -> list[str]:
         return _mirror_warning(self.result.mirror, self.estimate)
 
-    def to_dict(self) -> dict:
-        settings = asdict(self.settings)
-        rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
+    def _dict(self, metric: str, settings: dict, before: dict, after: dict) -> dict:
+        """What both kinds hold, with the rest before and after the errors."""
+        result, mirror = self.result, self.result.mirror
+        figures = {"rotation_rms_m": mirror.rotation_rms_m, "reflection_rms_m": mirror.reflection_rms_m}
         return {
-            "metric": "rpe",
-            **_files(self),
-            "settings": {"stretch": settings, **rest},
-            "pairs": len(self.result.stamps_s),
-            "largest_difference_s": _largest_difference_s(self.result),
-            "coverage": self.result.association.coverage,
-            "stretches": len(self.result.start),
-            "scale": self.result.scale,
-            **_errors(self.result),
-            **_diagnostics(self),
+            "metric": metric,
+            "reference": self.reference.to_dict(),
+            "estimate": self.estimate.to_dict(),
+            "settings": settings,
+            "pairs": len(result.stamps_s),
+            "largest_difference_s": float(np.abs(result.association.difference_s).max()),
+            **before,
+            "translation_error_m": result.translation_m.to_dict(),
+            "rotation_error_deg": result.rotation_deg.to_dict(),
+            **after,
+            "mirror": {"mirrored": mirror.mirrored, **figures},
+            "warnings": self.warnings,
         }
+
+
+class AbsoluteReport(_Report[AbsoluteErrorSettings, AbsoluteError]):
+    """An ATE and what it was computed from."""
+
+    _compute = staticmethod(absolute_error)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*super().warnings, *_rotation_warning(self.result.alignment)]
+
+    def to_dict(self) -> dict:
+        alignment = self.result.alignment
+        figures = {
+            "scale": alignment.scale,
+            "translation_m": alignment.T_reference_estimate.translation.tolist(),
+            "quat_xyzw": alignment.T_reference_estimate.quat_xyzw.tolist(),
+            "poses_used": alignment.poses_used,
+            "extents_m": alignment.extents_m.tolist(),
+            "residual_rms_m": alignment.residual_rms_m,
+        }
+        after = {**self.result.completeness.to_dict(), "alignment": figures}
+        return self._dict("ate", asdict(self.settings), {}, after)
+
+    def csv(self) -> str:
+        result, pairs = self.result, self.result.association
+        header = "reference_index,estimate_index,reference_stamp_s,time_difference_s," + ERRORS + ",x_m,y_m,z_m"
+        errors = [result.translation_error_m, np.degrees(result.rotation_error_rad)]
+        numbers = [result.stamps_s, pairs.difference_s, *errors, *result.aligned.translation.T]
+        return _csv(header, [pairs.first, pairs.second], numbers)
+
+
+class RelativeReport(_Report[RelativeErrorSettings, RelativeError]):
+    """An RPE and what it was computed from."""
+
+    _compute = staticmethod(relative_error)
+
+    def to_dict(self) -> dict:
+        settings, result = asdict(self.settings), self.result
+        rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
+        coverage = result.association.coverage
+        before = {"coverage": coverage, "stretches": len(result.start), "scale": result.scale}
+        return self._dict("rpe", {"stretch": settings, **rest}, before, {})
 
     def csv(self) -> str:
         result = self.result
@@ -154,34 +156,6 @@ class RelativeReport:
 
 
 Report = AbsoluteReport | RelativeReport
-
-
-@contextmanager
-def _naming(estimate: Source) -> Iterator[None]:
-    """What cannot be compared is reported with the estimate's file."""
-    try:
-        yield
-    except InputError as error:
-        if error.path is not None:
-            raise
-        raise error.at(estimate.path) from None
-
-
-def _files(report: Report) -> dict:
-    return {"reference": report.reference.to_dict(), "estimate": report.estimate.to_dict()}
-
-
-def _errors(result: AbsoluteError | RelativeError) -> dict:
-    return {
-        "translation_error_m": result.translation_m.to_dict(),
-        "rotation_error_deg": result.rotation_deg.to_dict(),
-    }
-
-
-def _diagnostics(report: Report) -> dict:
-    mirror = report.result.mirror
-    figures = {"rotation_rms_m": mirror.rotation_rms_m, "reflection_rms_m": mirror.reflection_rms_m}
-    return {"mirror": {"mirrored": mirror.mirrored, **figures}, "warnings": report.warnings}
 
 
 def _mirror_warning(mirror: MirrorCheck, estimate: Source) -> list[str]:
@@ -206,10 +180,6 @@ def _rotation_warning(alignment: Alignment) -> list[str]:
     ]
 
 
-def _largest_difference_s(result: AbsoluteError | RelativeError) -> float:
-    return float(np.abs(result.association.difference_s).max())
-
-
 def _csv(header: str, integers: list[np.ndarray], numbers: list[np.ndarray]) -> str:
     line = ",".join(["%d"] * len(integers) + ["%.9f"] * len(numbers)) + "\n"
     rows = zip(*(column.tolist() for column in (*integers, *numbers)), strict=True)
@@ -218,18 +188,27 @@ def _csv(header: str, integers: list[np.ndarray], numbers: list[np.ndarray]) -> 
 
 def error_text(values: dict) -> str:
     """The lines for the terminal, of an `ate` or `rpe` dictionary as to_dict makes it."""
-    middle = _relative(values) if values["metric"] == "rpe" else _absolute(values)
-    warnings = [f"warning: {text}" for text in values["warnings"]]
-    return "\n".join([title(values), *_statistics_table(values), *middle, *warnings])
+    lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
+    for label, key in (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg")):
+        lines.append(f"{label:16}" + "".join(f"{values[key][name]:11.6f}" for name in STATISTICS))
+    poses = f"{values['reference']['poses']} ground-truth and {values['estimate']['poses']} estimated poses"
+    apart = f"stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"
+    pairs = f"{values['pairs']} pairs of {poses}, {apart}"
+    if values["metric"] == "rpe":
+        lines.append(f"{values['stretches']} RPE pairs; {pairs}")
+    else:
+        shares = (f"{100 * s:.1f} % within {bound.replace('cm', ' cm')}" for bound, s in values["recall"].items())
+        covered = f"{100 * values['coverage']:.1f} % have an estimate"
+        lines += [pairs, ", ".join((f"of all ground-truth frames: {covered}", *shares))]
+        lines.append(f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}")
+    return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])
 
 
 def title(values: dict) -> str:
     """One line: which error of which file against which, and how."""
-    names = " against ".join(
-        os.path.basename(os.path.normpath(values[key]["path"])) for key in ("estimate", "reference")
-    )
+    estimate, reference = (os.path.basename(os.path.normpath(values[k]["path"])) for k in ("estimate", "reference"))
     how = _delta(values) if values["metric"] == "rpe" else _alignment(values)
-    return f"{values['metric'].upper()} of {names}, {how}"
+    return f"{values['metric'].upper()} of {estimate} against {reference}, {how}"
 
 
 def _alignment(values: dict) -> str:
@@ -245,30 +224,3 @@ def _delta(values: dict) -> str:
     kind = "all pairs" if pair["all_pairs"] else "end to end"
     scale = f", scale {values['scale']:.6g}" if values["settings"]["correct_scale"] else ""
     return f"over {pair['delta']:g} {unit}, {kind}{scale}"
-
-
-def _statistics_table(values: dict) -> list[str]:
-    rows = [f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
-    for label, key in (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg")):
-        rows.append(f"{label:16}" + "".join(f"{values[key][name]:11.6f}" for name in STATISTICS))
-    return rows
-
-
-def _absolute(values: dict) -> list[str]:
-    recall = ", ".join(
-        f"{100 * share:.1f} % within {bound.replace('cm', ' cm')}" for bound, share in values["recall"].items()
-    )
-    return [
-        _pairs(values),
-        f"of all ground-truth frames: {100 * values['coverage']:.1f} % have an estimate, {recall}",
-        f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}",
-    ]
-
-
-def _relative(values: dict) -> list[str]:
-    return [f"{values['stretches']} RPE pairs; {_pairs(values)}"]
-
-
-def _pairs(values: dict) -> str:
-    poses = f"{values['reference']['poses']} ground-truth and {values['estimate']['poses']} estimated poses"
-    return f"{values['pairs']} pairs of {poses}, stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"

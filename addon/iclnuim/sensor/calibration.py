@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .depth_paper import KINECT_CM_PX
+from .depth import KINECT_CM_PX
 from .transfer import light_from_srgb
 
 #: Values nearer than this to black or white may be clipped and tell nothing of response or noise.

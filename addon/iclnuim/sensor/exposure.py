@@ -5,6 +5,7 @@ frame's stamp, whose pose stays the ground truth. The paper counts their absence
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +19,7 @@ STEP_PX = 1.0
 #: Rows of one band share their instant; no point of theirs is farther than this from its own.
 ROW_ERROR_PX = 0.1
 _GRID_PX = 4
+_duration = partial(setting, unit="s", low=0.0, high=1.0, source="0 in the paper, section V", shown=("ms", 1000.0))
 
 
 @dataclass(frozen=True)
@@ -26,27 +28,14 @@ class Exposure(Settings):
 
     group: ClassVar[str] = "exposure"
 
-    exposure_s: float = setting(
+    exposure_s: float = _duration(
         0.0,
         "how long the shutter is open: motion blur of RGB; depth stays sharp",
-        unit="s",
-        low=0.0,
-        high=1.0,
-        source="0 in the paper, section V",
         option="--exposure",
         label="Exposure",
-        shown=("ms", 1000.0),
     )
-    readout_s: float = setting(
-        0.0,
-        "from the first row's exposure to the last row's: rolling shutter",
-        unit="s",
-        low=0.0,
-        high=1.0,
-        source="0 in the paper, section V",
-        option="--readout",
-        label="Readout",
-        shown=("ms", 1000.0),
+    readout_s: float = _duration(
+        0.0, "from the first row's exposure to the last row's: rolling shutter", option="--readout", label="Readout"
     )
 
     @property

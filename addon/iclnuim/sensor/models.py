@@ -11,9 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
-from .depth_others import Kinect2012DepthNoise, NoDepthNoise, RedwoodDepthNoise
-from .depth_paper import PaperDepthNoise
-from .depth_released import ReleasedDepthNoise
+from .depth import Kinect2012DepthNoise, NoDepthNoise, PaperDepthNoise, RedwoodDepthNoise, ReleasedDepthNoise
 from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 

@@ -5,6 +5,8 @@ from statistics import NormalDist
 
 import numpy as np
 
+from ..geometry.se3 import read_only
+
 #: Streams of one frame; a new one is added at the end, so that older sequences stay as they are.
 DEPTH, RGB = 0, 1
 _LEVELS = 1 << 16
@@ -27,9 +29,6 @@ def gaussian(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
 
 @functools.cache
 def _inverse_normal() -> np.ndarray:
-    normal = NormalDist()
-    upper = np.array([normal.inv_cdf((i + 0.5) / _LEVELS) for i in range(_LEVELS // 2, _LEVELS)])
+    upper = np.array([NormalDist().inv_cdf((i + 0.5) / _LEVELS) for i in range(_LEVELS // 2, _LEVELS)])
     table = np.concatenate([-upper[::-1], upper])
-    table = (table / np.sqrt(np.mean(table**2))).astype(np.float32)
-    table.setflags(write=False)
-    return table
+    return read_only((table / np.sqrt(np.mean(table**2))).astype(np.float32))

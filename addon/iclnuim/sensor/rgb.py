@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .depth_image import bands
 from .noise_model import NoiseModel, parameter
 from .randomness import gaussian
-from .sampling import bands
 from .transfer import srgb8, srgb8_in_place
 
 _BRIGHTEST = np.float32(65504)  # of half precision; infinite light would have infinite noise
@@ -85,11 +85,12 @@ class ReleasedRgbNoise(NoiseModel):
         image = srgb8(_exposed(light, self.exposure))
         noisy = np.empty_like(image)
         sigma = self.sigma_of_value()
-        weights = self.neighbour_weights()
+        a, b, c = self.neighbour_weights()
         for k in range(3):
             clean = image[..., k]
             for rows in bands(len(clean)):
-                noise = _filtered_rows(gaussian(rng, (len(clean[rows]), clean.shape[1] + 2)), weights)
+                noise = gaussian(rng, (len(clean[rows]), clean.shape[1] + 2))
+                noise = a * noise[:, :-2] + b * noise[:, 1:-1] + c * noise[:, 2:]
                 values = np.floor(clean[rows] + sigma[k].take(clean[rows]) * noise)
                 noisy[rows, :, k] = np.clip(values, 0, 255).astype(np.uint8)
         return noisy
@@ -118,9 +119,3 @@ def _exposed(light: np.ndarray, exposure: float) -> np.ndarray:
     if light.ndim != 3 or light.shape[2] != 3:
         raise InputError("an image (h, w, 3)", found=light.shape)
     return light if exposure == 1 else np.asarray(light, np.float32) * np.float32(exposure)
-
-
-def _filtered_rows(noise: np.ndarray, weights: tuple[np.float32, np.float32, np.float32]) -> np.ndarray:
-    """(h, w + 2) -> (h, w)."""
-    a, b, c = weights
-    return a * noise[:, :-2] + b * noise[:, 1:-1] + c * noise[:, 2:]

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.se3 import read_only
 
 
 def srgb8(light: np.ndarray) -> np.ndarray:
@@ -49,21 +50,18 @@ def light_from_srgb(value: np.ndarray) -> np.ndarray:
 @functools.cache
 def _srgb8_of_half() -> np.ndarray:
     halves = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float64)
-    values = np.nan_to_num(halves, nan=0.0, posinf=1.0, neginf=0.0)
-    table = np.floor(srgb_from_light(values) * 255 + 0.5).astype(np.uint8)
-    table.setflags(write=False)
-    return table
+    return _rounded(np.nan_to_num(halves, nan=0.0, posinf=1.0, neginf=0.0))
 
 
 @functools.cache
 def _srgb8_of_steps() -> np.ndarray:
-    table = np.floor(srgb_from_light(np.arange(1 << 16) / 65535) * 255 + 0.5).astype(np.uint8)
-    table.setflags(write=False)
-    return table
+    return _rounded(np.arange(1 << 16) / 65535)
+
+
+def _rounded(light: np.ndarray) -> np.ndarray:
+    return read_only(np.floor(srgb_from_light(light) * 255 + 0.5).astype(np.uint8))
 
 
 @functools.cache
 def _light_of_srgb8() -> np.ndarray:
-    table = light_from_srgb(np.arange(256) / 255).astype(np.float32)
-    table.setflags(write=False)
-    return table
+    return read_only(light_from_srgb(np.arange(256) / 255).astype(np.float32))

@@ -1,0 +1,298 @@
+"""Depth noise: the paper's, that of the released frames, none, Nguyen's Kinect, and the Redwood simulation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.camera import PinholeCamera
+from ..settings import same_as
+from .depth_image import (
+    Normals,
+    as_depth,
+    backward_normals,
+    bands,
+    pixel_grid,
+    ray_slopes,
+    sample_with_zeros,
+    sample_within_surface,
+    surface_normals,
+)
+from .noise_model import NoiseModel, parameter
+from .randomness import gaussian
+
+#: Paper, equation 3, from the Kinect's baseline (Barron and Malik 2013): disparity = 35130 / Z with Z in centimetres.
+KINECT_CM_PX = 35130.0
+_FITTED = (
+    "the paper prints none; least-squares bilinear fit, over 0..75 degrees and 0.5..4.5 m, of the part of the axial "
+    "noise that grows with the angle, 0.0001 / sqrt(z) * angle^2 / (pi/2 - angle)^2 m (Nguyen, Izadi, Lovell 2012); "
+    "its other part, which grows with the distance, is what equation 3 makes"
+)
+_NGUYEN = "C. V. Nguyen, S. Izadi, D. Lovell: Modeling Kinect sensor noise ..., 3DIMPVT 2012"
+_REDWOOD = (
+    "S. Choi, Q.-Y. Zhou, V. Koltun: Robust reconstruction of indoor scenes, CVPR 2015, simulated depth of its data set"
+)
+_MEASURED = "measured on the official noisy office kt3 frames"
+_OBLIQUE = "pixels seen more obliquely go missing"
+_EDGE = "neighbours that differ by more are another surface"
+
+
+@dataclass(frozen=True)
+class PaperDepthNoise(NoiseModel):
+    """Section V.A. sigma_theta = a + b angle + c z + d angle z, never below 0, angle between normal and camera ray."""
+
+    name = "paper"
+    summary = "the paper's model: lateral shift, disparity noise and quantisation"
+
+    sigma_s_px: float = parameter(0.5, "shift in u and v", unit="px", low=0.0, source="paper, footnote 4")
+    sigma_d: float = parameter(1 / 6, "disparity noise", unit="disparity steps", low=0.0, source="paper, footnote 4")
+    disparity_cm: float = parameter(
+        KINECT_CM_PX, "disparity times depth", unit="cm x disparity steps", low=1e-3, source="paper, equation 3"
+    )
+    edge_share: float = parameter(0.1, _EDGE, unit="share of depth", low=1e-6, source="own choice: 89 degrees here")
+    lateral: bool = parameter(True, "the step along the normal", source="paper, section V.A, last paragraph")
+    sigma_theta_m: float = parameter(-4.04e-4, "step along the normal, constant term", unit="m", source=_FITTED)
+    sigma_theta_m_per_rad: float = parameter(1.118e-3, "its growth with the angle", unit="m/rad", source=_FITTED)
+    sigma_theta_m_per_m: float = parameter(6.26e-5, "its growth with the depth", unit="m/m", source=_FITTED)
+    sigma_theta_m_per_rad_m: float = parameter(-1.732e-4, "with both", unit="m/(rad m)", source=_FITTED)
+    missing_angle_deg: float = parameter(82.0, _OBLIQUE, unit="degrees", low=0.0, high=90.0, source=_MEASURED)
+
+    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+        """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
+        depth_true_m = as_depth(depth_z_m)
+        depth_z_m = quantised(self.shifted(depth_true_m, rng), self.disparity_cm, self.sigma_d, rng)
+        if not self.lateral:
+            return depth_z_m
+        normals = surface_normals(depth_true_m, camera)
+        depth_z_m = self.moved_along_normals(depth_z_m, normals, camera, rng)
+        depth_z_m[normals.secant > 1 / np.cos(np.radians(self.missing_angle_deg))] = 0
+        return depth_z_m
+
+    def shifted(self, depth_z_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Z(x + n_x, y + n_y) of equation 3, with (n_x, n_y) ~ N(0, sigma_s^2 I)."""
+        u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
+        return sample_within_surface(depth_z_m, u, v, self.edge_share)
+
+    def sigma_theta(self, angle_rad: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
+        """Metres, (h, w)."""
+        at_zero = self.sigma_theta_m + self.sigma_theta_m_per_m * depth_z_m
+        slope = self.sigma_theta_m_per_rad + self.sigma_theta_m_per_rad_m * depth_z_m
+        return np.maximum(at_zero + slope * angle_rad, 0)
+
+    def moved_along_normals(
+        self, depth_z_m: np.ndarray, normals: Normals, camera: PinholeCamera, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Each vertex moves along its normal by N(0, sigma_theta^2) and is projected again.
+
+        A vertex lands on the pixel nearest to its projection; of several the nearest to the camera stays, and a pixel
+        where none lands is missing. Vertices without a normal go missing.
+        """
+        x, y = ray_slopes(camera)
+        noise = gaussian(rng, depth_z_m.shape)
+        moved_z_m, shift_u, shift_v = (np.empty_like(depth_z_m) for _ in range(3))
+        for rows in bands(len(depth_z_m)):
+            z, n = depth_z_m[rows], normals[rows]
+            step_m = self.sigma_theta(n.angle_rad(), z) * noise[rows]
+            step_m = step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant  # over |N|, which is not of length one
+            with np.errstate(invalid="ignore", divide="ignore"):
+                moved = z + step_m * n.z
+                shift_u[rows] = np.float32(camera.fx) * step_m * (n.x - x * n.z) / moved
+                shift_v[rows] = np.float32(camera.fy) * step_m * (n.y - y[rows] * n.z) / moved
+                moved_z_m[rows] = np.where((z > 0) & (moved > 0), moved, np.float32(0))
+        return _projected(moved_z_m, shift_u, shift_v)
+
+
+@dataclass(frozen=True)
+class ReleasedDepthNoise(NoiseModel):
+    """Beside the paper's words: a wider shift, half a pixel of offset, zeros that mix in, disparity biased by 1/2."""
+
+    name = "released"
+    summary = "the noise found in the released ICL-NUIM frames"
+
+    sigma_s_px: float = parameter(1.15, "shift in u and v", unit="px", low=0.0, source=_MEASURED)
+    offset_px: float = parameter(-0.5, "mean of the shift", unit="px", source=_MEASURED)
+    missing_angle_deg: float = same_as(PaperDepthNoise, "missing_angle_deg")
+    sigma_d: float = same_as(PaperDepthNoise, "sigma_d")
+    disparity_bias: float = parameter(
+        0.5, "mean of the disparity noise", unit="disparity steps", source=_MEASURED + "; equation 3 rounded again"
+    )
+    disparity_cm: float = same_as(PaperDepthNoise, "disparity_cm")
+    input_step_m: float = parameter(0.01, "rounding before the disparity", unit="m", low=1e-6, source=_MEASURED)
+    output_step_m: float = parameter(0.001, "steps that depth is cut to after it", unit="m", low=1e-6, source=_MEASURED)
+
+    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+        """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
+        depth_z_m = as_depth(depth_z_m)
+        normals = backward_normals(depth_z_m, camera)  # none in the first row and column, which go missing
+        depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
+        u, v = pixel_grid(depth_z_m)
+        sigma, offset = np.float32(self.sigma_s_px), np.float32(self.offset_px)
+        u = u + (offset + sigma * gaussian(rng, depth_z_m.shape))
+        v = v + (offset + sigma * gaussian(rng, depth_z_m.shape))
+        depth_z_m = sample_with_zeros(depth_z_m, u, v)
+        depth_z_m = np.rint(depth_z_m / np.float32(self.input_step_m)) * np.float32(self.input_step_m)
+        depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng, self.disparity_bias)
+        return np.floor(depth_z_m / np.float32(self.output_step_m)) * np.float32(self.output_step_m)
+
+
+@dataclass(frozen=True)
+class NoDepthNoise(NoiseModel):
+    """Depth as rendered."""
+
+    name = "none"
+    summary = "exact planar depth"
+
+    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+        """(h, w) planar depth in metres, 0 = missing -> the same, float32."""
+        return as_depth(depth_z_m)
+
+
+@dataclass(frozen=True)
+class Kinect2012DepthNoise(NoiseModel):
+    """Axial sigma a + b (z - c)^2 + d / sqrt(z) t^2 / (pi/2 - t)^2, lateral sigma e + f t / (pi/2 - t).
+
+    t is the angle between normal and camera ray.
+    """
+
+    name = "kinect2012"
+    summary = "axial and lateral noise of a Kinect, Nguyen et al. 2012"
+
+    axial_m: float = parameter(0.0012, "a", unit="m", low=0.0, source=_NGUYEN)
+    axial_per_m: float = parameter(0.0019, "b", unit="1/m", low=0.0, source=_NGUYEN)
+    axial_nearest_m: float = parameter(0.4, "c", unit="m", low=0.0, source=_NGUYEN)
+    axial_angle: float = parameter(0.0001, "d", unit="m^(3/2)", low=0.0, source=_NGUYEN)
+    lateral_px: float = parameter(0.8, "e", unit="px", low=0.0, source=_NGUYEN)
+    lateral_angle_px: float = parameter(0.035, "f", unit="px", low=0.0, source=_NGUYEN)
+    missing_angle_deg: float = parameter(
+        82.0, _OBLIQUE, unit="degrees", low=0.0, high=89.9, source="as in the model released; the formulas have a pole"
+    )
+    edge_share: float = same_as(PaperDepthNoise, "edge_share")
+
+    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+        """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
+        depth_true_m = as_depth(depth_z_m)
+        limit = np.float32(np.radians(self.missing_angle_deg))
+        angle = surface_normals(depth_true_m, camera).angle_rad()
+        seen = angle <= limit
+        angle = np.minimum(angle, limit)
+        lateral_px = self.lateral_px + self.lateral_angle_px * angle / (np.float32(np.pi / 2) - angle)
+        u, v = shifted_grid(depth_true_m, lateral_px, rng)
+        depth_z_m = sample_within_surface(depth_true_m, u, v, self.edge_share)
+        noisy_m = depth_z_m + self.axial_sigma_m(depth_z_m, angle) * gaussian(rng, depth_true_m.shape)
+        return np.where(seen & (depth_z_m > 0) & (noisy_m > 0), noisy_m, np.float32(0))
+
+    def axial_sigma_m(self, depth_z_m: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
+        """Along the optical axis, metres."""
+        growth = angle_rad / (np.float32(np.pi / 2) - angle_rad)
+        flat = self.axial_m + self.axial_per_m * (depth_z_m - self.axial_nearest_m) ** 2
+        return flat + self.axial_angle / np.sqrt(np.maximum(depth_z_m, np.float32(0.01))) * growth**2
+
+
+@dataclass(frozen=True)
+class RedwoodDepthNoise(NoiseModel):
+    """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to 1/8 step."""
+
+    name = "redwood"
+    summary = "distortion and quantisation of the Redwood simulation, Choi et al. 2015"
+
+    sigma_s_px: float = parameter(0.25, "shift in u and v", unit="px", low=0.0, source=_REDWOOD)
+    snap_px: float = parameter(
+        2, "rows and columns are cut to multiples of it", unit="px", low=1.0, high=64.0, source=_REDWOOD
+    )
+    far_m: float = parameter(10.0, "nothing is measured from here on", unit="m", low=1e-3, source=_REDWOOD)
+    disparity_m: float = parameter(
+        35.130, "disparity times depth", unit="m x disparity steps", low=1e-6, source=_REDWOOD
+    )
+    sigma_d: float = parameter(0.027778, "disparity noise", unit="disparity steps", low=0.0, source=_REDWOOD)
+    steps: float = parameter(8.0, "rounding of disparity", unit="per disparity step", low=1e-3, source=_REDWOOD)
+    map_first_m: float = parameter(1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD)
+    map_step_m: float = parameter(2.0, "depth between two of its layers", unit="m", low=1e-6, source=_REDWOOD)
+
+    def apply(
+        self,
+        depth_z_m: np.ndarray,
+        camera: PinholeCamera,
+        rng: np.random.Generator,
+        multipliers: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32.
+
+        `multipliers` (layers, rows, columns), the sensor's own distortion: depth is divided by the value found there,
+        the nearest over the image, linear over depth. None is a sensor without distortion.
+        """
+        depth_z_m = self.snapped(as_depth(depth_z_m), rng)
+        depth_z_m[depth_z_m >= self.far_m] = 0
+        if multipliers is not None:
+            depth_z_m = depth_z_m / self.distortion(depth_z_m, np.asarray(multipliers, np.float32))
+        disparity_m, steps = np.float32(self.disparity_m), np.float32(self.steps)
+        with np.errstate(divide="ignore"):
+            disparity = disparity_m / depth_z_m + np.float32(self.sigma_d) * gaussian(rng, depth_z_m.shape)
+            disparity = np.floor(disparity * steps + np.float32(0.5)) / steps
+            noisy_m = disparity_m / disparity
+        noisy_m[~((disparity > 0) & (disparity < np.inf))] = 0
+        return noisy_m
+
+    def snapped(self, depth_z_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """The pixel at the rounded shifted position, its row and column cut to multiples of `snap_px`."""
+        height, width = depth_z_m.shape
+        u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
+        column, row = (np.clip(np.rint(a), 0, n - 1).astype(np.intp) for a, n in ((u, width), (v, height)))
+        snap = int(self.snap_px)
+        return depth_z_m[row - row % snap, column - column % snap]
+
+    def distortion(self, depth_z_m: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """The map's value at each pixel and depth."""
+        if multipliers.ndim != 3 or not (multipliers > 0).all():
+            raise InputError("a distortion map (layers, rows, columns) of values > 0", found=multipliers.shape)
+        layers, rows, columns = multipliers.shape
+        height, width = depth_z_m.shape
+        row, column = np.arange(height)[:, None] * rows // height, np.arange(width)[None] * columns // width
+        layer = np.clip((depth_z_m - np.float32(self.map_first_m)) / np.float32(self.map_step_m), 0, layers - 1)
+        below = np.minimum(layer.astype(np.intp), max(layers - 2, 0))
+        above = np.minimum(below + 1, layers - 1)
+        share: np.ndarray = layer - below.astype(np.float32)
+        return multipliers[below, row, column] * (1 - share) + multipliers[above, row, column] * share
+
+
+def shifted_grid(
+    depth_z_m: np.ndarray, sigma_px: np.ndarray | np.float32, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """u and v (h, w) of the pixel centres, each plus N(0, sigma_px^2)."""
+    u, v = pixel_grid(depth_z_m)
+    return u + sigma_px * gaussian(rng, depth_z_m.shape), v + sigma_px * gaussian(rng, depth_z_m.shape)
+
+
+def quantised(
+    depth_z_m: np.ndarray, disparity_cm: float, sigma_d: float, rng: np.random.Generator, bias: float = 0.0
+) -> np.ndarray:
+    """Depth to disparity, plus N(bias, sigma_d^2), to the nearest integer, back to depth; 0 stays 0.
+
+    Equation 3 of the paper: floor(d + noise + 0.5) is the rounding itself. (Rounding that sum again is the bias of the
+    released frames.) Float32 in metres, (h, w). A disparity of 0 or less is no measurement.
+    """
+    disparity_m = np.float32(disparity_cm / 100)
+    with np.errstate(divide="ignore"):
+        steps = disparity_m / depth_z_m
+        steps += np.float32(sigma_d) * gaussian(rng, depth_z_m.shape) + np.float32(bias)
+        steps = np.floor(steps + np.float32(0.5))
+        quantised_m = disparity_m / steps
+    quantised_m[~((steps > 0) & (steps < np.inf))] = 0
+    return quantised_m
+
+
+def _projected(depth_z_m: np.ndarray, shift_u: np.ndarray, shift_v: np.ndarray) -> np.ndarray:
+    """Each pixel's depth on the pixel nearest to where it was shifted; what leaves the image is lost."""
+    height, width = depth_z_m.shape
+    leaving = ((np.abs(shift_u) > 0.5) | (np.abs(shift_v) > 0.5)) & (depth_z_m > 0)
+    result = depth_z_m.copy()
+    result[leaving] = 0
+    source = np.flatnonzero(leaving)
+    source = source[np.argsort(-depth_z_m.ravel()[source], kind="stable")]  # the nearest last, so that it stays
+    column = source % width + np.rint(np.clip(shift_u.ravel()[source], -width, width)).astype(np.intp)
+    row = source // width + np.rint(np.clip(shift_v.ravel()[source], -height, height)).astype(np.intp)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    arrived = np.zeros_like(depth_z_m)
+    arrived[row[inside], column[inside]] = depth_z_m.ravel()[source[inside]]
+    in_front = (arrived > 0) & ((result == 0) | (arrived < result))
+    result[in_front] = arrived[in_front]
+    return result

@@ -1,0 +1,268 @@
+"""Noise models measured: the time of sequences beside that of their files alone, of each model alone, and how near a model
+comes to noisy frames that were published, as a chart and as tables.
+
+Nearness is the overlap of what two noises do to pixels. A pixel of a noisy image falls into a cell: how deep or bright it
+truly is, and how far it is off, or that it is missing. The overlap is the share of pixels that both put into the same
+cells: 1 where they do the same, 0 where they have nothing in common. It sees amount, bias and gaps of the noise by depth
+and brightness, not how it hangs together from pixel to pixel.
+"""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.frames import FrameSource, image_frames, run_frames
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, keep_freed_memory, noisy_images
+from iclnuim.errors import InputError
+from iclnuim.formats.exr import read_exr
+from iclnuim.formats.png import write_png
+from iclnuim.report.charts import COLOURS
+from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from iclnuim.sensor.randomness import DEPTH, RGB, frame_generator
+from iclnuim.sensor.transfer import srgb8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+#: Depth and RGB models as users pair them.
+PAIRS = (("none", "none"), ("paper", "paper"), ("released", "released"), ("kinect2012", "paper"), ("redwood", "paper"))
+#: Borders of the groups of true depth (m) and of true 8-bit value.
+_DEPTHS_M, _VALUES = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([40, 80, 120, 160, 200])
+#: Disparity in steps of the paper's equation 3 is this over metres.
+_STEPS_M = 351.3
+#: Errors are told apart to half a disparity step up to 6 steps, and to one value up to 12 of 255.
+_BINS = 24
+_MISSING = _BINS + 1
+
+Cells = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Figures = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class PairTime:
+    """Medians over rounds: frames a second (clean and noisy of each: one EXR read, four PNGs written) and processor time
+    a frame; both times as multiples of reading those EXRs and writing those PNGs alone, within a round.
+    """
+
+    depth: str
+    rgb: str
+    frames_per_s: float
+    cpu_ms: float
+    ratio: float
+    cpu_ratio: float
+
+
+def pair_times(
+    raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
+) -> list[PairTime]:
+    """Each of PAIRS on the frames of a run, `rounds` times with noise and without, in turns."""
+    source = run_frames(raw, frames)
+    return [_pair(raw, source, depth, rgb, rounds, workers, on_round) for depth, rgb in PAIRS]
+
+
+def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
+    """{"depth": {model: median ms a frame}, "rgb": ...}, processor time of one thread."""
+    source = run_frames(raw, frames)
+    number = source.numbers[len(source.numbers) // 2]
+    light, depth_z_m = source.load(number)
+
+    def depth(name: str) -> None:
+        depth_model(name).apply(depth_z_m, source.camera, frame_generator(0, number, DEPTH))
+
+    def rgb(name: str) -> None:
+        rgb_model(name).apply(light, frame_generator(0, number, RGB))
+
+    works = (("depth", depth, DEPTH_MODELS), ("rgb", rgb, RGB_MODELS))
+    keep_freed_memory()  # as where sequences are written
+    return {kind: {name: _median_ms(work, name, repeats) for name in names} for kind, work, names in works}
+
+
+def _median_ms(work: Callable[[str], None], name: str, repeats: int) -> float:
+    work(name)  # tables are made once
+    times = []
+    for _ in range(repeats):
+        start = time.thread_time()
+        work(name)
+        times.append(time.thread_time() - start)
+    return 1e3 * float(np.median(times))
+
+
+def _timed(work: Callable, *arguments: object) -> tuple[float, float]:
+    """Seconds by the clock, and of this process and those it began on all cores."""
+    clock, cpu = time.perf_counter(), _processor_s()
+    work(*arguments)
+    return time.perf_counter() - clock, _processor_s() - cpu
+
+
+def _processor_s() -> float:
+    """Of this process to the nanosecond, and of those that ended to the tick (10 ms)."""
+    return time.process_time() + sum(os.times()[2:4])
+
+
+def _pair(
+    raw: Path, source: FrameSource, depth: str, rgb: str, rounds: int, workers: int, on_round: Callable[[], None]
+) -> PairTime:
+    noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
+    images = [_images(source, number, noisy) for number in source.numbers]
+    times = []
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as scratch:
+            made = _timed(_make, source, noisy, Path(scratch), workers)
+            files = _timed(_files_alone, raw, source.numbers, images, Path(scratch), workers)
+        times.append((*made, *files))
+        on_round()
+    made_s, made_cpu, files_s, files_cpu = np.array(times).T
+    return PairTime(
+        depth,
+        rgb,
+        frames_per_s=len(source.numbers) / float(np.median(made_s)),
+        cpu_ms=1e3 * float(np.median(made_cpu)) / len(source.numbers),
+        ratio=float(np.median(made_s / files_s)),
+        cpu_ratio=float(np.median(made_cpu / files_cpu)),
+    )
+
+
+def _images(source: FrameSource, number: int, noisy: SequenceSettings) -> list[np.ndarray]:
+    """The four images of a frame: clean colour and depth, noisy colour and depth."""
+    light, depth_z_m = source.load(number)
+    both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
+    return [image for pair in both for image in pair]
+
+
+def _make(source: FrameSource, noisy: SequenceSettings, out: Path, workers: int) -> None:
+    SequenceWriter(source, {out / "clean": SequenceSettings(), out / "noisy": noisy}).write(workers)
+
+
+def _files_alone(
+    raw: Path, numbers: Sequence[int], images: Sequence[list[np.ndarray]], out: Path, workers: int
+) -> None:
+    """What cannot be spared: every EXR read, every image written."""
+
+    def one(number: int, four: list[np.ndarray]) -> None:
+        read_exr(raw / "exr" / f"{number:06}.exr")
+        for k, image in enumerate(four):
+            write_png(out / f"{number:06}_{k}.png", image)
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(one, numbers, images))
+
+
+# -- likeness
+
+
+def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
+    """{"depth": {model: overlap}, "rgb": ...} of each model run on `clean`, with `noisy`, which shows the same frames.
+
+    Raises InputError where they have no frame number in common.
+    """
+    sources = image_frames(clean), image_frames(noisy)
+    numbers = sorted(set(sources[0].numbers).intersection(sources[1].numbers))
+    if not numbers:
+        raise InputError(f"frames of {noisy}", path=clean, found="none of their numbers")
+    camera = sources[0].camera
+    (lights, depths), (noisy_lights, noisy_depths) = (
+        zip(*(source.load(n) for n in numbers), strict=True) for source in sources
+    )
+
+    def depth(name: str) -> float:
+        model = depth_model(name)
+        made = (model.apply(z, camera, frame_generator(1, n, DEPTH)) for n, z in zip(numbers, depths, strict=True))
+        return _overlap(depth_cells, depths, noisy_depths, made)
+
+    def rgb(name: str) -> float:
+        model = rgb_model(name)
+        made = (model.apply(x, frame_generator(1, n, RGB)) for n, x in zip(numbers, lights, strict=True))
+        return _overlap(value_cells, [srgb8(x) for x in lights], [srgb8(x) for x in noisy_lights], made)
+
+    return {"depth": {name: depth(name) for name in DEPTH_MODELS}, "rgb": {name: rgb(name) for name in RGB_MODELS}}
+
+
+def _overlap(
+    cells: Cells, clean: Iterable[np.ndarray], theirs: Iterable[np.ndarray], ours: Iterable[np.ndarray]
+) -> float:
+    """Of the histograms over all frames."""
+    first, second = (
+        np.bincount(np.concatenate([cells(a, b) for a, b in zip(clean, noisy, strict=True)]), minlength=4096)
+        for noisy in (theirs, ours)
+    )
+    return float(np.minimum(first, second).sum() / first.sum())
+
+
+def depth_cells(clean_z_m: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
+    """(h, w) planar metres -> (n,) cells of the n pixels that truly have depth."""
+    seen = clean_z_m > 0
+    clean, noisy = clean_z_m[seen].astype(float), noisy_z_m[seen].astype(float)
+    steps = _STEPS_M / np.maximum(noisy, 0.01) - _STEPS_M / clean
+    error = np.where(noisy < 0.6 * clean, _MISSING, _binned(steps / 0.5))
+    return np.digitize(clean, _DEPTHS_M) * 64 + error.astype(int)
+
+
+def value_cells(clean: np.ndarray, noisy: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8 -> (n,) cells, each channel of its own."""
+    error = _binned(noisy.astype(int) - clean)
+    return (np.arange(3) * 512 + np.digitize(clean, _VALUES) * 64 + error).astype(int).ravel()
+
+
+def _binned(error: np.ndarray) -> np.ndarray:
+    """-12..12 and beyond -> 0..24."""
+    return np.clip(np.rint(error), -_BINS // 2, _BINS // 2) + _BINS // 2
+
+
+# -- chart and tables
+
+
+def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
+    """Left, with `overlaps`: each model's time and overlap; right: clean and noisy frames over their files alone."""
+    drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
+    FigureCanvasAgg(drawn)
+    if overlaps:
+        left, right = drawn.subplots(1, 2, width_ratios=(1.25, 1))
+        _draw_models(left, times_ms, overlaps)
+    else:
+        right = drawn.subplots()
+    _draw_pairs(right, pairs)
+    return drawn
+
+
+def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
+    kinds = (("depth", "depth", COLOURS[0], "o", -12), ("rgb", "RGB", COLOURS[1], "s", 6))
+    for kind, label, colour, marker, below in kinds:
+        points = {name: (times_ms[kind][name], overlaps[kind][name]) for name in times_ms[kind]}
+        axes.plot(*zip(*points.values(), strict=True), marker, color=colour, label=label)
+        for name, point in points.items():
+            axes.annotate(name, point, xytext=(5, below), textcoords="offset points", fontsize=9, color=colour)
+    axes.set(xlabel="ms a frame, 640 x 480, one thread", ylabel="overlap with the noise of the official frames")
+    axes.set_xlim(0, 1.25 * max(max(t.values()) for t in times_ms.values()))
+    axes.set_ylim(0, 1.08)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+
+
+def _draw_pairs(axes: Axes, pairs: Sequence[PairTime]) -> None:
+    names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
+    axes.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
+    axes.axhline(1, color="black", linewidth=0.8)
+    axes.axhline(1.6, color=COLOURS[1], linewidth=1, linestyle="--")
+    for k, p in enumerate(pairs):
+        axes.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
+    axes.set_ylabel("processor time of clean + noisy over that\nof EXR read and PNGs written alone")
+    axes.tick_params(axis="x", labelsize=8)
+
+
+def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> str:
+    """Two tables in Markdown: pairs, then models."""
+    rows = [("depth + RGB", "frames/s", "over files alone", "processor ms a frame", "over files alone")]
+    for p in pairs:
+        times = (f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}")
+        rows.append((f"{p.depth} + {p.rgb}", *times))
+    models = [("model", "ms a frame", "overlap with the official noise")]
+    for kind, by_name in times_ms.items():
+        for name, ms in by_name.items():
+            models.append((f"{kind} {name}", f"{ms:.1f}", f"{overlaps[kind][name]:.3f}" if overlaps else ""))
+    lines = ([f"| {' | '.join(cells)} |" for cells in (t[0], ["---"] * len(t[0]), *t[1:])] for t in (rows, models))
+    return "\n\n".join(map("\n".join, lines))
