@@ -15,7 +15,8 @@ from iclnuim.headless.cli import main
 from iclnuim.headless.options import add_settings, option_name, renamed, settings_from
 from iclnuim.job import RenderJob, shipped_job
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS
-from iclnuim.settings import Settings, declared, setting, table
+from iclnuim.settings import Settings, declared, setting
+from iclnuim.tools.write_settings_page import table
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from iclnuim.settings import Setting, Settings, declared, table
+from iclnuim.settings import Setting, Settings, declared, plain
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/settings.md"
 #: The modules whose groups are on the page, in its order. What these import counts with them.
@@ -73,6 +73,21 @@ def _section(group: type[Settings]) -> str:
     ]
     parts = [title, " ".join(summary.split()), table(group), "\n".join(meanings)]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def table(group: type) -> str:
+    """The settings of a dataclass as a Markdown table, for docs/settings.md."""
+    rows = ["| setting | option | default | unit | range | what | source |", "|---|---|---|---|---|---|---|"]
+    for s in declared(group).values():
+        reach = (
+            ", ".join(f"`{choice}`" for choice in s.choices)
+            if s.choices is not None
+            else s.range.removeprefix("in ").removeprefix("of ")
+        )
+        default = "" if s.default is None else f"`{plain(s.default)}`"
+        option = f"`{s.option}`" if s.option else ""
+        rows.append(f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |")
+    return "\n".join(rows)
 
 
 if __name__ == "__main__":

@@ -16,11 +16,10 @@ import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self
 
 from .errors import InputError
 
-S = TypeVar("S", bound="Settings")
 #: value -> what it means, for people
 Choices = Mapping[str, str]
 
@@ -40,18 +39,18 @@ class Setting:
     kind: type
     default: Any
     help: str
-    unit: str
-    low: float
-    high: float
-    source: str
     option: str
     label: str
     optional: bool
     length: int | None
-    list_choices: Callable[[], Choices] | None
-    others: str
-    parse: Callable[[str], Any] | None
     shown: tuple[str, float]
+    list_choices: Callable[[], Choices] | None
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    source: str = ""
+    others: str = ""
+    parse: Callable[[str], Any] | None = None
 
     @property
     def choices(self) -> Choices | None:
@@ -97,43 +96,16 @@ class Setting:
         return number and math.isfinite(value) and self.low <= value <= self.high
 
 
-def setting(
-    default: Any,
-    help: str,
-    *,
-    unit: str = "",
-    low: float = -math.inf,
-    high: float = math.inf,
-    choices: Callable[[], Choices] | Choices | None = None,
-    source: str = "",
-    option: str | None = None,
-    label: str = "",
-    others: str = "",
-    parse: Callable[[str], Any] | None = None,
-    shown: tuple[str, float] | None = None,
-) -> Any:
+def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any) -> Any:
     """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` the paper and its section.
 
     choices: value -> meaning, or a function that returns it (a registry). option: the command's option where it is not `--` and the
     name with dashes; "" for none. label: the panel's, where it is not the name. others: what may stand instead of a choice, such as
     MODULE:FUNCTION; what uses the setting checks it. parse: text -> value, where the option takes more than a number. shown: the unit that
-    the panel shows, and the factor to it.
+    the panel shows, and the factor to it. unit, low, high: as in Setting.
     """
     listed = choices if callable(choices) or choices is None else lambda: choices
-    about = {
-        "help": help,
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "source": source,
-        "option": option,
-        "label": label,
-        "list_choices": listed,
-        "others": others,
-        "parse": parse,
-        "shown": shown or (unit, 1.0),
-    }
-    return dataclasses.field(default=default, metadata={"setting": about})
+    return dataclasses.field(default=default, metadata={"setting": {"help": help, "list_choices": listed, **about}})
 
 
 def same_as(group: type, name: str) -> Any:
@@ -163,19 +135,12 @@ def _declaration(field: Any, hint: Any) -> Setting:
     if typing.get_origin(kind) is tuple:
         elements = typing.get_args(kind)
         kind, length = elements[0], 0 if elements[-1] is Ellipsis else len(elements)
-    option = about.pop("option")
-    dashed = "--" + field.name.replace("_", "-")
-    label = about.pop("label") or field.name.replace("_", " ").capitalize()
-    return Setting(
-        name=field.name,
-        kind=kind,
-        default=field.default,
-        option=dashed if option is None else option,
-        label=label,
-        optional=optional,
-        length=length,
-        **about,
-    )
+    words = {
+        "option": "--" + field.name.replace("_", "-"),
+        "label": field.name.replace("_", " ").capitalize(),
+        "shown": (about.get("unit", ""), 1.0),
+    }
+    return Setting(field.name, kind, field.default, optional=optional, length=length, **{**words, **about})
 
 
 @dataclass(frozen=True)
@@ -189,7 +154,7 @@ class Settings:
             object.__setattr__(self, name, declaration.checked(getattr(self, name)))
 
     @classmethod
-    def from_dict(cls: type[S], content: Mapping[str, Any]) -> S:
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
         """Settings by name; those left out keep their default. Raises InputError for an unknown name or a value that does not fit."""
         refuse_unknown(content, [f.name for f in dataclasses.fields(cls)], cls.group)
         return cls(**content)
@@ -199,7 +164,7 @@ class Settings:
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
-    def changed(self: S, **settings: Any) -> S:
+    def changed(self, **settings: Any) -> Self:
         """The same with other values; None means unchanged."""
         return dataclasses.replace(self, **{name: value for name, value in settings.items() if value is not None})
 
@@ -223,21 +188,6 @@ def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:
     unknown = sorted(set(content) - set(known))
     if unknown:
         raise InputError(expected, found=", ".join(unknown))
-
-
-def table(group: type) -> str:
-    """The settings of a dataclass as a Markdown table, for docs/settings.md."""
-    rows = ["| setting | option | default | unit | range | what | source |", "|---|---|---|---|---|---|---|"]
-    for s in declared(group).values():
-        reach = (
-            ", ".join(f"`{choice}`" for choice in s.choices)
-            if s.choices is not None
-            else s.range.removeprefix("in ").removeprefix("of ")
-        )
-        default = "" if s.default is None else f"`{plain(s.default)}`"
-        option = f"`{s.option}`" if s.option else ""
-        rows.append(f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |")
-    return "\n".join(rows)
 
 
 def plain(value: Any) -> str:

@@ -27,14 +27,6 @@ def unregister() -> None:
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import (
-        operators_evaluate,
-        operators_render,
-        operators_scene,
-        panels,
-        presets,
-        properties,
-        trajectory_view,
-    )
+    from . import operators, panels, presets, properties, trajectory_view
 
-    return properties, presets, operators_scene, operators_render, operators_evaluate, trajectory_view, panels
+    return properties, presets, operators, trajectory_view, panels

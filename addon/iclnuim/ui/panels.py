@@ -10,7 +10,7 @@ from ..geometry.camera import PinholeCamera, blender_from_pinhole
 from ..geometry.scene_axes import SceneReading
 from ..job import RenderJob
 from . import inputs, state
-from .properties import names_of
+from .properties import settings_of
 from .work import Work
 
 _LETTER_WIDTH_PX = 7
@@ -65,7 +65,7 @@ class ICLNUIM_PT_scene(_SubPanel, bpy.types.Panel):
         layout.prop(settings, "scene_source", text="")
         if settings.scene_source == "FILE":
             layout.prop(settings, "scene_file", text="")
-            _props(layout, settings, names_of(SceneReading))
+            _props(layout, settings, settings_of(SceneReading))
         if settings.scene_source != "OPEN":
             layout.operator("iclnuim.load_scene", icon="IMPORT")
             if getattr(context.space_data, "overlay", None) is not None:
@@ -98,7 +98,7 @@ class ICLNUIM_PT_camera(_SubPanel, bpy.types.Panel):
     bl_label, bl_options = "Camera", {"DEFAULT_CLOSED"}
 
     def content(self, layout, settings, context):
-        _props(layout.column(align=True), settings, names_of(PinholeCamera))
+        _props(layout.column(align=True), settings, settings_of(PinholeCamera))
         made = blender_from_pinhole(settings.camera())
         lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
         aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"
@@ -110,7 +110,7 @@ class ICLNUIM_PT_light(_SubPanel, bpy.types.Panel):
 
     def content(self, layout, settings, context):
         layout.prop(settings, "light", expand=True)
-        names = [name for name in names_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
+        names = [name for name in settings_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
         maps = [name for name in names if name.startswith("map_")]
         _props(layout, settings, (name for name in names if name not in maps))
         if settings.light == "baked":
@@ -181,7 +181,7 @@ class ICLNUIM_PT_evaluate(_SubPanel, bpy.types.Panel):
 
     def content(self, layout, settings, context):
         unused = () if settings.align_method == "yaw" else ("align_up",)
-        alignment = (name for name in names_of(AlignmentSettings) if name not in unused)
+        alignment = (name for name in settings_of(AlignmentSettings) if name not in unused)
         _props(layout, settings, ("estimate", "truth", *alignment, "delta"))
         row = layout.row(align=True)
         row.operator("iclnuim.evaluate", icon="VIEWZOOM")

@@ -15,7 +15,6 @@ from ..errors import InputError
 from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera
 from ..geometry.scene_axes import UNITS_M, SceneReading
-from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..scenes import SCENES, TRAJECTORIES
 from ..settings import Setting, Settings, declared, setting
@@ -102,8 +101,7 @@ def properties_of_this_file() -> dict[str, Any]:
         ),
         "out": _file(
             "Output folder",
-            "raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is "
-            "not saved",
+            "raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is not saved",
             "DIR_PATH",
         ),
         "estimate": _file("Estimate", "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"),
@@ -118,11 +116,6 @@ def properties_of_a_preset() -> dict[str, Any]:
     return {name: made for group in groups for name, made in _properties(group, **noise).items()}
 
 
-def names_of(group: type) -> list[str]:
-    """Properties of a group of declared settings."""
-    return list(_named(group))
-
-
 def names_that_move_the_trajectory() -> list[str]:
     """Properties whose change makes the trajectory another one."""
     made = {**properties_of_this_file(), **properties_of_a_preset()}
@@ -131,7 +124,7 @@ def names_that_move_the_trajectory() -> list[str]:
 
 def label_of(setting: str) -> str:
     """What the panel calls a setting of the library, for error messages."""
-    names = {s.name: name for group in _GROUPS for name, s in _named(group).items()}
+    names = {s.name: name for group in _GROUPS for name, s in settings_of(group).items()}
     made = {**properties_of_this_file(), **properties_of_a_preset()}
     found = made.get(names.get(setting, setting)) or made.get(f"{setting}_source")
     return found.keywords["name"] if found else setting
@@ -148,9 +141,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
 
     def reading(self) -> SceneReading:
         """How a scene file is to be read."""
-        if self.scene_source != "FILE":
-            return SceneReading()
-        return SceneReading(**self.values_of(SceneReading))
+        return SceneReading(**self.values_of(SceneReading) if self.scene_source == "FILE" else {})
 
     def to_job(self, scene: str, trajectory: str) -> RenderJob:
         """The job, given a built-in name or a file for scene and trajectory (inputs.py). Raises InputError."""
@@ -165,11 +156,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
 
     def values_of(self, group: type) -> dict[str, Any]:
         """The values of a group's settings by name."""
-        return {s.name: _value(s, getattr(self, name)) for name, s in _named(group).items()}
-
-    def frame_numbers(self, count: int) -> list[int]:
-        """Poses asked for of `count`. Raises InputError."""
-        return list(frame_slice(self.frames, count))
+        return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
         """What the worker process makes of the frames (dataset/variants.py); None where nothing is asked for. Raises InputError."""
@@ -188,8 +175,8 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         return {"dialects": list(options.formats), "variants": variants}
 
 
-def _named(group: type) -> dict[str, Setting]:
-    """Property -> setting of a group. A property is named by the unit that the panel shows: exposure_s -> exposure_ms."""
+def settings_of(group: type) -> dict[str, Setting]:
+    """Name of the property -> setting, of a group of declared settings. A property is named by the unit that the panel shows: exposure_s -> exposure_ms."""
     names = {}
     for s in declared(group).values():
         unit = "" if s.shown[0] == s.unit else f"_{s.shown[0]}"
@@ -199,11 +186,11 @@ def _named(group: type) -> dict[str, Setting]:
 
 def _properties(group: type, **defaults: Any) -> dict[str, Any]:
     """Name -> property of a group; `defaults` where the panel has others than the declaration."""
-    return {name: _property(s, defaults.get(name, s.default)) for name, s in _named(group).items()}
+    return {name: _property(s, defaults.get(name, s.default)) for name, s in settings_of(group).items()}
 
 
 def _property(s: Setting, default: Any) -> Any:
-    more: dict[str, Any] = {"name": s.label, "description": _tooltip(s, s.shown[0])}
+    more = _words(s, s.shown[0])
     if s.name in _MOVES_THE_TRAJECTORY:
         more["update"] = _trajectory_changed
     if s.choices is not None:
@@ -237,10 +224,10 @@ def _value(s: Setting, shown: Any) -> Any:
     return round(shown, 4) / s.shown[1] if s.kind is float else shown
 
 
-def _tooltip(s: Setting, unit: str = "") -> str:
-    """Help, unit and source."""
+def _words(s: Setting, unit: str = "") -> dict[str, Any]:
+    """A property's name and tooltip: help, unit and source."""
     details = "; ".join(filter(None, (unit, s.source)))
-    return _sentence(s.help) + (f" ({details})" if details else "")
+    return {"name": s.label, "description": _sentence(s.help) + (f" ({details})" if details else "")}
 
 
 def _sentence(text: str) -> str:
@@ -249,12 +236,11 @@ def _sentence(text: str) -> str:
 
 def _choice(s: Setting, entries: Iterable[tuple[str, str, str]], default: Any = None) -> Any:
     """The enum of a setting; one of flags where several values are allowed."""
-    text = {"name": s.label, "description": _tooltip(s)}
     if s.length == 0:
         flags = [(*entry, 1 << k) for k, entry in enumerate(entries)]
-        return EnumProperty(items=flags, options={"ENUM_FLAG"}, default=set(default), **text)
+        return EnumProperty(items=flags, options={"ENUM_FLAG"}, default=set(default), **_words(s))
     items = _items(entries, _AUTO if s.optional else {})
-    return EnumProperty(items=items, default=default or items[0][0], **text)
+    return EnumProperty(items=items, default=default or items[0][0], **_words(s))
 
 
 def _items(
