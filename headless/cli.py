@@ -12,9 +12,10 @@ from typing import NoReturn
 
 from iclnuim import __version__
 from iclnuim.errors import IclnuimError
+from iclnuim.formats.files import check_picture
 
 from .console import Console
-from .options import check_pictures, option_name
+from .options import option_name
 
 #: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
 COMMANDS = {
@@ -81,10 +82,8 @@ def _guarded(command: str, argv: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        print(
-            f"iclnuim {command}: {error.filename or ''}: {error.strerror or error}".replace(": : ", ": "),
-            file=sys.stderr,
-        )
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"iclnuim {command}: {where}{error.strerror or error}", file=sys.stderr)
         return 3
 
 
@@ -94,16 +93,15 @@ def _run(command: str, argv: list[str]) -> int:
     parser.set_defaults(run=getattr(module, "run", None))
     module.configure(parser)
     args = parser.parse_args(getattr(module, "spelled_out", list)(argv))
-    check_pictures(args)
+    if getattr(args, "plot", None):
+        check_picture(args.plot)  # before work that may be long
     return args.run(args, Console(getattr(args, "quiet", False), getattr(args, "json", False))) or 0
 
 
 def _overview() -> str:
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {text}" for name, text in COMMANDS.items()]
-    return "\n".join(
-        ["usage: iclnuim COMMAND ...", "", *lines, "", "iclnuim COMMAND --help describes a command; iclnuim --version."]
-    )
+    lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
+    return f"usage: iclnuim COMMAND ...\n\n{lines}\n\niclnuim COMMAND --help describes a command; iclnuim --version."
 
 
 if __name__ == "__main__":

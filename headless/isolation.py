@@ -11,14 +11,6 @@ from contextlib import suppress
 from iclnuim.errors import IclnuimError, WorkError
 
 
-class _WordedError(IclnuimError):
-    """An error of the forked process, told again."""
-
-    def __init__(self, text: str, exit_code: int) -> None:
-        super().__init__(text)
-        self.exit_code = exit_code
-
-
 def survived(work: Callable[[], int], file: str) -> int:
     """Exit code of `work()`, done in a process of its own; its output goes where ours goes.
 
@@ -41,7 +33,9 @@ def survived(work: Callable[[], int], file: str) -> int:
     if os.WIFSIGNALED(status):
         raise WorkError(crash_words(file, os.WTERMSIG(status)))
     if told:
-        raise _WordedError(*pickle.loads(told))
+        error = IclnuimError()
+        error.message, error.exit_code = pickle.loads(told)
+        raise error
     return os.waitstatus_to_exitcode(status)
 
 

@@ -6,12 +6,14 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from iclnuim.errors import InputError
-from iclnuim.formats.files import check_picture
+from iclnuim.geometry.scene_axes import SceneReading, parse_unit
 from iclnuim.settings import Setting, Settings, declared, find, plain
 
 from .console import Console
 
 S = TypeVar("S", bound=Settings)
+#: Scene files, for help texts; iclnuim.blender.user_scene decides.
+SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 
 def add_settings(
@@ -145,10 +147,15 @@ def action(
     return common(parser, example, json)
 
 
-def check_pictures(args: argparse.Namespace) -> None:
-    """Before work that may be long: InputError where its picture could not be written after it."""
-    if getattr(args, "plot", None):
-        check_picture(args.plot)
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """How a scene file is to be read: --up, --scene-unit, --mirror, --textures."""
+    add_settings(parser, SceneReading)
+    renamed(parser, "--units", "--scene-unit", type=parse_unit)
+
+
+def reading_from(args: argparse.Namespace, before: SceneReading | None = None) -> SceneReading:
+    """The reading of the options; what they leave open is as `before` has it. Raises InputError."""
+    return settings_from(args, before or SceneReading())
 
 
 def count(text: str) -> int:

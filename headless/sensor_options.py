@@ -5,7 +5,6 @@ import json
 import sys
 from typing import Any
 
-from iclnuim.dataset.sequence import SequenceSettings
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 
@@ -31,11 +30,6 @@ def sequence_options(args: argparse.Namespace) -> SequenceOptions:
     if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
         sys.path.insert(0, "")  # a user's own module lies in the working folder; the command's own path has it not
     return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
-
-
-def sensor_from(args: argparse.Namespace) -> SequenceSettings:
-    """The settings that the options name. Raises InputError for an unknown model or parameter."""
-    return sequence_options(args).sequence_settings()
 
 
 def _json(text: str | None) -> dict[str, Any] | None:

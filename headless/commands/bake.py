@@ -11,18 +11,16 @@ from iclnuim.worker_events import Note
 
 from ..console import Console
 from ..isolation import survived
-from ..options import common
-from ..scene_options import add_scene_options, reading_from
+from ..options import add_scene_options, common, reading_from
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "scene", metavar="SCENE", help=f"{', '.join(shipped.SCENE_NAMES)}, or a file such as room.blend"
-    )
+    add = parser.add_argument
+    add("scene", metavar="SCENE", help=f"{', '.join(shipped.SCENE_NAMES)}, or a file such as room.blend")
     add_scene_options(parser)
-    parser.add_argument("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
-    parser.add_argument("--map-samples", type=int, metavar="N", help="rays a texel and source of light; default: 32")
-    parser.add_argument("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
+    add("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
+    add("--map-samples", type=int, metavar="N", help="rays a texel and source of light; default: 32")
+    add("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
     common(parser, "iclnuim bake living_room")
 
 
@@ -39,9 +37,8 @@ def _bake(args: argparse.Namespace, console: Console) -> int:
     job = replace(job, reading=reading_from(args))
     folder = worker.bake_light(job, lambda event: console.note(event.text) if isinstance(event, Note) else None)
     recipe = light_map.read_recipe(folder)
-    console.result(
-        {"folder": str(folder), **recipe}, f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
-    )
+    text = f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
+    console.result({"folder": str(folder), **recipe}, text)
     return 0
 
 

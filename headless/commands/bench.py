@@ -11,17 +11,19 @@ from iclnuim import job as jobs
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
+from iclnuim.odometry.registry import NAMES, odometer
 
 from ..benchmark import evaluate_times
 from ..console import Console
-from ..options import Actions, action, renamed, subcommands
-from . import bench_odometry
+from ..options import Actions, action, count, renamed, subcommands
+from ..sequence_options import add_camera_options, current_word, open_sequence, require
+from .odometry import RENAMED_METHODS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
     _configure_render(actions)
-    bench_odometry.configure(actions)
+    _configure_odometry(actions)
     _configure_noise(actions)
     evaluate_times.configure(actions)
     _configure_own(actions)
@@ -48,45 +50,50 @@ def _refuse(error: WorkError) -> Callable:
 
 
 def _configure_render(actions: Actions) -> None:
-    render = action(
-        actions,
-        "render",
-        "time, error and flicker of path tracing and baked light",
-        "iclnuim bench render kt2",
-        _render,
-    )
-    render.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
-    render.add_argument(
-        "--breakdown", action="store_true", help="instead: where a frame's time goes: rays, shading, EXR, overhead"
-    )
-    render.add_argument("--frames", metavar="A:B:S", help="default: every 160th; with --breakdown every 30th")
-    render.add_argument(
-        "--maps",
-        type=_sizes,
-        default=(512, 1024, 2048),
-        metavar="N,N",
-        help="sides of light maps; default: 512,1024,2048",
-    )
-    render.add_argument("--plot", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
-    renamed(render, "--chart", "--plot", type=Path)
-    render.add_argument("--only", metavar="TEXT", help="only ways whose name holds this, such as `baked`")
-    render.add_argument("--light", choices=("baked", "path"), default="baked", help="of --breakdown; default: baked")
-    render.add_argument("--samples", type=int, metavar="N", help="of --breakdown")
+    help = "time, error and flicker of path tracing and baked light"
+    parser = action(actions, "render", help, "iclnuim bench render kt2", _render)
+    add, sizes = parser.add_argument, (512, 1024, 2048)
+    add("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
+    add("--breakdown", action="store_true", help="instead: where a frame's time goes: rays, shading, EXR, overhead")
+    add("--frames", metavar="A:B:S", help="default: every 160th; with --breakdown every 30th")
+    add("--maps", type=_sizes, default=sizes, metavar="N,N", help="sides of light maps; default: 512,1024,2048")
+    _add_plot(parser, "error")
+    add("--only", metavar="TEXT", help="only ways whose name holds this, such as `baked`")
+    add("--light", choices=("baked", "path"), default="baked", help="of --breakdown; default: baked")
+    add("--samples", type=int, metavar="N", help="of --breakdown")
 
 
 def _configure_noise(actions: Actions) -> None:
     example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
     help = "speed of the noise models beside that of the files alone, and likeness to published noisy frames"
-    noise = action(actions, "noise", help, example, _noise)
-    noise.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
-    noise.add_argument("--frames", default=":40", metavar="A:B:S", help="default: the first 40")
-    noise.add_argument("--rounds", type=int, default=5, metavar="N", help="of which the median counts; default: 5")
-    noise.add_argument("--workers", type=int, default=4, metavar="N", help="processes; default: 4")
+    parser = action(actions, "noise", help, example, _noise)
+    add = parser.add_argument
+    add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
+    add("--frames", default=":40", metavar="A:B:S", help="default: the first 40")
+    add("--rounds", type=int, default=5, metavar="N", help="of which the median counts; default: 5")
+    add("--workers", type=int, default=4, metavar="N", help="processes; default: 4")
     both = "holds clean/ and noisy/ of the same frames, such as the original's"
-    noise.add_argument("--official", type=Path, metavar="DIR", help=both)
-    picture = "time against likeness as a picture (.png, .pdf, .svg)"
-    noise.add_argument("--plot", type=Path, metavar="FILE", help=picture)
-    renamed(noise, "--chart", "--plot", type=Path)
+    add("--official", type=Path, metavar="DIR", help=both)
+    _add_plot(parser, "likeness")
+
+
+def _configure_odometry(actions: Actions) -> None:
+    example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
+    help = "speed and error of our odometers and third-party ones in one run"
+    parser = action(actions, "odometry", help, example, _odometry)
+    what = "sequences with ground truth, or results of --json from before"
+    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR", help=what)
+    add_camera_options(parser)
+    parser.add_argument("--preset", default="best", help="of ours: best (default) or paper")
+    parser.add_argument("--first", type=count, metavar="N", help="only the first N frames")
+    parser.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
+    _add_plot(parser, "error")
+
+
+def _add_plot(parser: argparse.ArgumentParser, against: str) -> None:
+    help = f"time against {against} as a picture (.png, .pdf, .svg)"
+    parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
+    renamed(parser, "--chart", "--plot", type=Path)
 
 
 def _sizes(text: str) -> tuple[int, ...]:
@@ -117,8 +124,7 @@ def _compare_light(args: argparse.Namespace, console: Console) -> int:
 
     from ..benchmark import light_chart, light_comparison
 
-    job = jobs.shipped_job(args.sequence)
-    job = job.changed(map_size=max(args.maps))
+    job = jobs.shipped_job(args.sequence).changed(map_size=max(args.maps))
     views = list(frame_slice(args.frames or "::160", len(worker.load_trajectory(job)) - 1))
     if len(views) < 3:
         raise InputError("at least 3 frames to compare", found=len(views))
@@ -134,7 +140,7 @@ def _compare_light(args: argparse.Namespace, console: Console) -> int:
         plots.save(light_chart.figure(results), args.plot)
     console.result(
         {"machine": light_comparison.machine(), "ways": [asdict(r) for r in results]},
-        light_chart.table(results) + "\n" + light_chart.summary(results, job),
+        f"{light_chart.table(results)}\n{light_chart.summary(results, job)}",
     )
     return 0
 
@@ -155,3 +161,41 @@ def _noise(args: argparse.Namespace, console: Console) -> int:
     values = {"pairs": [asdict(p) for p in pairs], "model_ms": times_ms, "overlap_with_official": overlaps}
     console.result(values, noise.table(pairs, times_ms, overlaps))
     return 0
+
+
+def _odometry(args: argparse.Namespace, console: Console) -> int:
+    from ..benchmark import odometry_comparison as comparison
+
+    only = current_word(args.only or "", RENAMED_METHODS, console)
+    which = [name for name in NAMES if only in name]
+    if not which:
+        raise InputError(f"part of a name of {', '.join(NAMES)}", found=args.only)
+    results = [result for folder in args.folders if folder.suffix == ".json" for result in comparison.read(folder)]
+    folders = [folder for folder in args.folders if folder.suffix != ".json"]
+    if folders:
+        require("bench odometry", "numba", "cv2")
+        which = _installed(which, args.preset, console)
+    sequences = [open_sequence(args, console, folder) for folder in folders]
+    results += [comparison.compare(s, which, args.preset, args.first, console.progress) for s in sequences]
+    if args.plot:
+        from iclnuim.report import charts
+
+        from ..benchmark import odometry_chart
+
+        charts.save(odometry_chart.figure(results), args.plot)
+    console.result({"races": results}, "\n\n".join(comparison.text(result) for result in results))
+    return 0
+
+
+def _installed(names: list[str], preset: str, console: Console) -> list[str]:
+    """Those whose packages are there; the others' rows are left out, with a note. Raises WorkError where none is left."""
+    found = []
+    for name in names:
+        try:
+            odometer(name, preset)
+            found.append(name)
+        except WorkError as error:
+            if name == names[-1] and not found:
+                raise
+            console.note(f"left out: {error}")
+    return found

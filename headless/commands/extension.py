@@ -1,28 +1,67 @@
-"""`iclnuim extension`: build the Blender extension as a zip that installs from disk."""
+"""`iclnuim extension`: the Blender extension as a zip: the package with its manifest, every scene and all trajectories, the same bytes each time."""
 
 import argparse
+import tomllib
+import zipfile
+from collections.abc import Iterator
 from pathlib import Path
+
+import iclnuim
+from iclnuim import shipped
+from iclnuim.errors import WorkError
+from iclnuim.formats.files import atomic_write
 
 from ..console import Console
 from ..options import action, subcommands
 
+_DATE = (2020, 1, 1, 0, 0, 0)
+#: What the panel has no use for: it needs packages that Blender does not carry.
+_LEFT_OUT = {"odometry", "fusion", "raycast", "report", "checkout.py", "__main__.py"}
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    actions = subcommands(parser)
-    build = action(
-        actions,
-        "build",
-        "the extension's zip, complete: code, scenes, trajectories",
-        "iclnuim extension build --out dist/",
-        _build,
-    )
-    build.add_argument("--out", type=Path, default=Path("dist"), metavar="DIR", help="folder of the zip; default: dist")
+    help, example = "the extension's zip, complete: code, scenes, trajectories", "iclnuim extension build --out dist/"
+    add = action(subcommands(parser), "build", help, example, _build).add_argument
+    add("--out", type=Path, default=Path("dist"), metavar="DIR", help="folder of the zip; default: dist")
 
 
 def _build(args: argparse.Namespace, console: Console) -> int:
-    from ..extension import build
-
     path = build(args.out)
     size = path.stat().st_size
     console.result({"file": str(path), "bytes": size}, f"{path} ({size / 1e6:.1f} MB)")
     return 0
+
+
+def build(out: Path) -> Path:
+    """Write `out`/iclnuim-VERSION.zip and return its path. Raises WorkError where it cannot be written."""
+    package = Path(iclnuim.__file__).parent
+    manifest = tomllib.loads((package / "blender_manifest.toml").read_text(encoding="utf-8"))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{out}: cannot be made: {error.strerror or error}; try another --out") from None
+    target = out / f"{manifest['id']}-{manifest['version']}.zip"
+    atomic_write(target, lambda path: _write(path, package))
+    return target
+
+
+def contents(package: Path) -> Iterator[tuple[str, Path]]:
+    """Name in the zip and file of all that is shipped."""
+    for path in sorted(package.rglob("*")):
+        name = path.relative_to(package)
+        if path.is_file() and path.suffix in (".py", ".toml") and not {"__pycache__", *_LEFT_OUT} & set(name.parts):
+            yield str(name), path
+    for path in sorted(shipped.folder("blend").glob("*.blend")):
+        yield f"blend/{path.name}", path
+    trajectories = shipped.folder("trajectories")
+    for path in sorted(trajectories.glob("*/*")):
+        if path.suffix in (".txt", ".json"):
+            yield f"trajectories/{path.relative_to(trajectories)}", path
+
+
+def _write(path: Path, package: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, file in contents(package):
+            entry = zipfile.ZipInfo(name.replace("\\", "/"), _DATE)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, file.read_bytes())

@@ -14,8 +14,7 @@ from iclnuim.job import RenderJob, read_recipe, shipped_job
 
 from ..farm.run_plan import FarmSettings, RunPlan
 from ..farm.slurm_settings import SlurmSettings, read_settings
-from ..options import add_settings, given_settings, renamed, settings_from
-from ..scene_options import KINDS, add_scene_options, reading_from
+from ..options import SCENE_KINDS, add_scene_options, add_settings, given_settings, reading_from, renamed, settings_from
 from ..sensor_options import add_sensor_options, sequence_options
 
 _OUT = {
@@ -28,7 +27,11 @@ def add_run_options(parser: argparse.ArgumentParser, command: str) -> None:
     """What `render` or `make` is asked for, but for how the work is shared."""
     add = parser.add_argument
     add("sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)")
-    add("--scene", metavar="NAME|FILE", help=f"another scene: {', '.join(shipped.SCENE_NAMES)}, or a file: {KINDS}")
+    add(
+        "--scene",
+        metavar="NAME|FILE",
+        help=f"another scene: {', '.join(shipped.SCENE_NAMES)}, or a file: {SCENE_KINDS}",
+    )
     add("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
     add_scene_options(parser)
     add("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
@@ -45,11 +48,10 @@ def add_farm_options(parser: argparse.ArgumentParser) -> None:
     """How the work is shared: nothing here changes a pixel."""
     add_settings(parser, FarmSettings)
     renamed(parser, "--stuck-after", "--worker-timeout", type=float)
-    parser.add_argument(
-        "--slurm", type=Path, metavar="FILE", help="settings for Slurm in TOML; options take precedence"
-    )
+    add = parser.add_argument
+    add("--slurm", type=Path, metavar="FILE", help="settings for Slurm in TOML; options take precedence")
     add_settings(parser, SlurmSettings)
-    parser.add_argument("--print-only", action="store_true", help="show job scripts and the estimate, submit nothing")
+    add("--print-only", action="store_true", help="show job scripts and the estimate, submit nothing")
 
 
 def plan_from(args: argparse.Namespace, command: str) -> RunPlan:

@@ -16,41 +16,23 @@ from iclnuim.geometry.se3 import SE3
 
 from ..console import Console
 from ..isolation import survived
-from ..options import common
-from ..scene_options import KINDS, add_scene_options, reading_from
+from ..options import SCENE_KINDS, add_scene_options, common, reading_from
 
 WRITERS = {".ply": write_ply, ".obj": write_obj}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help=f"living_room, office, or a file: {KINDS}")
-    parser.add_argument(
-        "-o", "--out", type=Path, metavar="MODEL", help=".ply, or .obj with .mtl and textures; default: SCENE.ply"
-    )
-    parser.add_argument(
-        "--seen-by",
-        action="append",
-        metavar="TRAJECTORY",
-        help="only what is seen along it: kt2, office/kt0 or a file; may be given several times",
-    )
-    parser.add_argument("--every", type=int, default=10, metavar="N", help="of --seen-by: every Nth pose; default: 10")
-    parser.add_argument(
-        "--cell",
-        type=float,
-        default=0.05,
-        metavar="M",
-        help="of --seen-by: longest edge of the pieces that are seen or not, in metres; default: 0.05",
-    )
-    parser.add_argument(
-        "--camera", metavar="WxH[,FX,FY,CX,CY]", help="of --seen-by; default: 640x480 and the paper's K"
-    )
-    parser.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="leave out an object, or a class such as backdrop",
-    )
+    parser.add_argument("scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}")
+    add = parser.add_argument
+    add("-o", "--out", type=Path, metavar="MODEL", help=".ply, or .obj with .mtl and textures; default: SCENE.ply")
+    seen_by = "only what is seen along it: kt2, office/kt0 or a file; may be given several times"
+    add("--seen-by", action="append", metavar="TRAJECTORY", help=seen_by)
+    add("--every", type=int, default=10, metavar="N", help="of --seen-by: every Nth pose; default: 10")
+    cell = "of --seen-by: longest edge of the pieces that are seen or not, in metres; default: 0.05"
+    add("--cell", type=float, default=0.05, metavar="M", help=cell)
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="of --seen-by; default: 640x480 and the paper's K")
+    without = "leave out an object, or a class such as backdrop"
+    add("--without", action="append", default=[], metavar="NAME", help=without)
     add_scene_options(parser)
     common(parser, "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop")
 
@@ -74,9 +56,8 @@ def _run(args: argparse.Namespace, console: Console) -> int:
     if poses:
         model = _seen(model, camera, poses, args.cell, console)
         if not len(model):
-            raise InputError(
-                "a trajectory that sees something of the scene", found="nothing seen", hint="the scene's own"
-            )
+            what = "a trajectory that sees something of the scene"
+            raise InputError(what, found="nothing seen", hint="the scene's own")
     WRITERS[out.suffix.lower()](out, model)
     _report(out, model, whole_m2, bool(poses), console)
     return 0
@@ -125,10 +106,8 @@ def _report(out: Path, model: SceneModel, whole_m2: float, seen: bool, console: 
         "triangles": len(model),
         "objects": len(np.unique(model.instance)),
         "area_m2": round(area_m2, 3),
-        "share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0,
+        **({"share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0} if seen else {}),
         "min_m": points_m.min(0).round(3).tolist(),
         "max_m": points_m.max(0).round(3).tolist(),
     }
-    if not seen:
-        del figures["share_of_surface"]
     console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))

@@ -16,8 +16,7 @@ from iclnuim.geometry.trajectory import Trajectory
 
 from ..console import Console
 from ..isolation import survived
-from ..options import Actions, action, renamed, subcommands
-from ..scene_options import KINDS, add_scene_options, reading_from
+from ..options import SCENE_KINDS, Actions, action, add_scene_options, reading_from, renamed, subcommands
 from . import trajectory_make
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -191,7 +190,7 @@ def run_resample(args: argparse.Namespace, console: Console) -> None:
 def _configure_camera(actions: Actions) -> None:
     text = "the animation of a scene's camera as a TUM trajectory"
     parser = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
-    parser.add_argument("scene", metavar="SCENE", help=f"a file: {KINDS}")
+    parser.add_argument("scene", metavar="SCENE", help=f"a file: {SCENE_KINDS}")
     parser.add_argument("-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, here")
     parser.add_argument("--camera-object", metavar="NAME", help="another camera than the active one")
     renamed(parser, "--camera", "--camera-object")

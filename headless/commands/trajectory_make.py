@@ -23,8 +23,7 @@ from iclnuim.raycast.viewpoints import chosen
 
 from ..console import Console
 from ..isolation import survived
-from ..options import Actions, action, add_settings, settings_from
-from ..scene_options import add_scene_options, reading_from
+from ..options import Actions, action, add_scene_options, add_settings, reading_from, settings_from
 
 #: Routes round obstacles are searched this far beyond the viewpoints.
 _DETOUR_M = 2.0

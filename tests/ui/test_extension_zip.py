@@ -9,7 +9,7 @@ from pathlib import Path
 
 import iclnuim
 import pytest
-from iclnuim.headless.extension import build
+from iclnuim.headless.commands.extension import build
 
 DRIVER = Path(__file__).with_name("gui_driver_background.py")
 
