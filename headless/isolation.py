@@ -33,8 +33,9 @@ def survived(work: Callable[[], int], file: str) -> int:
     if os.WIFSIGNALED(status):
         raise WorkError(crash_words(file, os.WTERMSIG(status)))
     if told:
-        error = IclnuimError()
-        error.message, error.exit_code = pickle.loads(told)
+        text, code = pickle.loads(told)
+        error = IclnuimError(text)
+        error.exit_code = code
         raise error
     return os.waitstatus_to_exitcode(status)
 
