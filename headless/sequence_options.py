@@ -1,20 +1,52 @@
-"""What the commands on a recorded sequence share: the packages they need, the camera, words that were renamed."""
+"""Options of a sequence: noise models and what is written, the camera of a recorded one, packages that are needed, words that were renamed."""
 
 import argparse
+import json
+import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.images import SequenceCamera
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.odometry.registry import PACKAGES
 
 from .console import Console
+from .options import add_settings, settings_from
 
 if TYPE_CHECKING:
     from iclnuim.odometry.run import Sequence
+
+_EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
+
+
+def add_sensor_options(
+    parser: argparse.ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
+) -> None:
+    """--depth-noise, --rgb-noise, whose default is `default`, their settings, and the further `names` of SequenceOptions."""
+    noise = ("depth_noise", "rgb_noise")
+    add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
+    parser.set_defaults(**dict.fromkeys(noise, default))
+    for kind, example in _EXAMPLES.items():
+        parser.add_argument(f"--{kind}-settings", metavar="JSON", help=f"of the model, such as {example}")
+
+
+def sequence_options(args: argparse.Namespace) -> SequenceOptions:
+    """What the options name. Raises InputError for a value that does not fit."""
+    options = settings_from(args, SequenceOptions())
+    if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
+        sys.path.insert(0, "")  # a user's own module lies in the working folder; the command's own path has it not
+    return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
+
+
+def _json(text: str | None) -> dict[str, Any] | None:
+    try:
+        return None if text is None else json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError("noise settings as JSON", found=f"{text} ({error.msg})") from None
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:

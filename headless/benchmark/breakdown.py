@@ -12,7 +12,7 @@ import bpy
 from iclnuim.blender import frames, output, worker
 from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
-from iclnuim.worker_events import FrameDone
+from iclnuim.worker_events import Event, FrameDone
 
 #: The first frames build the BVH and warm the caches.
 WARM_UP = 2
@@ -38,13 +38,12 @@ def measure(job: RenderJob, frames_asked: str) -> Breakdown:
     """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
         closed: list[FrameDone] = []
-        worker.render_run(
-            job,
-            Path(folder) / "run",
-            frames_asked,
-            lambda e: closed.append(e) if isinstance(e, FrameDone) else None,
-            lambda: False,
-        )
+
+        def listen(event: Event) -> None:
+            if isinstance(event, FrameDone):
+                closed.append(event)
+
+        worker.render_run(job, Path(folder) / "run", frames_asked, listen, lambda: False)
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
         cycles, starts = _spans(ticks)

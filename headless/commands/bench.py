@@ -122,7 +122,7 @@ def _compare_light(args: argparse.Namespace, console: Console) -> int:
     from iclnuim.blender import worker
     from iclnuim.report import charts as plots
 
-    from ..benchmark import light_chart, light_comparison
+    from ..benchmark import light_comparison
 
     job = jobs.shipped_job(args.sequence).changed(map_size=max(args.maps))
     views = list(frame_slice(args.frames or "::160", len(worker.load_trajectory(job)) - 1))
@@ -134,13 +134,13 @@ def _compare_light(args: argparse.Namespace, console: Console) -> int:
     progress, results = console.progress(len(ways), "bench render", "ways"), []
     for way in ways:
         results.append(comparison.run(way))
-        console.note(light_chart.row(results[-1]))
+        console.note(light_comparison.row(results[-1]))
         progress.advance()
     if args.plot:
-        plots.save(light_chart.figure(results), args.plot)
+        plots.save(light_comparison.figure(results), args.plot)
     console.result(
         {"machine": light_comparison.machine(), "ways": [asdict(r) for r in results]},
-        f"{light_chart.table(results)}\n{light_chart.summary(results, job)}",
+        f"{light_comparison.table(results)}\n{light_comparison.summary(results, job)}",
     )
     return 0
 

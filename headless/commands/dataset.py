@@ -11,7 +11,7 @@ from iclnuim.errors import InputError
 
 from ..console import Console
 from ..options import common, renamed
-from ..sensor_options import add_sensor_options, sequence_options
+from ..sequence_options import add_sensor_options, sequence_options
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -103,17 +103,13 @@ def _bpy() -> Finding:
     mend = how_to_get_bpy()
     if importlib.util.find_spec("bpy") is None:
         return Finding("bpy", "not installed", False, False, mend)
-    program = "import bpy; print('version', bpy.app.version_string)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    done = _python_says("import bpy; print('version', bpy.app.version_string)")
     version = re.search(r"^version (.*)$", done.stdout, re.M)
     if version:
         return Finding("bpy", version[1], True, False)
     library = re.search(r"(lib\S+\.so\S*): cannot open", done.stderr)
-    words = (
-        f"needs the system library {library[1]}"
-        if library
-        else (done.stderr.strip().splitlines() or ["does not start"])[-1]
-    )
+    last = (done.stderr.strip().splitlines() or ["does not start"])[-1]
+    words = f"needs the system library {library[1]}" if library else last
     return Finding("bpy", words, False, False, "./setup.sh installs the system libraries that it needs")
 
 
@@ -122,7 +118,7 @@ def _blender_binary() -> Finding:
     mend = "https://www.blender.org/download (4.5 LTS or 5.2 LTS)"
     if path is None:
         return Finding("blender binary", "not on the PATH", False, False, mend)
-    done = subprocess.run([path, "--version"], capture_output=True, text=True, timeout=120, check=False)
+    done = _asked(path, "--version")
     version = re.search(r"Blender (\d+)\.(\d+)\S*", done.stdout)
     good = version is not None and (int(version[1]), int(version[2])) >= (4, 2)
     return Finding("blender binary", f"{version[0] if version else 'no version'} at {path}", good, False, mend)
@@ -131,16 +127,9 @@ def _blender_binary() -> Finding:
 def _denoiser(has_bpy: bool) -> Finding:
     if not has_bpy:
         return Finding("denoiser", "unknown without bpy", False, False)
-    program = "import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
-    good = "denoiser True" in done.stdout
-    return Finding(
-        "denoiser",
-        "OpenImageDenoise" if good else "none",
-        good,
-        False,
-        "install the bpy package or a Blender from blender.org",
-    )
+    done = _python_says("import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)")
+    good, mend = "denoiser True" in done.stdout, "install the bpy package or a Blender from blender.org"
+    return Finding("denoiser", "OpenImageDenoise" if good else "none", good, False, mend)
 
 
 def _package(name: str, module: str, needed: bool, what: str, install: str) -> Finding:
@@ -153,8 +142,7 @@ def _package(name: str, module: str, needed: bool, what: str, install: str) -> F
 
 def _third_party_odometers() -> Finding:
     """OpenCV's lie in a contrib module that other OpenCV packages, and OpenCV 5, do not have."""
-    program = "import cv2; print('rgbd', hasattr(cv2, 'rgbd'))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    done = _python_says("import cv2; print('rgbd', hasattr(cv2, 'rgbd'))")
     good, install = "rgbd True" in done.stdout, "pip install 'opencv-contrib-python-headless==4.11.*'"
     return Finding("OpenCV's odometers", "cv2.rgbd" if good else "this OpenCV has no cv2.rgbd", good, False, install)
 
@@ -168,11 +156,13 @@ def _scenes() -> Finding:
 
 
 def _slurm() -> Finding:
-    path = shutil.which("sbatch")
-    return Finding(
-        "Slurm",
-        path or "no sbatch on the PATH",
-        path is not None,
-        False,
-        "run on a login node of your cluster; other engines do not need it",
-    )
+    path, mend = shutil.which("sbatch"), "run on a login node of your cluster; other engines do not need it"
+    return Finding("Slurm", path or "no sbatch on the PATH", path is not None, False, mend)
+
+
+def _python_says(program: str) -> subprocess.CompletedProcess:
+    return _asked(sys.executable, "-c", program)
+
+
+def _asked(*command: str) -> subprocess.CompletedProcess:
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

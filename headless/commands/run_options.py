@@ -15,7 +15,7 @@ from iclnuim.job import RenderJob, read_recipe, shipped_job
 from ..farm.run_plan import FarmSettings, RunPlan
 from ..farm.slurm_settings import SlurmSettings, read_settings
 from ..options import SCENE_KINDS, add_scene_options, add_settings, given_settings, reading_from, renamed, settings_from
-from ..sensor_options import add_sensor_options, sequence_options
+from ..sequence_options import add_sensor_options, sequence_options
 
 _OUT = {
     "render": "folder of the run; default: out/SEQUENCE/raw",

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from iclnuim.dataset.journal import read_entries
-from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
+from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
@@ -20,9 +20,8 @@ from ..options import common
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="what --out of `iclnuim render` or `make` was")
-    parser.add_argument(
-        "--frames", metavar="A:B:S", help="which frames count, as a Python slice; default: those asked for"
-    )
+    frames = "which frames count, as a Python slice; default: those asked for"
+    parser.add_argument("--frames", metavar="A:B:S", help=frames)
     common(parser, "iclnuim status out/living_room/kt2")
 
 
@@ -45,13 +44,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
 def state(folder: Path, frames: str | None) -> dict:
     """Without `frames` those that the recorded command asked for count. Raises InputError for a folder without a run."""
     plan = _recorded(folder)
-    run = _run_in(folder)
+    places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
+    run = read_run(places[0]) if places else None
     if run is None and plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
         return _values(plan.raw, plan.job.sequence, plan.numbers, set(), list(plan.numbers))
     if run is None:
-        raise InputError(
-            "a folder with a run begun by `iclnuim render` or `make`", path=folder, found="no sequence.json"
-        )
+        expected = "a folder with a run begun by `iclnuim render` or `make`"
+        raise InputError(expected, path=folder, found="no sequence.json")
     job = RenderJob.from_dict(run.recipe["job"])
     if frames is None and plan is not None:
         numbers: Sequence[int] = plan.numbers
@@ -59,12 +58,6 @@ def state(folder: Path, frames: str | None) -> dict:
         numbers = list(frame_slice(frames or "::", len(load_trajectory(job))))
     made = _in_sequences(run.path).intersection(numbers)
     return _values(run.path, job.sequence, numbers, made, run.missing([n for n in numbers if n not in made]))
-
-
-def _run_in(folder: Path) -> RunFolder | None:
-    """The render run in a folder, or in its raw/."""
-    places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
-    return read_run(places[0]) if places else None
 
 
 def _in_sequences(raw: Path) -> set[int]:

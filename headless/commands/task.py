@@ -28,9 +28,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         numbers = " --numbers 0-24,30" if stage == "frames" else ""
         one = action(actions, stage, HELP[stage], f"iclnuim task {stage} kt2 --out out/kt2{numbers}", _run, json=False)
         add_run_options(one, "make")
-        one.add_argument(
-            "--numbers", metavar="A-B,C", help="which frames, both ends included; default: those of --frames"
-        )
+        which = "which frames, both ends included; default: those of --frames"
+        one.add_argument("--numbers", metavar="A-B,C", help=which)
         one.add_argument("--say", choices=("flamenco",), help="progress in lines that this render farm understands")
 
 
@@ -40,7 +39,8 @@ def _run(args: argparse.Namespace, console: Console) -> int:
     plan = plan_from(args, "make")
     if args.numbers is not None:
         plan = replace(plan, numbers=_chosen(args.numbers, plan.numbers))
-    tell = _flamenco(args.action, console, plan) if args.say == "flamenco" else _progress(console, plan)
+    progress = console.progress(len(plan.numbers), plan.job.sequence)
+    tell = _flamenco(args.action, console, plan) if args.say == "flamenco" else lambda number: progress.advance()
     if args.action == "dataset":
         tasks.dataset(plan, tell)
         return 0
@@ -48,7 +48,7 @@ def _run(args: argparse.Namespace, console: Console) -> int:
         if args.action == "light":
             tasks.light(plan, console, stopped)
             return 0
-        return report(tasks.frames(plan, plan.numbers, console, stopped, tell), console)
+        return report(tasks.frames(plan, plan.numbers, console, tell, stopped), console)
 
 
 def _chosen(text: str, asked: tuple[int, ...]) -> tuple[int, ...]:
@@ -57,11 +57,6 @@ def _chosen(text: str, asked: tuple[int, ...]) -> tuple[int, ...]:
     if not set(numbers) <= set(asked):
         raise InputError(f"some of the {len(asked)} frames {asked[0]}..{asked[-1]}", setting="numbers", found=text)
     return numbers
-
-
-def _progress(console: Console, plan: RunPlan) -> Callable[[int], None]:
-    progress = console.progress(len(plan.numbers), plan.job.sequence)
-    return lambda number: progress.advance()
 
 
 def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], None]:

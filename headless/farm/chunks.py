@@ -3,14 +3,13 @@
 import os
 import re
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 from math import ceil
 
 from iclnuim.errors import InputError
 
 #: Frames that one worker renders in one go.
 Chunk = tuple[int, ...]
-#: Threads a worker takes unless the number of workers says otherwise: `iclnuim bench farm` measures them. A single thread would busy-wait.
-THREADS = {"baked": 2, "path": 2}
 
 
 def chunks_of(frames: Sequence[int], size: int) -> list[Chunk]:
@@ -22,24 +21,25 @@ def chunks_of(frames: Sequence[int], size: int) -> list[Chunk]:
     return [tuple(frames[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
 
 
-def size_for_seconds(seconds: float, seconds_a_frame: float, limit: int = 100_000) -> int:
+def size_for_seconds(seconds: float, seconds_a_frame: float) -> int:
     """Frames that fill `seconds`: chunks of several minutes on a cluster, where starting a worker costs half a minute."""
     if seconds <= 0 or seconds_a_frame <= 0:
         raise InputError("times above 0 s", found=f"{seconds} s, {seconds_a_frame} s a frame")
-    return max(1, min(limit, round(seconds / seconds_a_frame)))
+    return max(1, min(100_000, round(seconds / seconds_a_frame)))
 
 
-def local_size(frames: int, workers: int, limit: int = 25) -> int:
+def local_size(frames: int, workers: int) -> int:
     """Chunk size on one machine: small enough that all workers end together, at least eight chunks for each."""
-    return max(1, min(limit, frames // (8 * max(1, workers))))
+    return max(1, min(25, frames // (8 * max(1, workers))))
 
 
-def split(light: str, workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
-    """The cores of each worker, at least two where there are two. Raises InputError for more workers than that allows."""
+def split(workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
+    """The cores of each worker: two where the number of workers does not say otherwise (`iclnuim bench farm` measures them), and never one
+    alone, which would busy-wait. Raises InputError for more workers than that allows.
+    """
     cores = own_cores() if cores is None else cores
     limit = max(1, len(cores) // 2)
-    if workers is None:
-        workers = max(1, min(limit, len(cores) // THREADS[light]))
+    workers = limit if workers is None else workers
     if not 1 <= workers <= limit:
         raise InputError(f"1 to {limit} workers on {len(cores)} cores, two for each", setting="workers", found=workers)
     return [cores[len(cores) * k // workers : len(cores) * (k + 1) // workers] for k in range(workers)]
@@ -71,10 +71,6 @@ def numbers_from(text: str) -> tuple[int, ...]:
 
 def numbers_text(numbers: Iterable[int]) -> str:
     """The shortest text of which numbers_from makes these numbers."""
-    ranges: list[list[int]] = []
-    for number in sorted(numbers):
-        if ranges and number == ranges[-1][1] + 1:
-            ranges[-1][1] = number
-        else:
-            ranges.append([number, number])
-    return ",".join(f"{first}-{last}" if last > first else f"{first}" for first, last in ranges)
+    in_a_row = groupby(enumerate(sorted(numbers)), lambda pair: pair[1] - pair[0])
+    ranges = [[number for _, number in row] for _, row in in_a_row]
+    return ",".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in ranges)

@@ -40,14 +40,9 @@ class Figures:
 def default(job: RenderJob) -> Figures:
     """Of the living room, by samples and pixels."""
     vga = job.camera.width * job.camera.height / (640 * 480)
-    seconds = (
-        0.35 + 0.2 * (job.samples or 0)
-        if job.light == "baked"
-        else 0.3 + 3.0 * (job.samples or 0) + 2.0 * bool(job.denoise)
-    )
-    if not job.exposure.instant:
-        seconds *= 8
-    return Figures(max(0.05, seconds * vga))
+    samples = job.samples or 0
+    seconds = 0.35 + 0.2 * samples if job.light == "baked" else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
+    return Figures(max(0.05, seconds * (1 if job.exposure.instant else 8) * vga))
 
 
 def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> Figures:
@@ -62,8 +57,7 @@ def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: i
 def known(job: RenderJob) -> Figures:
     """Measured for such frames, else the defaults."""
     with suppress(OSError, ValueError, TypeError, KeyError):
-        content = json.loads(_file(job).read_text("utf-8"))
-        return Figures(**content["figures"])
+        return Figures(**json.loads(_file(job).read_text("utf-8"))["figures"])
     return default(job)
 
 
@@ -102,12 +96,10 @@ class Estimate:
     figures: str
 
     def text(self) -> str:
-        baked = (
-            f", {self.bake_core_hours:.2f} of them for the light unless it is cached" if self.bake_core_hours else ""
-        )
+        bake = f", {self.bake_core_hours:.2f} of them for the light unless it is cached"
         return (
             f"{self.frames} frames, {self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_a_task}\n"
-            f"core-hours   {self.core_hours:.2f}{baked}\n"
+            f"core-hours   {self.core_hours:.2f}{bake if self.bake_core_hours else ''}\n"
             f"gigabytes    {self.gigabytes:.2f}\n"
             f"wall time    {self.wall_minutes:.0f} min, with nobody else in the queue\n"
             f"figures      {self.figures}"
@@ -117,10 +109,11 @@ class Estimate:
 def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     """`chunks`: frames of each task still to be run."""
     frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
-    vga = plan.job.camera.width * plan.job.camera.height / (640 * 480)
+    pixels = plan.job.camera.width * plan.job.camera.height
+    pairs = len(plan.numbers) if plan.sequences is not None else 0
     texels = plan.job.map_size**2 * plan.job.map_samples / (2048**2 * 32)
     bake_s = BAKE_CORE_S * texels if plan.job.light == "baked" and chunks else 0.0
-    pairs_s = PAIR_CORE_S * vga * len(plan.numbers) if plan.sequences is not None else 0.0
+    pairs_s = PAIR_CORE_S * pixels / (640 * 480) * pairs
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus
     rounds = ceil(len(chunks) / plan.slurm.at_once)
@@ -132,17 +125,10 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
         frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
-        gigabytes=_gigabytes(plan, frames),
+        gigabytes=pixels * (EXR_BYTES * frames + PAIR_BYTES * pairs) / 1e9,  # with all raw frames beside the sequences
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
         figures=f"{known.frame_core_s:.2f} core-seconds a frame, {known.start_s:.0f} s to start: {known.source}",
     )
-
-
-def _gigabytes(plan: RunPlan, frames: int) -> float:
-    """At its fullest: all raw frames, and the sequences beside them."""
-    pixels = plan.job.camera.width * plan.job.camera.height
-    pairs = PAIR_BYTES * len(plan.numbers) if plan.sequences is not None else 0.0
-    return pixels * (EXR_BYTES * frames + pairs) / 1e9

@@ -31,6 +31,11 @@ class WorkerError(IclnuimError):
         return named(self.message, name_of)
 
 
+def not_started(client: WorkerClient, code: int) -> WorkError:
+    """The error of a worker that ended with `code` before it was ready."""
+    return WorkError(f"a worker does not start (code {code}): {client.log_end()}; its log: {client.log}")
+
+
 @dataclass
 class Outcome:
     """Frames done in this run; frames given up, with the log of the worker; whether a stop was asked for; workers that died."""
@@ -98,7 +103,11 @@ class LocalFarm:
                 self._receive(0.2)
                 self._kill_silent()
             self._outcome.stopped = self._should_stop()
-            self._stop_all()
+            for worker in self.workers:  # all end after the frame in work
+                worker.client.stop()
+            end = time.monotonic() + 60.0
+            while self._workers and time.monotonic() < end:
+                self._receive(0.2)
         finally:
             for worker in self.workers:
                 worker.client.kill()
@@ -138,7 +147,8 @@ class LocalFarm:
                 for number in list(worker.left):  # found finished, by a worker that died before it could report it
                     self._count(worker, number)
                 worker.busy = False
-                self._retire(worker, event.rss_mb or 0.0)
+                if worker.rendered >= self._settings.max_frames or (event.rss_mb or 0.0) > self._settings.max_mb:
+                    worker.client.stop()  # the next one takes its cores once it is gone
             case Failed(bug=False):
                 raise WorkerError(event)
             case Exited():
@@ -149,11 +159,6 @@ class LocalFarm:
         worker.last_frame_s = time.monotonic()
         self._outcome.done.add(number)
         self._on_frame(number)
-
-    def _retire(self, worker: Worker, rss_mb: float) -> None:
-        """After enough frames, or grown too big: the next one takes its cores once it is gone."""
-        if worker.rendered >= self._settings.max_frames or rss_mb > self._settings.max_mb:
-            worker.client.stop()
 
     def _kill_silent(self) -> None:
         """Kill the workers whose timeout has passed."""
@@ -177,7 +182,7 @@ class LocalFarm:
         if not worker.rendered and not worker.ready:
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILED_STARTS:
-                raise WorkError(f"a worker does not start (code {code}): {client.log_end()}; its log: {client.log}")
+                raise not_started(client, code)
         self._try_again(worker)
 
     def _try_again(self, worker: Worker) -> None:
@@ -189,11 +194,3 @@ class LocalFarm:
         again = [(n,) for n in suspects if self._tries[n] < attempts]
         self._outcome.failed.update({n: worker.client.log for n in suspects if self._tries[n] >= attempts})
         self._todo.extendleft(reversed([frames for frames in [*again, tuple(rest)] if frames]))
-
-    def _stop_all(self, patience_s: float = 60.0) -> None:
-        """All end after the frame in work."""
-        for worker in self.workers:
-            worker.client.stop()
-        end = time.monotonic() + patience_s
-        while self._workers and time.monotonic() < end:
-            self._receive(0.2)

@@ -22,14 +22,9 @@ class OutputLock:
     The file appears by a hard link, which is atomic on NFS too.
     """
 
-    def __init__(self, folder: Path, name: str = "lock") -> None:
-        self.path = Path(folder) / name
-        self._mine = {
-            "host": platform.node(),
-            "pid": os.getpid(),
-            "born": _born(os.getpid()),
-            "token": uuid.uuid4().hex,
-        }
+    def __init__(self, folder: Path) -> None:
+        self.path, pid = Path(folder) / "lock", os.getpid()
+        self._mine = {"host": platform.node(), "pid": pid, "born": _born(pid), "token": uuid.uuid4().hex}
         self._end = threading.Event()
 
     def __enter__(self) -> "OutputLock":
@@ -53,30 +48,24 @@ class OutputLock:
 
     def held(self) -> bool:
         """Whether the file is still ours: a holder asleep for longer than STALE_S may have lost it."""
-        holder = self._holder()
-        return holder is not None and holder.get("token") == self._mine["token"]
+        return (self._holder() or {}).get("token") == self._mine["token"]
 
     def _take(self) -> bool:
-        draft = self.path.with_name(f".{self.path.name}-{self._mine['token']}")
+        draft, content = self.path.with_name(f".{self.path.name}-{self._mine['token']}"), json.dumps(self._mine) + "\n"
         try:
-            draft.write_text(json.dumps(self._mine) + "\n", "utf-8")
+            draft.write_text(content, "utf-8")
             try:
                 os.link(draft, self.path)
-                return True
             except FileExistsError:
                 return False
             except OSError:  # a file system without links
-                return self._take_without_links()
-        finally:
-            draft.unlink(missing_ok=True)
-
-    def _take_without_links(self) -> bool:
-        try:
-            with open(self.path, "x", encoding="utf-8") as file:
-                file.write(json.dumps(self._mine) + "\n")
+                with open(self.path, "x", encoding="utf-8") as file:
+                    file.write(content)
+            return True
         except FileExistsError:
             return False
-        return True
+        finally:
+            draft.unlink(missing_ok=True)
 
     def _holder(self) -> dict | None:
         """The content of the file; {} where it cannot be read, None where there is none."""
@@ -109,19 +98,15 @@ class OutputLock:
         guard = self.path.with_name(f".{self.path.name}-removal")
         try:
             os.close(os.open(guard, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
-        except FileExistsError:
-            self._wait_for(guard)
+        except FileExistsError:  # another process is removing it; one that died there is not waited for
+            time.sleep(0.05)
+            if self._age_s(guard) > STALE_S:
+                guard.unlink(missing_ok=True)
             return
         try:
             if self._holder() == holder:
                 self.path.unlink(missing_ok=True)
         finally:
-            guard.unlink(missing_ok=True)
-
-    def _wait_for(self, guard: Path) -> None:
-        """Another process is removing it; one that died there is not waited for."""
-        time.sleep(0.05)
-        if self._age_s(guard) > STALE_S:
             guard.unlink(missing_ok=True)
 
     def _beat(self) -> None:

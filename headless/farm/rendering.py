@@ -22,7 +22,7 @@ from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, Note, Ready,
 from ..console import Console
 from ..isolation import crash_words
 from .chunks import chunks_of, granted_cores, local_size, own_cores, split
-from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError
+from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError, not_started
 from .lock import OutputLock
 from .run_plan import RunPlan
 
@@ -136,9 +136,7 @@ class Opener:
             if isinstance(event, Exited) and event.code < 0:
                 raise WorkError(f"{crash_words(self._workers.job.scene, -event.code)}; its log: {client.log}")
             if isinstance(event, Exited):
-                raise WorkError(
-                    f"a worker does not start (code {event.code}): {client.log_end()}; its log: {client.log}"
-                )
+                raise not_started(client, event.code)
         raise KeyboardInterrupt
 
 
@@ -170,7 +168,7 @@ class LocalRun:
         cores: of each worker, where the plan's number of workers does not decide. blend: also save the prepared scene there.
         """
         stop, job = should_stop or self.should_stop, self.opener.job
-        cores = cores or split(job.light, self.plan.farm.workers)
+        cores = cores or split(self.plan.farm.workers)
         missing = self.run.missing(numbers)
         if numbers:
             self.console.note(f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}")
@@ -201,7 +199,7 @@ class LocalRun:
 @contextmanager
 def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> Iterator[LocalRun]:
     """The run of `plan`, made or resumed, locked for this command. Raises InputError, WorkError that names who else works there."""
-    split(plan.job.light, plan.farm.workers)
+    split(plan.farm.workers)
     load_trajectory(plan.job)
     worker_command()
     out, existed = plan.raw, plan.raw.exists()
@@ -232,9 +230,8 @@ def report(outcome: Outcome, console: Console) -> int:
         console.note(f"{outcome.deaths} workers ended before their time and were replaced")
     if outcome.failed:
         listed = "; ".join(f"frame {n}: {log}" for n, log in sorted(outcome.failed.items())[:10])
-        raise WorkError(
-            f"{len(outcome.failed)} frames failed and were given up, the rest is done; their logs: {listed}"
-        )
+        count = len(outcome.failed)
+        raise WorkError(f"{count} frames failed and were given up, the rest is done; their logs: {listed}")
     return 0
 
 

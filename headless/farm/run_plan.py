@@ -87,10 +87,8 @@ class RunPlan:
         """Folder -> settings of the sequences. Raises InputError for an unknown noise model or parameter."""
         if self.sequences is None:
             return {}
-        return {
-            self.out / "clean": self.sequences.without_noise(),
-            self.out / "noisy": self.sequences.sequence_settings(),
-        }
+        clean, noisy = self.sequences.without_noise(), self.sequences.sequence_settings()
+        return {self.out / "clean": clean, self.out / "noisy": noisy}
 
     def missing(self) -> list[int]:
         """Frames that are neither finished nor turned into pairs, by the files of the folder."""
@@ -125,9 +123,8 @@ class RunPlan:
         if content.get("schema_version") == 1:
             return _from_version_1(content, raw)
         if content.get("schema_version") != SCHEMA_VERSION:
-            raise InputError(
-                f"schema_version {SCHEMA_VERSION}", found=content.get("schema_version"), hint="a newer iclnuim"
-            )
+            found = content.get("schema_version")
+            raise InputError(f"schema_version {SCHEMA_VERSION}", found=found, hint="a newer iclnuim")
         refuse_unknown(content, _KEYS, "the record of a run")
         _find_modules_of(content)
         sequences = content["sequences"]
@@ -174,32 +171,26 @@ def _find_modules_of(record: Mapping[str, Any]) -> None:
 def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
     """The plan of a run that iclnuim 0.1.0 began: the job of its recipe, the rest from the options that were recorded then."""
     if not (raw / "sequence.json").is_file():
-        raise InputError(
-            "a run that has begun to render: 0.1.0 has only submitted it", path=raw, hint="its command again"
-        )
+        expected = "a run that has begun to render: 0.1.0 has only submitted it"
+        raise InputError(expected, path=raw, hint="its command again")
     _find_modules_of(record)
     options, job = record["options"], RenderJob.from_dict(read_run(raw).recipe["job"])
     frames = options["frames"] or ("::30" if options["quick"] else "::")
     given = {name.removeprefix("slurm_"): value for name, value in options.items() if name.startswith("slurm_")}
     slurm = read_settings(Path(options["slurm"])) if options["slurm"] else SlurmSettings()
+    farm = {"engine": options["engine"], "workers": options["workers"], "worker_timeout_s": options["stuck_after"]}
     sequences = None
     if record["command"] == "make":
-        sequences = SequenceOptions(
-            depth_noise=options["depth_noise"],
-            rgb_noise=options["rgb_noise"],
-            depth_settings=json.loads(options["depth_settings"]),
-            rgb_settings=json.loads(options["rgb_settings"]),
-            seed=options["seed"] or 0,
-        )
+        noise = {name: options[name] for name in ("depth_noise", "rgb_noise")}
+        settings = {name: json.loads(options[name]) for name in ("depth_settings", "rgb_settings")}
+        sequences = SequenceOptions(**noise, **settings, seed=options["seed"] or 0)
     return RunPlan(
         job,
         raw,
         tuple(frame_slice(frames, len(load_trajectory(job)))),
         sequences,
         options.get("keep_raw", True),
-        FarmSettings().changed(
-            engine=options["engine"], workers=options["workers"], worker_timeout_s=options["stuck_after"]
-        ),
+        FarmSettings().changed(**farm),
         slurm.changed(**given),
         record["working_folder"],
     )

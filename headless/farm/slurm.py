@@ -54,16 +54,12 @@ def run(plan: RunPlan, print_only: bool, console: Console) -> int:
         _show(plan, console)
         return 0
     if not slurm_queue.there():
-        raise WorkError(
-            "no Slurm here (sbatch, srun, squeue, scontrol on the PATH)", hint="a login node, or {print_only}"
-        )
+        needed = "sbatch, srun, squeue, scontrol on the PATH"
+        raise WorkError(f"no Slurm here ({needed})", hint="a login node, or {print_only}")
     batch = prepare(plan)
     if not any(batch.stages()):
-        queued = slurm_queue.counted(batch.waiting)
-        reason = (
-            f"nothing to submit: what is missing is in the queue ({queued})" if batch.waiting else "nothing is missing"
-        )
-        console.note(reason)
+        queued = f"nothing to submit: what is missing is in the queue ({slurm_queue.counted(batch.waiting)})"
+        console.note(queued if batch.waiting else "nothing is missing")
         return 0
     jobs = submit(plan, batch)
     console.note(f"{plan.job.sequence}: {batch.estimate.text()}")
@@ -102,10 +98,11 @@ def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     size = size_for_seconds(60 * plan.slurm.chunk_minutes, known.frame_core_s / plan.slurm.cpus)
     chunks = tuple(chunks_of(missing, size))
     most = slurm_queue.max_array_size() if ask else slurm_queue.MAX_ARRAY_SIZE
-    return Batch(
-        arrays=_arrays(chunks, most),
+    dataset_waits = any(job.stage == "dataset" and job.job in waiting for job in jobs)
+    return Batch(  # as few arrays as the limit allows, of even length
+        arrays=tuple(tuple(chunks[k] for k in part) for part in chunks_of(range(len(chunks)), most)),
         light=bool(chunks),
-        dataset=plan.sequences is not None and (bool(chunks) or not (_dataset_waits(jobs, waiting) or complete(plan))),
+        dataset=plan.sequences is not None and (bool(chunks) or not (dataset_waits or complete(plan))),
         estimate=estimate(plan, [len(frames) for frames in chunks], known),
         waiting=waiting,
     )
@@ -168,20 +165,15 @@ def _executor(plan: RunPlan) -> Any:
 
     folder = plan.raw.resolve() / ".farm/slurm"
     if "%" in str(folder):
-        raise InputError(
-            "an output folder without %, which Slurm reads as its own", path=plan.raw, hint="another {out}"
-        )
+        expected = "an output folder without %, which Slurm reads as its own"
+        raise InputError(expected, path=plan.raw, hint="another {out}")
     return Executor(folder, max_num_timeout=MAX_TIMEOUTS, python=plan.slurm.python)
 
 
 def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
     """sbatch options under submitit's names; a task gets four times the time expected of it, and half an hour at least."""
-    expected_min = {
-        "light": expected.light_minutes,
-        "frames": expected.task_minutes,
-        "dataset": expected.dataset_minutes,
-    }
-    time_min = settings.time_min or max(30, ceil(4 * expected_min[stage]))
+    task = {"light": expected.light_minutes, "frames": expected.task_minutes, "dataset": expected.dataset_minutes}
+    time_min = settings.time_min or max(30, ceil(4 * task[stage]))
     given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
     return {
         "job_name": slurm_queue.NAMES[stage],
@@ -216,15 +208,6 @@ def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
         return f"afterok:{new[0].job}"
     earlier = list(dict.fromkeys([*(task.split("_")[0] for task in batch.waiting), *(job.job for job in new)]))
     return f"afterany:{':'.join(earlier)}" if earlier else None
-
-
-def _arrays(chunks: Chunks, most: int) -> tuple[Chunks, ...]:
-    """As few arrays as the limit allows, of even length."""
-    return tuple(tuple(chunks[k] for k in part) for part in chunks_of(range(len(chunks)), most))
-
-
-def _dataset_waits(jobs: list[Submitted], waiting: dict[str, str]) -> bool:
-    return any(job.stage == "dataset" and job.job in waiting for job in jobs)
 
 
 def _refuse_other_job(plan: RunPlan) -> None:

@@ -96,10 +96,9 @@ def _file(raw: Path) -> Path:
 
 def _ask(*command: str) -> str:
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise WorkError(f"{command[0]}: {error}; run this where Slurm's commands work") from None
-    if done.returncode:
-        words = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
-        raise WorkError(f"{command[0]}: {words}; run this where Slurm's commands work")
-    return done.stdout
+        reason = str(error)
+    except subprocess.CalledProcessError as error:
+        reason = " ".join(error.stderr.split()) or f"exit code {error.returncode}"
+    raise WorkError(f"{command[0]}: {reason}; run this where Slurm's commands work")

@@ -30,7 +30,7 @@ from .sequences import SequenceStage
 STAGES = ("light", "frames", "dataset")
 
 
-def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> None:
+def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
     """The first task: a run folder with its recipe, and the light map in the cache. Raises InputError, WorkError."""
     with Opener(_workers(plan, console), should_stop) as opener:
         opener.bake()
@@ -40,8 +40,8 @@ def frames(
     plan: RunPlan,
     numbers: Iterable[int],
     console: Console,
-    should_stop: Callable[[], bool],
     on_frame: Callable[[int], None],
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """The task between: those of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
     if not (plan.raw / "sequence.json").is_file():
@@ -50,7 +50,7 @@ def frames(
     if not missing:
         return Outcome()
     read_run(plan.raw).check_space(len(missing))
-    cores = split(plan.job.light, None, granted_cores())[: len(missing)]
+    cores = split(None, granted_cores())[: len(missing)]
     workers = _workers(plan, console)
     times = _Times(workers)
     farm = LocalFarm(workers.start, cores, on_frame, times.on_event, should_stop, plan.farm)
@@ -93,10 +93,10 @@ class Task:
         """Runs on a node; returns the exit code 0. Raises what failed, so that Slurm counts the task as failed."""
         console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
         if self.stage == "light":
-            light(plan, console, _never)
+            light(plan, console)
         elif self.stage == "frames":
             progress = console.progress(len(self.frames), f"{plan.job.sequence}, frame {self.frames[0]} and on")
-            return report(frames(plan, self.frames, console, _never, lambda number: progress.advance()), console)
+            return report(frames(plan, self.frames, console, lambda number: progress.advance()), console)
         else:
             progress = console.progress(len(plan.numbers), plan.job.sequence, "pairs")
             dataset(plan, lambda number: progress.advance())
@@ -123,17 +123,12 @@ class _Times:
         if isinstance(event, Ready):
             self.starts_s.append(time.monotonic() - worker.started_s)
         if isinstance(event, FrameDone) and event.cycles is not None:
-            # a frame is closed while the next is in Cycles
-            seconds = max(event.cycles, event.close or 0.0)
+            seconds = max(event.cycles, event.close or 0.0)  # a frame is closed while the next is in Cycles
             self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)
 
 
 def _workers(plan: RunPlan, console: Console) -> Workers:
     return Workers(plan.job, plan.raw, console, shared=True)
-
-
-def _never() -> bool:
-    return False
 
 
 def _lock(held: ExitStack, lock: OutputLock, patience_s: float) -> None:

@@ -29,16 +29,16 @@ def test_chunks_for_a_cluster_fill_the_time():
         size_for_seconds(300, 0)
 
 
-@given(st.integers(1, 200), st.sampled_from(["baked", "path"]))
-def test_every_core_has_one_worker_and_every_worker_two_cores(count, light):
-    shares = split(light, None, list(range(count)))
+@given(st.integers(1, 200))
+def test_every_core_has_one_worker_and_every_worker_two_cores(count):
+    shares = split(None, list(range(count)))
     assert sorted(core for share in shares for core in share) == list(range(count))
     assert all(len(share) >= min(2, count) for share in shares)
 
 
 def test_more_workers_than_pairs_of_cores_are_refused():
     with pytest.raises(InputError, match="1 to 2 workers on 4 cores"):
-        split("path", 3, [0, 1, 2, 3])
+        split(3, [0, 1, 2, 3])
 
 
 @given(st.lists(st.integers(0, 2000), unique=True, min_size=1, max_size=300))
