@@ -14,7 +14,7 @@ from iclnuim.blender import light_map, model, output, scene, surfaces
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.raycast.seen import Visibility
+from iclnuim.raycast.caster import Visibility
 
 #: Pieces are seen or not as a whole: no edge longer than this.
 PIECE_M = 0.1

@@ -112,8 +112,10 @@ def _pair(
     times = []
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as scratch:
-            made = _timed(_make, source, noisy, Path(scratch), workers)
-            files = _timed(_files_alone, raw, source.numbers, images, Path(scratch), workers)
+            out = Path(scratch)
+            written = {out / "clean": SequenceSettings(), out / "noisy": noisy}
+            made = _timed(lambda w: SequenceWriter(source, w).write(workers), written)
+            files = _timed(_files_alone, raw, source.numbers, images, out, workers)
         times.append((*made, *files))
         on_round()
     made_s, made_cpu, files_s, files_cpu = np.array(times).T
@@ -132,10 +134,6 @@ def _images(source: FrameSource, number: int, noisy: SequenceSettings) -> list[n
     light, depth_z_m = source.load(number)
     both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
     return [image for pair in both for image in pair]
-
-
-def _make(source: FrameSource, noisy: SequenceSettings, out: Path, workers: int) -> None:
-    SequenceWriter(source, {out / "clean": SequenceSettings(), out / "noisy": noisy}).write(workers)
 
 
 def _files_alone(

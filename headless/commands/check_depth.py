@@ -37,9 +37,8 @@ def _check(args: argparse.Namespace, console: Console) -> int:
     numbers = frames.frame_numbers()
     if not numbers:
         raise InputError("a run with at least one frame", path=args.folder)
-    picked = sorted(
-        {numbers[i] for i in np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)}
-    )
+    spread = np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)
+    picked = sorted({numbers[i] for i in spread})
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
     caster, truth_caster = _casters(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console)
     progress, errors, truths = console.progress(len(picked), "check-depth"), [], []
@@ -53,12 +52,8 @@ def _check(args: argparse.Namespace, console: Console) -> int:
     truth = truth_summary(truths) if truth_caster is not None else None
     values = {"frames": picked, **asdict(result), **(asdict(truth) if truth else {})}
     console.result(values, _table(len(picked), result) + (_truth_table(truth) if truth else ""))
-    sound = result.within_01mm_share >= 0.999 and result.median_m < 1e-5
-    return 0 if sound and (truth is None or _is_sound(truth)) else 3
-
-
-def _is_sound(truth: TruthErrors) -> bool:
-    return min(truth.equal_instance_share, truth.normal_within_share) >= 0.999
+    shares = [result.within_01mm_share, *((truth.equal_instance_share, truth.normal_within_share) if truth else ())]
+    return 0 if min(shares) >= 0.999 and result.median_m < 1e-5 else 3
 
 
 def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster, TruthCaster | None]:
@@ -78,28 +73,21 @@ def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster,
 
 
 def _truth_table(e: TruthErrors) -> str:
-    return "\n".join(
-        (
-            "",
-            f"on an outline (left out)     {e.outline_share:.3%}",
-            f"equal instances              {e.equal_instance_share:.4%}",
-            f"normals, median              {e.normal_median_deg:.6f} degrees",
-            f"normals, 99.9 %              {e.normal_p999_deg:.6f} degrees",
-            f"normals within 0.1 degrees   {e.normal_within_share:.4%}",
-        )
-    )
+    return f"""
+on an outline (left out)     {e.outline_share:.3%}
+equal instances              {e.equal_instance_share:.4%}
+normals, median              {e.normal_median_deg:.6f} degrees
+normals, 99.9 %              {e.normal_p999_deg:.6f} degrees
+normals within 0.1 degrees   {e.normal_within_share:.4%}"""
 
 
 def _table(frames: int, e: DepthErrors) -> str:
-    return "\n".join(
-        (
-            f"frames                       {frames}",
-            f"pixels                       {e.pixels}",
-            f"on an edge (left out)        {e.edge_share:.3%}",
-            f"seen by one of the two only  {e.lost_share:.4%}",
-            f"|Z error| median             {e.median_m * 1e3:.6f} mm",
-            f"|Z error| 99.9 %             {e.p999_m * 1e3:.6f} mm",
-            f"|Z error| largest            {e.max_m * 1e3:.6f} mm",
-            f"within 0.1 mm                {e.within_01mm_share:.4%}",
-        )
-    )
+    return f"""\
+frames                       {frames}
+pixels                       {e.pixels}
+on an edge (left out)        {e.edge_share:.3%}
+seen by one of the two only  {e.lost_share:.4%}
+|Z error| median             {e.median_m * 1e3:.6f} mm
+|Z error| 99.9 %             {e.p999_m * 1e3:.6f} mm
+|Z error| largest            {e.max_m * 1e3:.6f} mm
+within 0.1 mm                {e.within_01mm_share:.4%}"""

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
-    _configure_ate(actions)
+    example = "iclnuim evaluate ate groundtruth.txt estimate.txt --align sim3 --plot error.png"
+    ate = action(actions, "ate", "absolute trajectory error: six statistics, coverage, recall", example, run_ate)
+    _files_and_times(ate)
+    add_settings(ate, AlignmentSettings)
     _configure_rpe(actions)
     _configure_surface(actions)
 
@@ -43,13 +46,6 @@ def spelled_out(argv: list[str]) -> list[str]:
     if truth is None:
         raise InputError("a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)", path=files[0], found="none")
     return [*(named or ["ate"]), str(truth), *files[1:]]
-
-
-def _configure_ate(actions: Actions) -> None:
-    example = "iclnuim evaluate ate groundtruth.txt estimate.txt --align sim3 --plot error.png"
-    parser = action(actions, "ate", "absolute trajectory error: six statistics, coverage, recall", example, run_ate)
-    _files_and_times(parser)
-    add_settings(parser, AlignmentSettings)
 
 
 def _configure_rpe(actions: Actions) -> None:

@@ -88,7 +88,7 @@ def _model(args: argparse.Namespace) -> SceneModel:
 
 
 def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
-    from iclnuim.raycast.seen import Visibility
+    from iclnuim.raycast.caster import Visibility
 
     pieces, _ = model.cut(cell_m)
     visibility = Visibility(pieces)

@@ -20,6 +20,7 @@ from ..options import SCENE_KINDS, Actions, action, add_scene_options, reading_f
 from . import trajectory_make
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -33,15 +34,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_camera(actions)
 
 
-# -- info
-
-
 def _configure_info(actions: Actions) -> None:
     text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was taken"
     parser = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
-    parser.add_argument(
-        "files", nargs="+", metavar="FILE", help="a trajectory file or a folder of POV-Ray camera files"
-    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help=_FILE)
     _reading(parser)
 
 
@@ -56,35 +52,23 @@ def run_info(args: argparse.Namespace, console: Console) -> None:
 
 def _info_text(one: dict) -> str:
     gaps = f"{one['gaps']}, the longest step is {one['longest_gap_s']:.3f} s" if one["gaps"] else "none"
-    return "\n".join(
-        [
-            one["file"],
-            f"  taken as  {one['taken']['sentence']}",
-            f"  frames    {one['frames']} at {one['rate_hz']:.6g} Hz",
-            f"  length    {one['length_m']:.3f} m",
-            f"  duration  {one['duration_s']:.3f} s",
-            f"  speed     {one['mean_speed']:.3f} m/s on average, {one['max_speed']:.3f} at most",
-            f"  rotation  {one['mean_rotation_rate']:.2f} degrees/s on average, {one['max_rotation_rate']:.2f} at most",
-            f"  gaps      {gaps}",
-        ]
-    )
-
-
-# -- convert
+    return f"""{one["file"]}
+  taken as  {one["taken"]["sentence"]}
+  frames    {one["frames"]} at {one["rate_hz"]:.6g} Hz
+  length    {one["length_m"]:.3f} m
+  duration  {one["duration_s"]:.3f} s
+  speed     {one["mean_speed"]:.3f} m/s on average, {one["max_speed"]:.3f} at most
+  rotation  {one["mean_rotation_rate"]:.2f} degrees/s on average, {one["max_rotation_rate"]:.2f} at most
+  gaps      {gaps}"""
 
 
 def _configure_convert(actions: Actions) -> None:
-    text = "turn a trajectory file into another format"
-    parser = action(
-        actions, "convert", text, "iclnuim trajectory convert traj0.gt.freiburg kt0.txt", run_convert, json=False
-    )
-    parser.add_argument("source", metavar="IN", help="a trajectory file or a folder of POV-Ray camera files")
-    parser.add_argument(
-        "out", metavar="OUT", help="its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
-    )
-    parser.add_argument(
-        "--restamp", action="store_true", help="stamps i / FILE_RATE from 0 on instead of the file's own"
-    )
+    text, example = "turn a trajectory file into another format", "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
+    parser = action(actions, "convert", text, example, run_convert, json=False)
+    add = parser.add_argument
+    add("source", metavar="IN", help=_FILE)
+    add("out", metavar="OUT", help="its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim")
+    add("--restamp", action="store_true", help="stamps i / FILE_RATE from 0 on instead of the file's own")
     _reading(parser)
     _writing(parser)
 
@@ -97,18 +81,13 @@ def run_convert(args: argparse.Namespace, console: Console) -> None:
     _write(args, trajectory, console)
 
 
-# -- plot
-
-
 def _configure_plot(actions: Actions) -> None:
     text = "top view and time plots of position, speed and rotation rate"
-    parser = action(
-        actions, "plot", text, "iclnuim trajectory plot kt0.txt kt2.txt -o trajectories.png", run_plot, json=False
-    )
+    example = "iclnuim trajectory plot kt0.txt kt2.txt -o trajectories.png"
+    parser = action(actions, "plot", text, example, run_plot, json=False)
     parser.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
-    parser.add_argument(
-        "-o", "--out", required=True, metavar="PNG", help="the picture (.png, .pdf or .svg), overwritten"
-    )
+    picture = "the picture (.png, .pdf or .svg), overwritten"
+    parser.add_argument("-o", "--out", required=True, metavar="PNG", help=picture)
     _reading(parser)
 
 
@@ -120,9 +99,6 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
 
     plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
     console.note(f"{args.out}: {len(loaded)} drawn; gt.freiburg and gt.sim turned z up")
-
-
-# -- adopt, resample
 
 
 def _configure_adopt(actions: Actions) -> None:
@@ -184,9 +160,6 @@ def run_resample(args: argparse.Namespace, console: Console) -> None:
     _write(args, resampled, console)
 
 
-# -- camera
-
-
 def _configure_camera(actions: Actions) -> None:
     text = "the animation of a scene's camera as a TUM trajectory"
     parser = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
@@ -219,49 +192,32 @@ def _save_camera(args: argparse.Namespace, console: Console) -> int:
         lens = cameras.pinhole(bpy.context.scene, camera)
     files.write_trajectory(args.out, animated, "tum")
     figures = asdict(trajectories.statistics(animated)) if len(animated) > 1 else {"frames": len(animated)}
-    option = (
-        None if lens is None else f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"
-    )
-    text = f"{args.out}: {len(animated)} poses of the camera {camera.name}" + (
-        f"; its lens: --camera {option}" if option else ""
-    )
+    option = lens and f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"
+    text = f"{args.out}: {len(animated)} poses of the camera {camera.name}"
+    text += f"; its lens: --camera {option}" if option else ""
     console.result({"file": str(args.out), "camera": camera.name, "pinhole": option, **figures}, text)
     return 0
 
 
-# -- what they share
-
-
 def _reading(parser: argparse.ArgumentParser) -> None:
-    names = ", ".join(files.FORMATS)
-    parser.add_argument(
-        "--from", dest="source_format", metavar="FORMAT", help=f"instead of recognising it by name and content: {names}"
-    )
-    parser.add_argument(
-        "--unit",
-        type=_unit,
-        default=1.0,
-        metavar="UNIT",
-        help="of the input: m (default), cm, mm or metres as a number",
-    )
-    parser.add_argument(
-        "--file-rate", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)"
-    )
+    add = parser.add_argument
+    names = f"instead of recognising it by name and content: {', '.join(files.FORMATS)}"
+    add("--from", dest="source_format", metavar="FORMAT", help=names)
+    unit = "of the input: m (default), cm, mm or metres as a number"
+    add("--unit", type=_unit, default=1.0, metavar="UNIT", help=unit)
+    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)")
     renamed(parser, "--fps", "--file-rate", type=float)
 
 
 def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
+    add = parser.add_argument
     if out:
-        parser.add_argument("-o", "--out", metavar="OUT", help="default: TUM on standard output")
+        add("-o", "--out", metavar="OUT", help="default: TUM on standard output")
     names = ", ".join(name for name, known in files.FORMATS.items() if known.write)
-    parser.add_argument(
-        "--to", dest="out_format", metavar="FORMAT", help=f"instead of the one that OUT's name means: {names}"
-    )
-    parser.add_argument("--out-unit", type=_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
-    parser.add_argument(
-        "--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)"
-    )
-    parser.add_argument("--force", action="store_true", help="overwrite OUT")
+    add("--to", dest="out_format", metavar="FORMAT", help=f"instead of the one that OUT's name means: {names}")
+    add("--out-unit", type=_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
+    add("--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)")
+    add("--force", action="store_true", help="overwrite OUT")
 
 
 def _unit(text: str) -> float:

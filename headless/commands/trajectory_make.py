@@ -40,12 +40,10 @@ def configure(actions: Actions) -> None:
     # a viewpoint may begin with a minus; argparse would take it for an option
     parser._negative_number_matcher = re.compile(r"^-[\d.]")
     parser.add_argument("--scene", metavar="NAME|FILE", help="a trajectory through this scene instead of recipes")
-    parser.add_argument(
-        "--viewpoints",
-        nargs="+",
-        metavar="X,Y,Z[:X,Y,Z]",
-        help="places in metres, z up, each with a point to look at; or a file of such lines; or auto:N for N places chosen",
+    places = (
+        "places in metres, z up, each with a point to look at; or a file of such lines; or auto:N for N places chosen"
     )
+    parser.add_argument("--viewpoints", nargs="+", metavar="X,Y,Z[:X,Y,Z]", help=places)
     add_settings(parser, PlanSettings)
     add_scene_options(parser)
 
@@ -112,9 +110,6 @@ def _table(made: list[dict]) -> str:
     return "\n".join([head, *rows])
 
 
-# -- through a scene
-
-
 def _run_in_scene(args: argparse.Namespace, console: Console) -> None:
     """Write NAME.txt, the TUM file, and NAME.json, its recipe."""
     if not args.scene or not args.viewpoints or args.recipes:
@@ -127,7 +122,8 @@ def _make_in_scene(args: argparse.Namespace, settings: PlanSettings, console: Co
     vertices, triangles = _surface(args, console)
     caster = RayCaster(vertices, triangles)
     waypoints = _waypoints(args, vertices, caster, settings, console)
-    space = FreeSpace.between(*_with_margin(np.array([w.position_m for w in waypoints])), caster.distance)
+    places = np.array([w.position_m for w in waypoints])
+    space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, caster.distance)
     made = plan(waypoints, space, Path(args.scene).name, settings)
     name = (args.out or Path()) / Path(args.scene).stem
     name.parent.mkdir(parents=True, exist_ok=True)
@@ -153,23 +149,14 @@ def _surface(args: argparse.Namespace, console: Console) -> tuple[np.ndarray, np
     return found.vertices, found.triangles
 
 
-def _with_margin(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A box with room for a route round obstacles."""
-    return points.min(0) - _DETOUR_M, points.max(0) + _DETOUR_M
-
-
-def _busy_part(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The box that holds nearly all of the scene's detail: a far backdrop or ground is left out."""
-    low, high = np.percentile(vertices, (1, 99), axis=0)
-    return np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
-
-
 def _waypoints(
     args: argparse.Namespace, vertices: np.ndarray, caster: RayCaster, settings: PlanSettings, console: Console
 ) -> list[Waypoint]:
     texts = args.viewpoints
     if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
-        space = FreeSpace.between(*_busy_part(vertices), caster.distance)
+        low, high = np.percentile(vertices, (1, 99), axis=0)  # a far backdrop or ground is left out
+        low, high = np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
+        space = FreeSpace.between(low, high, caster.distance)
         found = chosen(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
         for waypoint in found:
             console.note(f"viewpoint {_point(waypoint.position_m)}:{_point(waypoint.look_at_m)}")
@@ -189,13 +176,9 @@ def _waypoint(text: str, path: str | None = None, line: int | None = None) -> Wa
         numbers = []
     if len(numbers) not in (3, 6, 7) or not np.isfinite(numbers).all():
         raise InputError("a viewpoint X,Y,Z or X,Y,Z:X,Y,Z", path=path, line=line, found=text)
-    position_m, look_at_m = _triple(numbers[:3]), _triple(numbers[3:6]) if len(numbers) > 3 else None
-    return Waypoint(position_m, look_at_m, numbers[6] if len(numbers) == 7 else 0.0)
-
-
-def _triple(numbers: list[float]) -> tuple[float, float, float]:
-    x, y, z = numbers
-    return x, y, z
+    x, y, z, *rest = numbers
+    look_at_m = (rest[0], rest[1], rest[2]) if rest else None
+    return Waypoint((x, y, z), look_at_m, rest[3] if len(rest) == 4 else 0.0)
 
 
 def _point(point_m: tuple | None) -> str:

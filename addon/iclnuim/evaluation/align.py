@@ -129,7 +129,8 @@ def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck
     """
     if len(reference_m) < _MIN_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
         return MirrorCheck()
-    rotation_m, reflection_m = (_residual_rms_m(reference_m, estimate_m, reflect) for reflect in (False, True))
+    fits = (umeyama(estimate_m, reference_m, with_scale=True, reflect=reflect) for reflect in (False, True))
+    rotation_m, reflection_m = (_rms(reference_m - T.apply(scale * estimate_m)) for T, scale in fits)
     return MirrorCheck(rotation_m, reflection_m, float(np.linalg.norm(principal_extents(reference_m))))
 
 
@@ -175,11 +176,6 @@ def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: 
         sizes = ", ".join(f"{1000 * e:.3g}" for e in extents_m)
         expected = f"{name} trajectory that determines {'SE(3)' if method == 'se3' else 'Sim(3)'}"
         raise InputError(expected, found=f"{found} (extents {sizes} mm)", hint=hint)
-
-
-def _residual_rms_m(reference_m: np.ndarray, estimate_m: np.ndarray, reflect: bool) -> float:
-    T, scale = umeyama(estimate_m, reference_m, with_scale=True, reflect=reflect)
-    return _rms(reference_m - T.apply(scale * estimate_m))
 
 
 def _rms(residual_m: np.ndarray) -> float:

@@ -77,7 +77,8 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
     settings = settings or AssociationSettings()
     first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
     pick = _greedy if settings.method == "greedy" else _nearest_first
-    i, j = pick(first_s, second_s, settings.max_difference_s) if len(first_s) and len(second_s) else _no_pairs()
+    some = len(first_s) and len(second_s)
+    i, j = pick(first_s, second_s, settings.max_difference_s) if some else np.zeros((2, 0), int)
     return Association(i, j, second_s[j] - first_s[i], len(first_s))
 
 
@@ -145,10 +146,6 @@ def _checked(stamps_s: np.ndarray) -> np.ndarray:
     if stamps_s.ndim != 1 or not np.isfinite(stamps_s).all() or (np.diff(stamps_s) <= 0).any():
         raise InputError("stamps (n,), finite and strictly increasing")
     return stamps_s
-
-
-def _no_pairs() -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros(0, int), np.zeros(0, int)
 
 
 def _nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

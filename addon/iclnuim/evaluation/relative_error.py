@@ -91,11 +91,15 @@ def relative_error_of_pairs(pairs: Pairs, settings: RelativeErrorSettings | None
     """RPE of poses that are associated already."""
     settings = settings or RelativeErrorSettings()
     reference_m, estimate_m = pairs.reference.translation, pairs.estimate.translation
-    scale = _scale(reference_m, estimate_m) if settings.correct_scale else 1.0
+    scale = 1.0
+    if settings.correct_scale:
+        if np.ptp(estimate_m, axis=0).max() == 0.0:
+            raise InputError("an estimate that moves, to correct its scale", found="one that stands still")
+        scale = umeyama(estimate_m, reference_m, with_scale=True)[1]
     estimate = SE3(pairs.estimate.rotation, scale * estimate_m)
     measured = pairs.reference if settings.measured_on == "reference" else estimate
     start, end = rpe_pairs(pairs.stamps_s, measured.translation, settings)
-    translation_m, rotation_rad = _errors(pairs.reference, estimate, start, end)
+    Q, P = (poses[start].inverse() @ poses[end] for poses in (pairs.reference, estimate))
     return RelativeError(
         reference=pairs.reference,
         start=read_only(start),
@@ -104,8 +108,9 @@ def relative_error_of_pairs(pairs: Pairs, settings: RelativeErrorSettings | None
         association=pairs.association,
         scale=scale,
         mirror=check_mirror(reference_m, estimate_m),
-        translation_error_m=read_only(translation_m),
-        rotation_error_rad=read_only(rotation_rad),
+        # |trans E|: the rotation in front of trans E = R_q^T (t_p - t_q) does not change its length
+        translation_error_m=read_only(np.linalg.norm(P.translation - Q.translation, axis=1)),
+        rotation_error_rad=read_only(so3.angle(np.swapaxes(Q.rotation, -1, -2) @ P.rotation)),
     )
 
 
@@ -128,19 +133,6 @@ def rpe_pairs(
     if len(start) == 0:
         raise _none(stamps_s, positions_m, settings)
     return start, end
-
-
-def _errors(reference: SE3, estimate: SE3, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """|trans E| and the angle of E. The rotation in front of trans E = R_q^T (t_p - t_q) does not change its length."""
-    Q, P = (poses[start].inverse() @ poses[end] for poses in (reference, estimate))
-    translation_m = np.linalg.norm(P.translation - Q.translation, axis=1)
-    return translation_m, so3.angle(np.swapaxes(Q.rotation, -1, -2) @ P.rotation)
-
-
-def _scale(reference_m: np.ndarray, estimate_m: np.ndarray) -> float:
-    if np.ptp(estimate_m, axis=0).max() == 0.0:
-        raise InputError("an estimate that moves, to correct its scale", found="one that stands still")
-    return umeyama(estimate_m, reference_m, with_scale=True)[1]
 
 
 def _by_measure(measure: np.ndarray, settings: RelativeErrorSettings) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..evaluation.relative_error import RelativeError
 from ..formats.columns import ANCHORED_WORLD
 from ..formats.files import atomic_write, check_picture
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
-from .trajectory_report import AbsoluteReport, RelativeReport, Report, title
+from .trajectory_report import AbsoluteReport, Report, title
 
 #: Told apart also without colour vision (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -35,7 +36,10 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
     over_time = [figure.add_subplot(grid[row, 1]) for row in range(3)]
     for i, (name, loaded) in enumerate(named):
         colour = COLOURS[i % len(COLOURS)]
-        _draw_above(above, positions_z_up_m(loaded), name, colour)
+        positions_m = positions_z_up_m(loaded)
+        above.plot(*positions_m[:, :2].T, color=colour, linewidth=1.2, label=name)
+        above.plot(*positions_m[0, :2], "o", color=colour, markersize=7)
+        above.plot(*positions_m[-1, :2], "s", color=colour, markersize=6, markerfacecolor="white")
         _draw_over_time(over_time, loaded, colour, alone=len(named) == 1)
     _label(above, over_time)
     return figure
@@ -51,12 +55,6 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
     """Write a figure, whole or not at all; the name's ending is its format."""
     check_picture(path)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=dpi))
-
-
-def _draw_above(axes: Axes, positions_m: np.ndarray, name: str, colour: str) -> None:
-    axes.plot(positions_m[:, 0], positions_m[:, 1], color=colour, linewidth=1.2, label=name)
-    axes.plot(*positions_m[0, :2], "o", color=colour, markersize=7)
-    axes.plot(*positions_m[-1, :2], "s", color=colour, markersize=6, markerfacecolor="white")
 
 
 def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, alone: bool) -> None:
@@ -93,10 +91,14 @@ def error_figure(report: Report) -> Figure:
     figure = Figure(figsize=(11, 8), layout="constrained")
     figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
+    result, stamps_s = report.result, report.result.stamps_s
     if isinstance(report, AbsoluteReport):
-        _draw_absolute(report, first, along, over_time, rotation)
+        _draw_absolute(report, first, along)
     else:
-        _draw_relative(report, first, along, over_time, rotation)
+        _draw_relative(report.result, first, along)
+        stamps_s = stamps_s[report.result.start]
+    _series(over_time, stamps_s, result.translation_error_m, "translation error (m)", ESTIMATE_COLOUR)
+    _series(rotation, stamps_s, np.degrees(result.rotation_error_rad), "rotation error (deg)", ROTATION_COLOUR)
     return figure
 
 
@@ -106,7 +108,7 @@ def widest_plane(poses: SE3) -> tuple[int, int]:
     return a, b
 
 
-def _draw_absolute(report: AbsoluteReport, both: Axes, along: Axes, over_time: Axes, rotation: Axes) -> None:
+def _draw_absolute(report: AbsoluteReport, both: Axes, along: Axes) -> None:
     result = report.result
     truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
     plane = widest_plane(truth.T_world_camera)
@@ -116,22 +118,17 @@ def _draw_absolute(report: AbsoluteReport, both: Axes, along: Axes, over_time: A
     both.legend()
     _coloured_positions(along, result.aligned, plane, result.translation_error_m)
     along.set_title("the estimate, coloured by its error")
-    _errors_over_time(over_time, rotation, result.stamps_s, result.translation_error_m, result.rotation_error_rad)
 
 
-def _draw_relative(report: RelativeReport, shares: Axes, along: Axes, over_time: Axes, rotation: Axes) -> None:
-    result = report.result
+def _draw_relative(result: RelativeError, shares: Axes, along: Axes) -> None:
     errors_m = np.sort(result.translation_error_m)
     shares.plot(errors_m, 100 * np.arange(1, len(errors_m) + 1) / len(errors_m), color=ESTIMATE_COLOUR)
     shares.set(title="RPE pairs within an error", xlabel="translation error (m)", ylabel="share of RPE pairs (%)")
     shares.set(xlim=(0, None), ylim=(0, 102))
-    starts = result.reference[result.start]
     plane = widest_plane(result.reference)
     _trajectory(along, result.stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
-    _coloured_positions(along, starts, plane, result.translation_error_m)
+    _coloured_positions(along, result.reference[result.start], plane, result.translation_error_m)
     along.set_title("where the RPE pairs start, coloured by their error")
-    stamps_s = result.stamps_s[result.start]
-    _errors_over_time(over_time, rotation, stamps_s, result.translation_error_m, result.rotation_error_rad)
 
 
 def _trajectory(
@@ -143,9 +140,8 @@ def _trajectory(
 
 
 def _coloured_positions(chart: Axes, poses: SE3, plane: tuple[int, int], errors_m: np.ndarray) -> None:
-    dots = chart.scatter(
-        poses.translation[:, plane[0]], poses.translation[:, plane[1]], c=errors_m, s=7, cmap="viridis", zorder=3
-    )
+    x, y = poses.translation[:, plane].T
+    dots = chart.scatter(x, y, c=errors_m, s=7, cmap="viridis", zorder=3)
     chart.figure.colorbar(dots, ax=chart, label="translation error (m)")
     _label_plane(chart, plane)
 
@@ -157,22 +153,14 @@ def _label_plane(chart: Axes, plane: tuple[int, int]) -> None:
     chart.grid(alpha=0.3)
 
 
-def _errors_over_time(
-    over_time: Axes, rotation: Axes, stamps_s: np.ndarray, errors_m: np.ndarray, errors_rad: np.ndarray
-) -> None:
-    _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
-    _series(rotation, stamps_s, np.degrees(errors_rad), "rotation error (deg)", ROTATION_COLOUR)
-
-
 def _series(chart: Axes, stamps_s: np.ndarray, errors: np.ndarray, label: str, colour: str) -> None:
     rmse = float(np.sqrt(np.mean(np.square(errors))))
     times_s, broken = _with_gaps(stamps_s, errors[:, None])
     marker = "." if len(errors) <= FEW else None
     chart.plot(times_s - stamps_s[0], broken[:, 0], color=colour, linewidth=0.9, marker=marker)
     chart.axhline(rmse, color="0.2", linestyle="--", linewidth=0.9, label=f"RMSE {rmse:.4g}")
-    chart.set(
-        xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, 1.08 * float(np.max(errors, initial=1e-9)))
-    )
+    top = 1.08 * float(np.max(errors, initial=1e-9))
+    chart.set(xlabel=f"time since {stamps_s[0]:.3f} s (s)", ylabel=label, ylim=(0, top))
     chart.grid(alpha=0.3)
     chart.legend()
 

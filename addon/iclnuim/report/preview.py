@@ -25,7 +25,9 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
     pairs = find_pairs(folder)
     camera, truth = read_camera(folder, pairs[0].rgb), read_truth(folder)
     spread = [pairs[int(i)] for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})]
-    reach_m = _reach_m([_metres(pair, camera) for pair in spread])
+    seen = np.concatenate([depth[depth > 0] for depth in (_metres(pair, camera) for pair in spread)])
+    # near and far end of the colours, the same for all frames
+    reach_m = tuple(np.percentile(seen, (1, 99)).tolist()) if seen.size else (0.0, 1.0)
     rows = [_row(pair, pairs, camera, truth, reach_m) for pair in spread]
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -40,12 +42,6 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
         frames.append(np.hstack([_halved(read_rgb8(pair.rgb)), _halved(depth)]))
         bar.advance()
     return [out / "preview.png", _film(out, frames)]
-
-
-def _reach_m(depths_z_m: list[np.ndarray]) -> tuple[float, float]:
-    """Near and far end of the colours, the same for all frames."""
-    seen = np.concatenate([depth[depth > 0] for depth in depths_z_m])
-    return tuple(np.percentile(seen, (1, 99)).tolist()) if seen.size else (0.0, 1.0)
 
 
 def _captions(width: int, reach_m: tuple[float, float]) -> np.ndarray:
@@ -64,11 +60,7 @@ def _captions(width: int, reach_m: tuple[float, float]) -> np.ndarray:
 
 
 def _row(
-    pair: ImagePair,
-    pairs: list[ImagePair],
-    camera: SequenceCamera,
-    truth: Trajectory | None,
-    reach_m: tuple[float, float],
+    pair: ImagePair, pairs: list[ImagePair], camera: SequenceCamera, truth: Trajectory | None, reach_m: tuple
 ) -> np.ndarray:
     """Colour, depth in colour, and how far the depth of a frame half a second away, carried here, is off."""
     depth_z_m = _metres(pair, camera)
@@ -90,14 +82,12 @@ def _error_tile(
     i = pairs.index(pair)
     other = pairs[i - 15] if i >= 15 else pairs[min(i + 15, len(pairs) - 1)]
     stamps = np.array([pair.stamp_s, other.stamp_s])
-    covered = (
-        truth is not None and len(truth) > 1 and truth.stamps_s[0] <= stamps.min() <= stamps.max() <= truth.stamps_s[-1]
-    )
-    if other is pair or truth is None or not covered:
+    if other is pair or truth is None or len(truth) < 2:
+        return tile
+    if not truth.stamps_s[0] <= stamps.min() <= stamps.max() <= truth.stamps_s[-1]:
         return tile
     poses = sample(truth, stamps)
-    T_other_here = poses[1].inverse() @ poses[0]
-    residual = carried_residual(depth_z_m, _metres(other, camera), T_other_here, camera.pinhole)
+    residual = carried_residual(depth_z_m, _metres(other, camera), poses[1].inverse() @ poses[0], camera.pinhole)
     shown = np.isfinite(residual)
     tile[shown] = _colours(np.abs(residual[shown]) / _ERROR_FULL_M, "inferno")
     return tile
@@ -128,9 +118,10 @@ def _halved(image: np.ndarray) -> np.ndarray:
 def _film(out: Path, frames: list[np.ndarray]) -> Path:
     try:
         import cv2
+
+        if not cv2.videoio_registry.getWriterBackends():
+            raise ImportError("OpenCV has no encoder")
     except ImportError:
-        return _gif(out / "preview.gif", frames)
-    if not cv2.videoio_registry.getWriterBackends():
         return _gif(out / "preview.gif", frames)
     height, width = frames[0].shape[:2]
 

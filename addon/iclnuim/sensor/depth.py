@@ -7,17 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..settings import same_as
-from .depth_image import (
-    Normals,
-    as_depth,
-    backward_normals,
-    bands,
-    pixel_grid,
-    ray_slopes,
-    sample_with_zeros,
-    sample_within_surface,
-    surface_normals,
-)
+from . import depth_image as images
 from .noise_model import NoiseModel, parameter
 from .randomness import gaussian
 
@@ -59,11 +49,11 @@ class PaperDepthNoise(NoiseModel):
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
-        depth_true_m = as_depth(depth_z_m)
+        depth_true_m = images.as_depth(depth_z_m)
         depth_z_m = quantised(self.shifted(depth_true_m, rng), self.disparity_cm, self.sigma_d, rng)
         if not self.lateral:
             return depth_z_m
-        normals = surface_normals(depth_true_m, camera)
+        normals = images.surface_normals(depth_true_m, camera)
         depth_z_m = self.moved_along_normals(depth_z_m, normals, camera, rng)
         depth_z_m[normals.secant > 1 / np.cos(np.radians(self.missing_angle_deg))] = 0
         return depth_z_m
@@ -71,7 +61,7 @@ class PaperDepthNoise(NoiseModel):
     def shifted(self, depth_z_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Z(x + n_x, y + n_y) of equation 3, with (n_x, n_y) ~ N(0, sigma_s^2 I)."""
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
-        return sample_within_surface(depth_z_m, u, v, self.edge_share)
+        return images.sample_within_surface(depth_z_m, u, v, self.edge_share)
 
     def sigma_theta(self, angle_rad: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
         """Metres, (h, w)."""
@@ -80,17 +70,17 @@ class PaperDepthNoise(NoiseModel):
         return np.maximum(at_zero + slope * angle_rad, 0)
 
     def moved_along_normals(
-        self, depth_z_m: np.ndarray, normals: Normals, camera: PinholeCamera, rng: np.random.Generator
+        self, depth_z_m: np.ndarray, normals: images.Normals, camera: PinholeCamera, rng: np.random.Generator
     ) -> np.ndarray:
         """Each vertex moves along its normal by N(0, sigma_theta^2) and is projected again.
 
         A vertex lands on the pixel nearest to its projection; of several the nearest to the camera stays, and a pixel
         where none lands is missing. Vertices without a normal go missing.
         """
-        x, y = ray_slopes(camera)
+        x, y = images.ray_slopes(camera)
         noise = gaussian(rng, depth_z_m.shape)
         moved_z_m, shift_u, shift_v = (np.empty_like(depth_z_m) for _ in range(3))
-        for rows in bands(len(depth_z_m)):
+        for rows in images.bands(len(depth_z_m)):
             z, n = depth_z_m[rows], normals[rows]
             step_m = self.sigma_theta(n.angle_rad(), z) * noise[rows]
             step_m = step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant  # over |N|, which is not of length one
@@ -122,14 +112,14 @@ class ReleasedDepthNoise(NoiseModel):
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
-        depth_z_m = as_depth(depth_z_m)
-        normals = backward_normals(depth_z_m, camera)  # none in the first row and column, which go missing
+        depth_z_m = images.as_depth(depth_z_m)
+        normals = images.backward_normals(depth_z_m, camera)  # none in the first row and column, which go missing
         depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
-        u, v = pixel_grid(depth_z_m)
+        u, v = images.pixel_grid(depth_z_m)
         sigma, offset = np.float32(self.sigma_s_px), np.float32(self.offset_px)
         u = u + (offset + sigma * gaussian(rng, depth_z_m.shape))
         v = v + (offset + sigma * gaussian(rng, depth_z_m.shape))
-        depth_z_m = sample_with_zeros(depth_z_m, u, v)
+        depth_z_m = images.sample_with_zeros(depth_z_m, u, v)
         depth_z_m = np.rint(depth_z_m / np.float32(self.input_step_m)) * np.float32(self.input_step_m)
         depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng, self.disparity_bias)
         return np.floor(depth_z_m / np.float32(self.output_step_m)) * np.float32(self.output_step_m)
@@ -144,7 +134,7 @@ class NoDepthNoise(NoiseModel):
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same, float32."""
-        return as_depth(depth_z_m)
+        return images.as_depth(depth_z_m)
 
 
 @dataclass(frozen=True)
@@ -170,14 +160,14 @@ class Kinect2012DepthNoise(NoiseModel):
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
-        depth_true_m = as_depth(depth_z_m)
+        depth_true_m = images.as_depth(depth_z_m)
         limit = np.float32(np.radians(self.missing_angle_deg))
-        angle = surface_normals(depth_true_m, camera).angle_rad()
+        angle = images.surface_normals(depth_true_m, camera).angle_rad()
         seen = angle <= limit
         angle = np.minimum(angle, limit)
         lateral_px = self.lateral_px + self.lateral_angle_px * angle / (np.float32(np.pi / 2) - angle)
         u, v = shifted_grid(depth_true_m, lateral_px, rng)
-        depth_z_m = sample_within_surface(depth_true_m, u, v, self.edge_share)
+        depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
         noisy_m = depth_z_m + self.axial_sigma_m(depth_z_m, angle) * gaussian(rng, depth_true_m.shape)
         return np.where(seen & (depth_z_m > 0) & (noisy_m > 0), noisy_m, np.float32(0))
 
@@ -220,7 +210,7 @@ class RedwoodDepthNoise(NoiseModel):
         `multipliers` (layers, rows, columns), the sensor's own distortion: depth is divided by the value found there,
         the nearest over the image, linear over depth. None is a sensor without distortion.
         """
-        depth_z_m = self.snapped(as_depth(depth_z_m), rng)
+        depth_z_m = self.snapped(images.as_depth(depth_z_m), rng)
         depth_z_m[depth_z_m >= self.far_m] = 0
         if multipliers is not None:
             depth_z_m = depth_z_m / self.distortion(depth_z_m, np.asarray(multipliers, np.float32))
@@ -258,7 +248,7 @@ def shifted_grid(
     depth_z_m: np.ndarray, sigma_px: np.ndarray | np.float32, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """u and v (h, w) of the pixel centres, each plus N(0, sigma_px^2)."""
-    u, v = pixel_grid(depth_z_m)
+    u, v = images.pixel_grid(depth_z_m)
     return u + sigma_px * gaussian(rng, depth_z_m.shape), v + sigma_px * gaussian(rng, depth_z_m.shape)
 
 

@@ -155,7 +155,12 @@ def _normals(
             du, dv = np.diff(near[1:-1], axis=1), np.diff(near[:, 1:-1], axis=0)
             a = choose(du[:, :-1], du[:, 1:]) * depth_z_m[rows] * np.float32(-camera.fx)
             b = choose(dv[:-1], dv[1:]) * depth_z_m[rows] * np.float32(-camera.fy)
-            _fill(normals[rows], a, b, x, y[rows])
+            n = normals[rows]
+            np.negative(a, out=n.x)
+            np.negative(b, out=n.y)
+            n.z[:] = 1 + a * x + b * y[rows]
+            secant = np.sqrt((a * a + b * b + n.z * n.z) * (1 + x * x + y[rows] * y[rows]))
+            np.fmin(secant, np.float32(np.inf), out=n.secant)  # NaN becomes infinite
     return normals
 
 
@@ -164,11 +169,3 @@ def _smaller(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     before, after = (np.ascontiguousarray(step).view(np.int32) for step in (before, after))
     take_after = -(np.abs(after.view(np.float32)) < np.abs(before.view(np.float32))).astype(np.int32)
     return (before ^ ((after ^ before) & take_after)).view(np.float32)
-
-
-def _fill(normals: Normals, a: np.ndarray, b: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-    np.negative(a, out=normals.x)
-    np.negative(b, out=normals.y)
-    normals.z[:] = 1 + a * x + b * y
-    secant = np.sqrt((a * a + b * b + normals.z * normals.z) * (1 + x * x + y * y))
-    np.fmin(secant, np.float32(np.inf), out=normals.secant)  # NaN becomes infinite
