@@ -61,8 +61,7 @@ class RenderJob(Settings):
 
     def __post_init__(self) -> None:
         known = declared(RenderJob)
-        light = known["light"].checked(self.light)
-        for name, value in LIGHT_DEFAULTS[light].items():
+        for name, value in LIGHT_DEFAULTS[known["light"].checked(self.light)].items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, declaration in known.items():

@@ -53,7 +53,11 @@ def render_frames(
         try:
             worker.send({"frames": numbers})
             while not isinstance(event := inbox.get()[1], ChunkDone):
-                _raise_failure(event)
+                if isinstance(event, Failed):
+                    raise WorkError(event.text)
+                if isinstance(event, Exited):
+                    log_end = f": {event.log}" if event.log else ""
+                    raise WorkError(f"the render worker ended with code {event.code}{log_end}")
                 on_event(event)
             worker.stop()
         except BaseException:
@@ -80,10 +84,3 @@ def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFra
         run = render_frames(job, Path(folder) / "run")
         rgb, depth_z_m = read_frame(run.frame_file(0), run.camera)
     return RenderedFrame(rgb.astype(np.float32), depth_z_m)
-
-
-def _raise_failure(event: Event) -> None:
-    if isinstance(event, Failed):
-        raise WorkError(event.text)
-    if isinstance(event, Exited):
-        raise WorkError(f"the render worker ended with code {event.code}" + (f": {event.log}" if event.log else ""))

@@ -12,12 +12,9 @@ class SceneEntry:
     description: str
 
 
-SCENES: dict[str, SceneEntry] = {
-    entry.name: entry
-    for entry in (
-        SceneEntry("living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
-        SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
-    )
+SCENES = {
+    "living_room": SceneEntry("living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
+    "office": SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
 }
 
 #: name -> description; each is there for every scene

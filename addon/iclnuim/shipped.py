@@ -22,30 +22,23 @@ def folder(name: str) -> Path:
 
 def cache_folder() -> Path:
     """ICLNUIM_CACHE, or iclnuim below XDG_CACHE_HOME, or ~/.cache/iclnuim."""
-    own = os.environ.get("ICLNUIM_CACHE")
-    if own:
+    if own := os.environ.get("ICLNUIM_CACHE"):
         return Path(own).expanduser()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser() / "iclnuim"
 
 
 def sequence_names() -> list[str]:
     """`living_room/kt0` and so on: what is there to be rendered."""
-    return [
-        f"{scene}/{kt}"
-        for scene in SCENE_NAMES
-        for kt in TRAJECTORY_NAMES
-        if (folder("trajectories") / scene / f"{kt}.txt").is_file()
-    ]
+    names = [f"{scene}/{kt}" for scene in SCENE_NAMES for kt in TRAJECTORY_NAMES]
+    return [name for name in names if (folder("trajectories") / f"{name}.txt").is_file()]
 
 
 def full_name(sequence: str) -> str:
     """`kt2` -> `living_room/kt2`. Raises InputError with the list of those that exist."""
     name = sequence if "/" in sequence else f"living_room/{sequence}"
-    known = sequence_names()
-    if name not in known:
-        raise InputError(
-            "a sequence: " + ", ".join(known), found=sequence, hint="a recipe file, or {scene} and {trajectory}"
-        )
+    if name not in (known := sequence_names()):
+        expected, hint = f"a sequence: {', '.join(known)}", "a recipe file, or {scene} and {trajectory}"
+        raise InputError(expected, found=sequence, hint=hint)
     return name
 
 

@@ -22,13 +22,14 @@ from .formats.files import write_json
 from .worker_events import Event, Exited, from_dict
 
 CHILD = Path(__file__).resolve().parent / "blender/child.py"
+_BLENDER = ("-b", "--factory-startup", "--python-exit-code", "3", "-P", str(CHILD), "--")
 
 
 def worker_command() -> list[str]:
     """How a worker is started: this Blender again, Python with the bpy package, or a Blender on the PATH. Raises WorkError."""
     bpy = sys.modules.get("bpy")
     if bpy is not None and not getattr(bpy.app, "module", False) and bpy.app.binary_path:
-        return _by_blender(bpy.app.binary_path)
+        return [bpy.app.binary_path, *_BLENDER]
     if importlib.util.find_spec("bpy") is not None:
         return [sys.executable, str(CHILD)]
     blender = shutil.which("blender")
@@ -36,11 +37,7 @@ def worker_command() -> list[str]:
         raise WorkError(
             "there is neither the bpy package nor a blender binary", hint=f"{how_to_get_bpy()}; or install Blender"
         )
-    return _by_blender(blender)
-
-
-def _by_blender(binary: str) -> list[str]:
-    return [binary, "-b", "--factory-startup", "--python-exit-code", "3", "-P", str(CHILD), "--"]
+    return [blender, *_BLENDER]
 
 
 class WorkerClient:

@@ -49,15 +49,23 @@ class LastFrame:
         self._reading = False
 
 
-def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True) -> bpy.types.Image:
+def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True) -> None:
     """(h, w, 3) uint8 as the image `name`, in an image editor; one is opened beside the 3D view where there is none."""
-    image = _image(name, picture)
+    height, width = picture.shape[:2]
+    image = bpy.data.images.get(name)
+    if image is not None and image.size[:] != (width, height):
+        bpy.data.images.remove(image)
+        image = None
+    image = image or bpy.data.images.new(name, width, height)
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = picture[::-1].astype(np.float32) / 255
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
     if not bpy.app.background:
         area = _open_editor(context) or (_split(context) if open_editor else None)
         if area is not None and area.spaces.active.image != image:
             area.spaces.active.image = image
             _fit(context, area)
-    return image
 
 
 def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
@@ -73,20 +81,6 @@ def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
 
     area.tag_redraw()
     state.later(fit)
-
-
-def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
-    height, width = picture.shape[:2]
-    image = bpy.data.images.get(name)
-    if image is None or image.size[:] != (width, height):
-        if image is not None:
-            bpy.data.images.remove(image)
-        image = bpy.data.images.new(name, width, height)
-    pixels = np.ones((height, width, 4), np.float32)
-    pixels[..., :3] = picture[::-1].astype(np.float32) / 255
-    image.pixels.foreach_set(pixels.ravel())
-    image.update()
-    return image
 
 
 def _open_editor(context: bpy.types.Context) -> bpy.types.Area | None:

@@ -100,8 +100,7 @@ def _light_map_line(settings: bpy.types.PropertyGroup, name: str) -> str:
 
 def _age(seconds: float) -> str:
     for unit_s, unit in ((86400, "day"), (3600, "hour"), (60, "minute")):
-        if seconds >= unit_s:
-            count = int(seconds // unit_s)
+        if count := int(seconds // unit_s):
             return f"{count} {unit}{'' if count == 1 else 's'}"
     return "less than a minute"
 

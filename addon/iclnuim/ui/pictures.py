@@ -1,7 +1,5 @@
 """Pictures made of arrays, numpy only: a frame's three views side by side, depth in colour, a plot of errors."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 #: Blue, cyan, green, yellow, red: near to far, small to large.
@@ -18,7 +16,6 @@ _GLYPHS = {
     "r": "00mpggg", "s": "00ege1u", "t": "88s8896", "u": "00hhhjd", "v": "00hhha4", "w": "00hhlla", "x": "00ha4ah",
     "y": "00hhf1e",
 }  # fmt: skip
-_NONE = "0000000"
 
 
 def ramp(share: np.ndarray) -> np.ndarray:
@@ -41,10 +38,8 @@ def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndar
 
 def frame_picture(rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
     """Clean colour and depth above, the sensor's below: (2h, 2w, 3) uint8; one range of depth for both."""
-    near_m, far_m = _depth_range(depth_z_m)
-    top = np.hstack([rgb, depth_colours(depth_z_m, near_m, far_m)])
-    bottom = np.hstack([noisy_rgb, depth_colours(noisy_z_m, near_m, far_m)])
-    return np.vstack([top, bottom])
+    noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, *_depth_range(depth_z_m))])
+    return np.vstack([colour_and_depth(rgb, depth_z_m), noisy])
 
 
 def colour_and_depth(rgb: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
@@ -78,24 +73,16 @@ def error_plot(
         column = round(left + tick / seconds * (right - left - 1))
         image[top:bottom, column] = _GRID
         write(image, f"{tick:.6g}", column, bottom + 12, align="centre")
-    _curve(image, left, right, stamps_s - stamps_s[0], seconds, error_m, row)
+    columns = np.arange(left, right)
+    values_m = np.interp((columns - left) / (right - left - 1) * seconds, stamps_s - stamps_s[0], error_m)
+    colours, rows = (error_colours(values_m) * 255).astype(np.uint8), row(values_m * 100)
+    for column, here, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
+        image[min(here, before) - 1 : max(here, before) + 2, column] = colour  # from each value to the next
     image[row(rmse_m * 100) : row(rmse_m * 100) + 2, left:right] = _INK
     write(image, f"Error of position over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
     write(image, "cm", left - 14, top - 26, align="right")
     write(image, "time (s)", right, bottom + 40, align="right")
     return image
-
-
-def _curve(
-    image: np.ndarray, left: int, right: int, times_s: np.ndarray, seconds: float, error_m: np.ndarray, row: Callable
-) -> None:
-    """A coloured column of pixels from each value to the next, in place."""
-    columns = np.arange(left, right)
-    values_m = np.interp((columns - left) / (right - left - 1) * seconds, times_s, error_m)
-    colours = (error_colours(values_m) * 255).astype(np.uint8)
-    rows = row(values_m * 100)
-    for column, here, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
-        image[min(here, before) - 1 : max(here, before) + 2, column] = colour
 
 
 def _ticks(most: float, beyond: bool = True) -> np.ndarray:
@@ -109,7 +96,7 @@ def _ticks(most: float, beyond: bool = True) -> np.ndarray:
 
 def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: str = "left") -> None:
     """Letters of 5 x 7 dots onto the image, in place; (x, y) is the upper left, middle or right end of the line."""
-    rows = [[int(letter, 32) << 1 for letter in _GLYPHS.get(c, _NONE)] for c in text]  # a column between letters
+    rows = [[int(letter, 32) << 1 for letter in _GLYPHS.get(c, "0000000")] for c in text]  # a column between letters
     dots = [[[row >> (5 - k) & 1 for k in range(6)] for row in glyph] for glyph in rows]
     block = np.kron(np.concatenate([np.array(glyph, bool) for glyph in dots], 1), np.ones((size, size), bool))
     x -= {"left": 0, "centre": block.shape[1] // 2, "right": block.shape[1]}[align]

@@ -29,10 +29,15 @@ def refresh(context: bpy.types.Context) -> None:
         chosen, sentence = inputs.trajectory(context)
     except IclnuimError as error:
         held.trajectory_lines, held.trajectory_warning = [], error.worded(held.work.name_of)
-        for name in ("trajectory", "frusta"):
-            held.shapes.pop(name, None)
+        held.shapes = {name: shape for name, shape in held.shapes.items() if name == "estimate"}
         return
-    held.trajectory_lines = _lines(chosen, sentence)
+    s = statistics(chosen)
+    held.trajectory_lines = [
+        sentence,
+        f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",
+        f"speed {s.mean_speed:.3f} m/s, at most {s.max_speed:.2f}",
+        f"rotation {s.mean_rotation_rate:.1f} deg/s, at most {s.max_rotation_rate:.0f}",
+    ]
     held.trajectory_warning = _collisions(context, chosen)
     camera, count = context.scene.iclnuim.camera(), len(chosen)
     picked = chosen.T_world_camera[np.unique(np.linspace(0, count - 1, _FRUSTA).astype(int))]
@@ -56,26 +61,14 @@ def _key(scene: bpy.types.Scene) -> tuple:
 
 def _shown() -> str | None:
     """Which scene stands in our collection."""
-    collection = bpy.data.collections.get(COLLECTION)
-    return collection.get(SHOWN) if collection is not None else None
-
-
-def _lines(trajectory: Trajectory, sentence: str) -> list[str]:
-    s = statistics(trajectory)
-    return [
-        sentence,
-        f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",
-        f"speed {s.mean_speed:.3f} m/s, at most {s.max_speed:.2f}",
-        f"rotation {s.mean_rotation_rate:.1f} deg/s, at most {s.max_rotation_rate:.0f}",
-    ]
+    return bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     """A warning where the line between two poses meets a surface of the open scene, if that is the one chosen."""
     if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", _shown()):
         return "another scene is shown here: press Show the Scene Here" if _shown() else ""
-    depsgraph = context.evaluated_depsgraph_get()
-    points = trajectory.positions_m
+    depsgraph, points = context.evaluated_depsgraph_get(), trajectory.positions_m
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     through = [
@@ -104,10 +97,8 @@ def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
     u, v = np.array([0, camera.width, camera.width, 0]) - 0.5, np.array([0, 0, camera.height, camera.height]) - 0.5
     corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1) * _FRUSTUM_DEPTH_M
     world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
-    lines = []
-    for k in range(4):
-        lines += [poses.translation, world[:, k], world[:, k], world[:, (k + 1) % 4]]
-    return np.stack(lines, 1).reshape(-1, 3)
+    around, eye = np.roll(world, -1, axis=1), np.broadcast_to(poses.translation[:, None], world.shape)
+    return np.stack([eye, world, world, around], 2).reshape(-1, 3)
 
 
 def draw() -> None:

@@ -3,26 +3,15 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from .. import worker_events as events
 from ..errors import WorkError, named
+from ..worker_client import WorkerClient
 
 #: A worker that was asked to stop gets this long to finish its frame; then it is ended, and the frame is rendered again on resume.
 GRACE_S = 4.0
 BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
-
-
-class Worker(Protocol):
-    """What is used of a WorkerClient."""
-
-    def send(self, command: Mapping[str, Any]) -> None: ...
-
-    def events(self) -> list[events.Event]: ...
-
-    def stop(self) -> None: ...
-
-    def terminate(self) -> None: ...
 
 
 @dataclass
@@ -40,7 +29,7 @@ class Work:
     last_frame: int | None = None
     message: str = ""
     notes: list[str] = field(default_factory=list)
-    worker: Worker | None = None
+    worker: WorkerClient | None = None
     _when_done: str = ""
     _stage_begun_s: float = 0.0
     _stopping_since_s: float | None = None
@@ -54,7 +43,7 @@ class Work:
         if self.busy:
             raise WorkError(f"a {self.kind} is running here already", hint="again when it ends, or Cancel first")
 
-    def start(self, kind: str, command: Mapping[str, Any], worker: Worker, when_done: str = "done") -> None:
+    def start(self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done") -> None:
         """Send `command` (see blender/child.py); `kind` is what the panel calls it. Raises WorkError while other work runs."""
         self.refuse_a_second()
         vars(self).update(vars(Work(self.name_of, "starting", kind, message="Blender starts in the background")))
@@ -117,18 +106,16 @@ class Work:
             case events.ChunkDone() if self.worker is not None:
                 self.worker.stop()
             case events.Failed():
-                self._failed(named(event.template or event.text, self.name_of))
+                resume = self.done and self.phase in ("rendering", "writing")
+                text = named(event.template or event.text, self.name_of)
+                text += "; finished frames stay, Resume continues from here" if resume else ""
+                self.phase, self.message = "failed", text
             case events.Exited():
                 self._exited(event)
 
     def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":
             self.phase, self.message = phase, message
-
-    def _failed(self, text: str) -> None:
-        if self.done and self.phase in ("rendering", "writing"):
-            text += "; finished frames stay, Resume continues from here"
-        self.phase, self.message = "failed", text
 
     def _exited(self, event: events.Exited) -> None:
         self.worker = self._stopping_since_s = None
