@@ -158,9 +158,9 @@ def zero_area_faces(folder: Path) -> None:
 
 @scene()
 def point_lamp_without_size(folder: Path) -> None:
-    """A lamp of radius 0, close to a wall: very bright texels."""
+    """A lamp of radius 0: its shadows have no penumbra."""
     room(lit=False)
-    lamp((1.9, 0.0, 1.2), watts=300.0, radius=0.0)
+    lamp((0.9, -0.5, 1.6), watts=60.0, radius=0.0)
 
 
 @scene()

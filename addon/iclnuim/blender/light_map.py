@@ -43,7 +43,15 @@ def is_whole(folder: Path) -> bool:
 
 
 def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> None:
-    """Write a map (rows, columns, 3), row 0 at the bottom, beside the cache and rename: two processes cannot spoil each other."""
+    """Write a map (rows, columns, 3), row 0 at the bottom, beside the cache and rename: two processes cannot spoil each other.
+
+    Light beyond what half floats hold, as close to a lamp of radius 0, is cut. Raises WorkError for light that is not a number.
+    """
+    if np.isnan(light).any():
+        raise WorkError(
+            "the light map has values that are not numbers, so it was not stored; try path tracing: {light} path"
+        )
+    light = np.minimum(light, np.finfo(np.float16).max)
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:

@@ -22,6 +22,7 @@ from ..geometry.points import farthest_points
 from ..lightmap.surfaces import Surfaces
 from . import compat
 from .compat import temporarily
+from .surfaces import rendered_lamps
 
 #: Points lie this far in front of their surface, so that a ray from one cannot meet the surface itself.
 LIFT_M = 2e-4
@@ -98,7 +99,7 @@ def _add(light: Halves, part: slice, target: "Target", samples: int, seed: int) 
 
 def _sources() -> list[tuple[list[bpy.types.Object], bool, int]]:
     """Lamps that shine together, whether the sky does, and by how much fewer samples they need."""
-    lamps = [thing for thing in bpy.context.scene.objects if thing.type == "LIGHT" and not thing.hide_render]
+    lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
     lamps = [lamp for lamp in lamps if lamp not in portals]
     groups = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
@@ -160,6 +161,12 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
     share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
     free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
+    lamps = [lamp.matrix_world.translation for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
+    if lamps and not any(_sees_one(depsgraph, place, lamps) for place in free):
+        # the walls' normals may point outward: the room is where the lamps are
+        free = np.concatenate(
+            [free, [place for place in places if _sees_one(depsgraph, place, lamps)] or np.zeros((0, 3))]
+        )
     return free if len(free) <= count else farthest_points(free, count)
 
 
@@ -174,6 +181,18 @@ def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.ra
     hit, location, *_ = depsgraph.scene.ray_cast(depsgraph, Vector(start), Vector(ray), distance=_FARTHEST_M)
     reach = np.linalg.norm(np.array(location) - start) if hit else _FARTHEST_M
     return start + rng.uniform(0.1, 0.9) * reach * ray
+
+
+def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vector]) -> bool:
+    """Whether nothing stands between the place and one of the lamps, and no surface is close to the place."""
+    scene, origin = depsgraph.scene, Vector(place)
+    if any(
+        scene.ray_cast(depsgraph, origin, Vector(way), distance=_NEAREST_M)[0]
+        for way in np.vstack([np.eye(3), -np.eye(3)])
+    ):
+        return False
+    ways = [(lamp - origin) for lamp in lamps]
+    return not all(scene.ray_cast(depsgraph, origin, way, distance=way.length)[0] for way in ways if way.length > 0)
 
 
 def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:

@@ -5,6 +5,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..geometry.points import farthest_points
+from . import surfaces
 
 #: Places tried, and sight lines from each.
 _PLACES, _RAYS = 400, 48
@@ -13,6 +14,8 @@ _SHUT_IN = 0.03
 _LAMPS, _RADIUS_M = 4, 0.15
 #: Watts for a square metre of the room's walls: mid-grey surfaces come out at about a third of white.
 _W_PER_M2 = 1.0
+#: What glows and is smaller than this is a status lamp, not the light of a room.
+_SMALLEST_EMITTER_M = 0.03
 
 
 def add_where_there_is_none(scene: bpy.types.Scene) -> list[str]:
@@ -31,12 +34,17 @@ def add_where_there_is_none(scene: bpy.types.Scene) -> list[str]:
 
 
 def _has_light(scene: bpy.types.Scene) -> bool:
-    lamps = [o.data for o in scene.objects if o.type == "LIGHT" and not o.hide_render]
+    lamps = [lamp.data for lamp in surfaces.rendered_lamps(scene)]
     instanced = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects) and bpy.data.lights
     if any(lamp.energy > 0 for lamp in lamps) or instanced or _shines(scene.world):
         return True
-    used = {s.material for o in scene.objects for s in o.material_slots if s.material and not o.hide_render}
-    return any(_emits(m.node_tree) for m in used if m.node_tree)
+    return any(_shines_on_others(o) for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render)
+
+
+def _shines_on_others(thing: bpy.types.Object) -> bool:
+    """Whether it emits, and is large enough to light more than itself: no side of a status lamp."""
+    emits = any(s.material and s.material.node_tree and _emits(s.material.node_tree) for s in thing.material_slots)
+    return emits and max(thing.dimensions) > _SMALLEST_EMITTER_M
 
 
 def _shines(world: bpy.types.World | None) -> bool:
@@ -109,5 +117,5 @@ def _lamp(scene: bpy.types.Scene, place: np.ndarray, watts: float) -> None:
     data = bpy.data.lights.new("Neutral light", "POINT")
     data.energy, data.shadow_soft_size = watts, _RADIUS_M
     lamp = bpy.data.objects.new("Neutral light", data)
-    lamp.location, lamp.visible_camera, lamp.visible_glossy = place, False, False
+    lamp.location, lamp.visible_camera = place, False  # seen in gloss: metal shows nothing else
     scene.collection.objects.link(lamp)

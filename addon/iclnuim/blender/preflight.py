@@ -154,3 +154,33 @@ def _films(tree: bpy.types.NodeTree) -> bool:
     """Textures that are films or change with the frame."""
     pictures = [n.image for n in tree.nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]
     return any(picture.source in ("MOVIE", "SEQUENCE") for picture in pictures)
+
+
+def strand_names(scene: bpy.types.Scene) -> list[str]:
+    """Objects that render as hair, curves or points, which have no faces for a light map."""
+    kinds = {"CURVES", "POINTCLOUD"}
+    return sorted(o.name for o in scene.objects if not o.hide_render and (o.type in kinds or _has_particles(o)))
+
+
+def _has_particles(thing: bpy.types.Object) -> bool:
+    return any(m.type == "PARTICLE_SYSTEM" and m.show_render for m in thing.modifiers)
+
+
+def volume_names(scene: bpy.types.Scene) -> list[str]:
+    """Objects with a volume, or with a material or world that has one."""
+    filled = {m for m in bpy.data.materials if m.users and m.node_tree and _has_volume(m.node_tree)}
+    names = [o.name for o in scene.objects if o.type == "VOLUME" or filled & {s.material for s in o.material_slots}]
+    return sorted(names) + (
+        ["the sky"] if scene.world and scene.world.node_tree and _has_volume(scene.world.node_tree) else []
+    )
+
+
+def _has_volume(tree: bpy.types.NodeTree) -> bool:
+    outputs = [n for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD")]
+    return any(n.inputs["Volume"].is_linked for n in outputs)
+
+
+def light_linking_names(scene: bpy.types.Scene) -> list[str]:
+    """Lamps and glowing things that light, or are shadowed by, some objects only."""
+    linked = [(o.name, getattr(o, "light_linking", None)) for o in scene.objects]
+    return sorted(name for name, link in linked if link and (link.receiver_collection or link.blocker_collection))

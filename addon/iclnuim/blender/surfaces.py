@@ -51,7 +51,7 @@ def _triangles(depsgraph: bpy.types.Depsgraph) -> Surface:
     names: list[str] = []
     for instance in depsgraph.object_instances:
         thing = instance.object
-        if not _is_seen(thing):
+        if not _is_seen(thing, instance.is_instance):
             continue
         mesh = thing.to_mesh()
         mesh.calc_loop_triangles()
@@ -73,13 +73,14 @@ def _triangles(depsgraph: bpy.types.Depsgraph) -> Surface:
 def triangle_count() -> int:
     """How many triangles the open scene renders, those of every instance counted; curves and texts left out."""
     with as_rendered(bpy.context.scene) as depsgraph:
-        shown = (i.object for i in depsgraph.object_instances)
-        meshes = (thing.data for thing in shown if thing.type == "MESH" and _is_seen(thing))
+        shown = ((i.object, i.is_instance) for i in depsgraph.object_instances)
+        meshes = (thing.data for thing, instanced in shown if thing.type == "MESH" and _is_seen(thing, instanced))
         return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
 
 
-def _is_seen(thing: bpy.types.Object) -> bool:
-    return thing.type in SURFACE_TYPES and thing.visible_camera and not thing.hide_render
+def _is_seen(thing: bpy.types.Object, instanced: bool) -> bool:
+    """Geometry Nodes show instances also of an object that is hidden itself."""
+    return thing.type in SURFACE_TYPES and thing.visible_camera and (instanced or not thing.hide_render)
 
 
 @contextmanager
@@ -114,7 +115,8 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
     found = []
     for instance in depsgraph.object_instances:
         thing = instance.object
-        if not instance.show_self or thing.type not in SURFACE_TYPES or thing.original.hide_render:
+        hidden = thing.original.hide_render and not instance.is_instance
+        if not instance.show_self or thing.type not in SURFACE_TYPES or hidden:
             continue
         mesh = bpy.data.meshes.new_from_object(thing, preserve_all_data_layers=True, depsgraph=depsgraph)
         if mesh is None or not len(mesh.polygons):
@@ -155,7 +157,7 @@ def _surfaces(part: Part) -> Surfaces:
     mesh.calc_loop_triangles()
     vertices = array_of(mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     vertex_of_corner = array_of(mesh.loops, "vertex_index", 1, np.int32)
-    normals = array_of(mesh.corner_normals, "vector", 3).astype(float) @ np.linalg.inv(matrix[:3, :3])
+    normals = array_of(mesh.corner_normals, "vector", 3).astype(float) @ _normal_matrix(matrix[:3, :3])
     triangles = array_of(mesh.loop_triangles, "loops", 3, np.int32).astype(int)
     mirrored = np.linalg.det(matrix[:3, :3]) < 0  # wound the other way
     welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
@@ -168,6 +170,30 @@ def _surfaces(part: Part) -> Surfaces:
         triangle_face=array_of(mesh.loop_triangles, "polygon_index", 1, np.int32).astype(int),
         face_object=np.zeros(len(mesh.polygons), int),
     )
+
+
+def _normal_matrix(linear: np.ndarray) -> np.ndarray:
+    """(3, 3): rows of normals times this point the way they do in the world; for a flattened object by the cofactors, up to scale."""
+    if np.linalg.matrix_rank(linear) == 3:
+        return np.linalg.inv(linear)
+    x, y, z = linear.T
+    return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
+
+
+def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The lamps that give light in a render: not hidden themselves, nor by every collection that they are in."""
+    shown = {
+        thing
+        for layer in _rendered_layers(bpy.context.view_layer.layer_collection)
+        for thing in layer.collection.objects
+    }
+    return [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render and thing in shown]
+
+
+def _rendered_layers(layer: bpy.types.LayerCollection) -> list[bpy.types.LayerCollection]:
+    if layer.exclude or layer.collection.hide_render:
+        return []
+    return [layer, *(inner for child in layer.children for inner in _rendered_layers(child))]
 
 
 def material_of_face(part: Part) -> np.ndarray:

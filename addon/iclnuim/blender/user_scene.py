@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..formats.ply import check_ply
 from ..geometry.scene_axes import SceneReading
 from ..job import RenderJob
-from . import compat, neutral_light, orient, preflight, sanitize, scene_paths, surfaces
+from . import baked_materials, compat, neutral_light, orient, preflight, sanitize, scene_paths, surfaces
 
 #: The file's own axes are kept: turning and scaling is left to orient.py.
 _OWN_AXES = {"forward_axis": "Y", "up_axis": "Z"}
@@ -61,11 +61,28 @@ def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
 
 def why_not_baked(scene: bpy.types.Scene) -> str | None:
     """What stands against a light map, or None."""
-    moves = preflight.moving_names(scene)
-    if moves:
-        return f"objects or lights that move ({', '.join(moves)[:120]})"
+    hindrances = {
+        "objects or lights that move": preflight.moving_names(scene),
+        "hair, curves or points": preflight.strand_names(scene),
+        "volumes": preflight.volume_names(scene),
+        "light linking": preflight.light_linking_names(scene),
+    }
+    for what, names in hindrances.items():
+        if names:
+            return f"{what} ({', '.join(names)[:120]})"
+    if not any(baked_materials.kind(m).diffuse or baked_materials.kind(m).translucent for m in _shown_materials(scene)):
+        return "no diffuse surface"
     count = surfaces.triangle_count()
     return f"{count} triangles, more than the texels of a light map" if count > MAX_BAKED else None
+
+
+def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
+    """Of all surfaces, instanced collections included; None for a surface without a material."""
+    things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}
+    shown = [thing for thing in things if thing.type in surfaces.SURFACE_TYPES]
+    return {s.material for thing in shown for s in thing.material_slots} | (
+        {None} if any(not t.material_slots for t in shown) else set()
+    )
 
 
 def _instances(scene: bpy.types.Scene) -> bool:

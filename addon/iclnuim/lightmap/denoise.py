@@ -115,8 +115,9 @@ def _wavelet(
             noise += weight**2 * spread[there]
             weights += weight
     light, variance = flat.copy(), spread.copy()
-    light[here] = total / weights[:, None]
-    variance[here] = noise / weights**2
+    weighed = weights > 0  # a texel without a normal has no neighbour, and keeps its light
+    light[here[weighed]] = total[weighed] / weights[weighed, None]
+    variance[here[weighed]] = noise[weighed] / weights[weighed] ** 2
     return light.reshape(h, w, 3), variance.reshape(h, w)
 
 
