@@ -56,7 +56,14 @@ def run(args: argparse.Namespace, console: Console) -> None:
     for name in args.recipes or NAMES:
         source, target = _places(name, args.out)
         motion = _motion(source)
-        _finish(target, tum_text(motion.trajectory), args.check)
+        text = tum_text(motion.trajectory)
+        if not args.check:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write_text(target, text)
+        elif not target.is_file():
+            raise WorkError(f"{target}: not there to be checked")
+        elif target.read_bytes() != text.encode():
+            raise WorkError(f"{target}: not what its recipe makes")
         figures = asdict(trajectory.statistics(motion.trajectory))
         made.append({"name": name, "file": str(target), "scale": motion.scale, **figures})
     console.result({"trajectories": made}, _table(made))
@@ -88,16 +95,6 @@ def _motion(source: Path) -> handheld.Motion:
         return handheld.make(handheld.Recipe.from_dict(content))
     except InputError as error:
         raise error.at(source if error.path is None else f"{source}: {error.path}") from None
-
-
-def _finish(target: Path, text: str, check: bool) -> None:
-    if not check:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write_text(target, text)
-    elif not target.is_file():
-        raise WorkError(f"{target}: not there to be checked")
-    elif target.read_bytes() != text.encode():
-        raise WorkError(f"{target}: not what its recipe makes")
 
 
 def _table(made: list[dict]) -> str:

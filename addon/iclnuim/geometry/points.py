@@ -56,8 +56,13 @@ def _about_z(yaw: float) -> np.ndarray:
 
 
 def _yaw(points: np.ndarray) -> float:
-    """The turn of the smallest rectangle about (n, 2) points, along one side of their outline; in doubt the smallest turn."""
-    outline = _outline(points)
+    """The turn of the smallest rectangle about (n, 2) points, along one side of their outline; in doubt the smallest turn.
+
+    The outline's corners are the points that are farthest in some direction.
+    """
+    angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+    farthest = [int((points @ (np.cos(a), np.sin(a))).argmax()) for a in angles]
+    outline = points[[i for k, i in enumerate(farthest) if i != farthest[k - 1]] or farthest[:1]]
     sides = np.roll(outline, -1, axis=0) - outline
     sides = sides[np.linalg.norm(sides, axis=1) > 1e-9]
     turns = np.unique(np.append(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 9), 0.0))
@@ -65,10 +70,3 @@ def _yaw(points: np.ndarray) -> float:
     across = np.stack([-along[1], along[0]])
     area = np.ptp(outline @ along, axis=0) * np.ptp(outline @ across, axis=0)
     return float(turns[np.flatnonzero(area <= area.min() * (1 + 1e-6) + 1e-12)[0]])
-
-
-def _outline(points: np.ndarray) -> np.ndarray:
-    """Corners (k, 2) of the convex outline, in order: the points that are farthest in some direction."""
-    angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
-    farthest = [int((points @ (np.cos(a), np.sin(a))).argmax()) for a in angles]
-    return points[[i for k, i in enumerate(farthest) if i != farthest[k - 1]] or farthest[:1]]

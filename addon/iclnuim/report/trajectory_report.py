@@ -30,7 +30,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
-from ..evaluation.align import Alignment, MirrorCheck
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..formats.trajectories import LoadedTrajectory, read_trajectory
 from ..geometry.trajectory import Trajectory
@@ -83,7 +82,15 @@ class _Report(Generic[S, E]):
 
     @property
     def warnings(self) -> list[str]:
-        return _mirror_warning(self.result.mirror, self.estimate)
+        mirror = self.result.mirror
+        if not mirror.mirrored:
+            return []
+        advice = "gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
+        if self.estimate.loaded.read_as.handedness == "left":
+            advice = "tum or tum-ids, since it was read as left-handed"
+        reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
+        errors = f"a reflection leaves {reflected}, the best rotation {rotated}"
+        return [f"the estimate is mirrored: {errors}; try reading it as {advice}"]
 
     def _dict(self, metric: str, settings: dict, before: dict, after: dict) -> dict:
         """What both kinds hold, with the rest before and after the errors."""
@@ -112,7 +119,15 @@ class AbsoluteReport(_Report[AbsoluteErrorSettings, AbsoluteError]):
 
     @property
     def warnings(self) -> list[str]:
-        return [*super().warnings, *_rotation_warning(self.result.alignment)]
+        alignment = self.result.alignment
+        if not alignment.rotation_is_noise:
+            return super().warnings
+        extent, error = (f"{1000 * length:.3g} mm" for length in (alignment.extents_m[1], alignment.residual_rms_m))
+        return [
+            *super().warnings,
+            f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
+            "so the rotation about its line follows the error; compare with the alignments origin and yaw",
+        ]
 
     def to_dict(self) -> dict:
         alignment = self.result.alignment
@@ -158,28 +173,6 @@ class RelativeReport(_Report[RelativeErrorSettings, RelativeError]):
 Report = AbsoluteReport | RelativeReport
 
 
-def _mirror_warning(mirror: MirrorCheck, estimate: Source) -> list[str]:
-    if not mirror.mirrored:
-        return []
-    advice = (
-        "reading it as gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
-    )
-    if estimate.loaded.read_as.handedness == "left":
-        advice = "reading it as tum or tum-ids, since it was read as left-handed"
-    reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
-    return [f"the estimate is mirrored: a reflection leaves {reflected}, the best rotation {rotated}; try {advice}"]
-
-
-def _rotation_warning(alignment: Alignment) -> list[str]:
-    if not alignment.rotation_is_noise:
-        return []
-    extent, error = (f"{1000 * length:.3g} mm" for length in (alignment.extents_m[1], alignment.residual_rms_m))
-    return [
-        f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
-        "so the rotation about its line follows the error; compare with the alignments origin and yaw"
-    ]
-
-
 def _csv(header: str, integers: list[np.ndarray], numbers: list[np.ndarray]) -> str:
     line = ",".join(["%d"] * len(integers) + ["%.9f"] * len(numbers)) + "\n"
     rows = zip(*(column.tolist() for column in (*integers, *numbers)), strict=True)
@@ -207,20 +200,14 @@ def error_text(values: dict) -> str:
 def title(values: dict) -> str:
     """One line: which error of which file against which, and how."""
     estimate, reference = (os.path.basename(os.path.normpath(values[k]["path"])) for k in ("estimate", "reference"))
-    how = _delta(values) if values["metric"] == "rpe" else _alignment(values)
+    settings = values["settings"]
+    if values["metric"] == "rpe":
+        pair = settings["stretch"]
+        unit = {"frames": "frames" if pair["delta"] > 1 else "frame", "seconds": "s", "metres": "m"}[pair["unit"]]
+        scale = f", scale {values['scale']:.6g}" if settings["correct_scale"] else ""
+        how = f"over {pair['delta']:g} {unit}, {'all pairs' if pair['all_pairs'] else 'end to end'}{scale}"
+    else:
+        method = settings["alignment"]["method"]
+        scale = f", scale {values['alignment']['scale']:.6g}" if method == "sim3" else ""
+        how = "not aligned" if method == "none" else f"aligned by {method}{scale}"
     return f"{values['metric'].upper()} of {estimate} against {reference}, {how}"
-
-
-def _alignment(values: dict) -> str:
-    method = values["settings"]["alignment"]["method"]
-    if method == "none":
-        return "not aligned"
-    return f"aligned by {method}" + (f", scale {values['alignment']['scale']:.6g}" if method == "sim3" else "")
-
-
-def _delta(values: dict) -> str:
-    pair = values["settings"]["stretch"]
-    unit = {"frames": "frames" if pair["delta"] > 1 else "frame", "seconds": "s", "metres": "m"}[pair["unit"]]
-    kind = "all pairs" if pair["all_pairs"] else "end to end"
-    scale = f", scale {values['scale']:.6g}" if values["settings"]["correct_scale"] else ""
-    return f"over {pair['delta']:g} {unit}, {kind}{scale}"
