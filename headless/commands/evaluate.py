@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, named
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
@@ -16,7 +16,7 @@ from iclnuim.formats.files import atomic_write_text
 from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source, error_text
 
 from ..console import Console
-from ..options import Actions, action, add_settings, renamed, settings_from, subcommands
+from ..options import Actions, action, add_settings, option_name, renamed, settings_from, subcommands
 
 if TYPE_CHECKING:
     from iclnuim.geometry.se3 import SE3
@@ -147,6 +147,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
 
         save(error_figure(T_model_mesh.apply(points), triangles, error, args.max_error), args.plot, 100)
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
+    values["warnings"] = [named(text, option_name) for text in error.warnings]
     console.result(values, _surface_text(values))
 
 

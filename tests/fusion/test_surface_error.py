@@ -131,6 +131,24 @@ def test_a_bad_but_honest_reconstruction_is_given_no_other_unit_and_no_reflectio
     assert surface.error(points[points[:, 0] < -0.5] + (0.05, 0, 0)).warnings == ()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_reconstruction_in_another_world_frame_is_not_called_mirrored(seed):
+    rng = np.random.default_rng(seed)
+    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(rng) - (5, 2, 0)
+    points = points[points @ rng.normal(size=3) > 0]
+    look = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # x right, y down, z forward
+    T_first_world = SE3(look.T, np.zeros(3)) @ SE3.exp(np.r_[0, 0, 0, rng.normal(0, 0.3, 3)])
+    warnings = surface.error(T_first_world.apply(points - (0.3, -0.5, 0.6))).warnings
+    assert "mirrored" not in "".join(warnings)
+
+
+def test_a_reconstruction_far_off_is_advised_to_give_its_trajectory():
+    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(4)) - (5, 2, 0)
+    turn = SE3.exp(np.array([0, 0, 0, 1.5, 0.9, 0.5]))
+    (warning,) = surface.error(turn.apply(points + (0.5, 2.0, 1.0))).warnings
+    assert "another world frame" in warning and "as {poses}" in warning and "as {truth}" in warning
+
+
 def test_a_picture_looks_into_the_room_from_outside():
     image = picture(BOX, SIDES, np.tile(np.uint8([200, 0, 0]), (8, 1)), 80, 60)
     assert image.shape == (60, 80, 3)
@@ -197,11 +215,13 @@ def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_
     write_trajectory(tmp_path / "est.txt", own, "tum")
     assert icl("fuse", sequence, "--poses", "est.txt", "-o", "own.ply", cwd=tmp_path).returncode == 0
     laid = ("--poses", "est.txt", "--truth", sequence / "groundtruth.txt")
-    errors = []
+    errors, warnings = [], []
     for options in (laid, ()):
         judged = icl("evaluate", "surface", "own.ply", "--model", "model.ply", "--json", *options, cwd=tmp_path)
         errors.append(json.loads(judged.stdout)["distance_m"]["mean"])
+        warnings.append(json.loads(judged.stdout)["warnings"])
     assert errors[0] < 0.001 < 0.05 < errors[1]
+    assert not warnings[0] and "--poses, and its ground truth as --truth" in warnings[1][0]
 
 
 def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path):

@@ -1,6 +1,7 @@
 """How far a reconstructed surface lies from the true one, vertex by vertex (paper, VI-A and Tables II, VII)."""
 
 from dataclasses import dataclass
+from itertools import permutations, product
 
 import numpy as np
 
@@ -19,15 +20,21 @@ OTHER_UNITS_M = {unit_m: name for name, unit_m in UNITS_M.items() if name != "m"
 _UNSUSPICIOUS = 0.002
 #: A reconstruction in metres is this large beside its model: a part of it, or all of it with some outliers.
 _MIN_RATIO, _MAX_RATIO = 0.04, 1.6
-#: A reflection has to bring the mean distance below this share to be named.
-_FAR_BETTER = 0.25
+#: A reflection has to bring the mean distance below this share of the best rigid fit's, and of the model's size, to be named.
+_FAR_BETTER, _FITS = 0.25, 0.01
+#: Above this share of the model's size, and still above _UNSUSPICIOUS after a fit from where it lies, it lies in another world frame.
+_FAR_OFF = 0.03
+#: (24, 3, 3): the rotations that take axes to axes.
+_TURNS = np.array(
+    [m for p in permutations(np.eye(3)) for s in product((1, -1), repeat=3) if np.linalg.det(m := s * np.array(p)) > 0]
+)
 #: Vertices that the checks look at.
 _SAMPLE = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceError:
-    """distances_m (n,): of each vertex to the nearest triangle of the model, after T_model_mesh. warnings: sentences."""
+    """distances_m (n,): of each vertex to the nearest triangle of the model, after T_model_mesh. warnings: sentences, settings as `{name}`."""
 
     distances_m: np.ndarray
     T_model_mesh: SE3
@@ -95,7 +102,16 @@ class TrueSurface:
         if mean_m <= _UNSUSPICIOUS * size_m:
             return ()
         some = points[:: max(1, len(points) // _SAMPLE)]
-        found = self._unit_warning(some, T, size_m) or self._mirror_warning(T.apply(some), (low + high) / 2)
+        if found := self._unit_warning(some, T, size_m):
+            return (found,)
+        moved = T.apply(some)
+        fitted_m = self._fitted_mean_m(moved)
+        found = self._mirror_warning(moved, fitted_m, (low + high) / 2, size_m)
+        if not found and mean_m > _FAR_OFF * size_m and fitted_m > _UNSUSPICIOUS * size_m:
+            found = (
+                f"the mean distance is {mean_m / size_m:.1%} of the model's size: the reconstruction seems to lie in another "
+                "world frame; give the trajectory that it was fused along as {poses}, and its ground truth as {truth}"
+            )
         return (found,) if found else ()
 
     def _unit_warning(self, points: np.ndarray, T: SE3, size_m: float) -> str:
@@ -115,20 +131,32 @@ class TrueSurface:
         advice = f"set its unit to {alike[0]}" if alike else "check its unit"
         return f"the reconstruction is {ratio:.3g} times as large as the model, which is in metres; {advice}"
 
-    def _mirror_warning(self, moved: np.ndarray, centre: np.ndarray) -> str:
+    def _mirror_warning(self, moved: np.ndarray, fitted_m: float, centre: np.ndarray, size_m: float) -> str:
         """A reflection, about the model's centre or its origin, and then fitted, lies far nearer than the best rigid fit."""
-        given_m = self._fitted_mean_m(moved)
         flipped = {(axis, about): moved.copy() for axis in range(3) for about in (0.0, 1.0)}
         for (axis, about), points in flipped.items():
             points[:, axis] = 2 * about * centre[axis] - points[:, axis]
         best = sorted(flipped, key=lambda which: self._mean_m(flipped[which]))[:2]
         mean_m, name = min((self._fitted_mean_m(flipped[which]), "xyz"[which[0]]) for which in best)
-        if mean_m >= _FAR_BETTER * given_m:
+        if mean_m >= min(_FAR_BETTER * fitted_m, _FITS * size_m):
+            return ""
+        rigid_m = min(fitted_m, *(self._fitted_mean_m(moved @ R.T + t) for R, t in self._rigid_starts(moved)))
+        if mean_m >= _FAR_BETTER * rigid_m:
             return ""
         return (
             f"the reconstruction is mirrored: with {name} flipped its mean distance is {1e3 * mean_m:.3g} mm instead of "
-            f"{1e3 * given_m:.3g} mm; flip {name} of its vertices, or check the handedness of the poses it was made with"
+            f"{1e3 * rigid_m:.3g} mm; flip {name} of its vertices, or check the handedness of the poses it was made with"
         )
+
+    def _rigid_starts(self, moved: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The ten best (R, t) of those that turn axes to axes, and lay a side or the middle of the box on the model's, on each axis."""
+        some, target, starts = moved[::10], _reach(self._corners), []
+        for R in _TURNS:
+            own = _reach(some @ R.T)
+            for shares in product((0.0, 0.5, 1.0), repeat=3):
+                t = (1 - np.array(shares)) * (target[0] - own[0]) + shares * (target[1] - own[1])
+                starts.append((self._mean_m(some @ R.T + t), R, t))
+        return [(R, t) for _, R, t in sorted(starts, key=lambda start: start[0])[:10]]
 
     def _fitted_mean_m(self, moved: np.ndarray) -> float:
         """Mean distance as it lies or after ICP, whichever is less."""
