@@ -119,13 +119,11 @@ class WorkerClient:
 
     def terminate(self) -> None:
         """End it now; the frame in work is lost."""
-        if self.running:
-            self._process.terminate()
+        self._process.terminate()
 
     def kill(self) -> None:
         """End it now, also where it is stopped or hangs."""
-        if self.running:
-            self._process.kill()
+        self._process.kill()
 
     def close(self, keep_log: bool = True) -> None:
         """Wait for its end, and remove its options file."""

@@ -37,7 +37,13 @@ class LastFrame:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
         number = work.last_frame if work.phase == "rendering" else None
         idle = not self._reading and time.monotonic() - self._at_s > PAUSE_S
-        if number is not None and number != self._shown and idle and _open_editor(bpy.context) is not None:
+        if (
+            number is not None
+            and number != self._shown
+            and idle
+            and state.areas("IMAGE_EDITOR")
+            and not bpy.app.background
+        ):
             self._shown, self._at_s, self._reading = number, time.monotonic(), True
             threading.Thread(target=self._read, args=(number,), daemon=True).start()
 
@@ -62,7 +68,7 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor
     image.pixels.foreach_set(pixels.ravel())
     image.update()
     if not bpy.app.background:
-        area = _open_editor(context) or (_split(context) if open_editor else None)
+        area = next(iter(state.areas("IMAGE_EDITOR")), None) or (_split(context) if open_editor else None)
         if area is not None and area.spaces.active.image != image:
             area.spaces.active.image = image
             _fit(context, area)
@@ -81,12 +87,6 @@ def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
 
     area.tag_redraw()
     state.later(fit)
-
-
-def _open_editor(context: bpy.types.Context) -> bpy.types.Area | None:
-    """None in background mode."""
-    areas = (area for window in context.window_manager.windows for area in window.screen.areas)
-    return next((area for area in areas if area.type == "IMAGE_EDITOR" and not bpy.app.background), None)
 
 
 def _split(context: bpy.types.Context) -> bpy.types.Area | None:

@@ -52,8 +52,10 @@ class ICLNUIM_OT_load_scene(bpy.types.Operator):
             thing = context.scene.collection.all_objects.get(name)
             if thing is not None and thing.name not in collection.all_objects:
                 thing.hide_viewport = thing.hide_render = True
-        for view in _views(context):
-            view.overlay.show_extras = False  # spot lamps draw wide circles; the panel has the switch that shows them
+        for area in state.areas("VIEW_3D"):
+            area.spaces.active.overlay.show_extras = (
+                False  # spot lamps draw wide circles; the panel has the switch that shows them
+            )
         trajectory_view.refresh(context)
 
 
@@ -67,13 +69,14 @@ class ICLNUIM_OT_keyframe(bpy.types.Operator):
         scene = context.scene
         chosen, _ = inputs.trajectory(context)
         lens = scene.iclnuim.camera()
-        _remove_own_camera(scene, keep=scene.iclnuim.trajectory_source == "CAMERA")
+        if scene.iclnuim.trajectory_source != "CAMERA":
+            _remove_own_camera()
         keyed_camera.keyframe(chosen.T_world_camera, lens)
         rate_hz = (len(chosen) - 1) / (chosen.stamps_s[-1] - chosen.stamps_s[0]) if len(chosen) > 1 else 30.0
         scene.render.fps, scene.render.fps_base = max(round(rate_hz), 1), max(round(rate_hz), 1) / rate_hz
         scene.frame_set(0)
-        for view in _views(context):
-            view.region_3d.view_perspective = "CAMERA"
+        for area in state.areas("VIEW_3D"):
+            area.spaces.active.region_3d.view_perspective = "CAMERA"
         trajectory_view.refresh(context)
 
 
@@ -256,9 +259,7 @@ def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
 def _fresh_collection(scene: bpy.types.Scene) -> bpy.types.Collection:
     old = bpy.data.collections.get(trajectory_view.COLLECTION)
     if old is not None:
-        for thing in list(old.all_objects):
-            bpy.data.objects.remove(thing)
-        bpy.data.collections.remove(old)
+        bpy.data.batch_remove([*old.all_objects, old])
     collection = bpy.data.collections.new(trajectory_view.COLLECTION)
     scene.collection.children.link(collection)
     return collection
@@ -290,22 +291,13 @@ def _import(context: bpy.types.Context, file: Path, reading: SceneReading, colle
     state.current().work.message = placed.sentence
 
 
-def _views(context: bpy.types.Context) -> list[bpy.types.SpaceView3D]:
-    areas = (area for window in context.window_manager.windows for area in window.screen.areas)
-    return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
-
-
-def _remove_own_camera(scene: bpy.types.Scene, keep: bool) -> None:
-    """The camera keyframed before, unless it is itself the source of the trajectory."""
+def _remove_own_camera() -> None:
+    """The camera keyframed before, with its lens and animation where nothing else uses them."""
     old = bpy.data.objects.get(keyed_camera.NAME)
-    if old is None or keep:
-        return
-    lens, action = old.data, old.animation_data and old.animation_data.action
-    bpy.data.objects.remove(old)
-    if lens is not None and not lens.users:
-        bpy.data.cameras.remove(lens)
-    if action is not None and not action.users:
-        bpy.data.actions.remove(action)
+    if old is not None:
+        parts = old.data, old.animation_data and old.animation_data.action
+        bpy.data.objects.remove(old)
+        bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
 
 
 def _own_folder() -> Path:

@@ -153,12 +153,15 @@ def reported(execute: Callable[..., None]) -> Callable[..., set[str]]:
     return wrapped
 
 
+def areas(kind: str) -> list[bpy.types.Area]:
+    """The areas of all windows that are editors of this kind."""
+    return [area for w in bpy.context.window_manager.windows for area in w.screen.areas if area.type == kind]
+
+
 def redraw() -> None:
     """Draw every 3D view again."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
 
 
 def _tick() -> float | None:
