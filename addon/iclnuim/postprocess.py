@@ -5,8 +5,6 @@ postprocess.make_sequence("out/living_room/kt2/raw", "noisy", depth_noise="relea
 postprocess.absolute_trajectory_error("noisy/groundtruth.txt", "estimate.txt").translation_m.rmse
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path

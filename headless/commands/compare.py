@@ -1,12 +1,47 @@
 """`iclnuim compare A B`: are these the same frames? To the byte, or by tolerance where processors or Blenders differ."""
 
 import argparse
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+from iclnuim.dataset.ground_truth import KINDS as TRUTH_KINDS
+from iclnuim.dataset.ground_truth import NORMAL as NORMAL_CHANNELS
+from iclnuim.dataset.ground_truth import NORMAL_STEPS, NORMAL_ZERO
+from iclnuim.dataset.images import read_camera
+from iclnuim.errors import InputError
+from iclnuim.formats.exr import read_exr
+from iclnuim.formats.files import read_json
+from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
+
 from ..console import Console
-from ..farm import sameness
 from ..options import common
+
+#: By tolerance a pixel is equal within so much, and a frame where at most this share of its pixels is not: edges move by a rounding.
+COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01
+#: Of a unit normal's components; labels of instances and classes have no tolerance.
+NORMAL = 0.01
+
+
+@dataclass(frozen=True)
+class Sameness:
+    """`different`: files that both have; `channels`: of each of them, those that differ (none where only the header does);
+    `largest_share`: of pixels beyond tolerance, in the worst file (0 where bytes were compared).
+    """
+
+    files: int
+    by_bytes: bool
+    why: str
+    different: tuple[str, ...]
+    only_in_one: tuple[str, ...]
+    largest_share: float
+    channels: dict[str, list[str]]
+
+    @property
+    def same(self) -> bool:
+        return not self.different and not self.only_in_one
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -17,16 +52,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    found = sameness.compare(args.a, args.b, args.tolerance)
+    found = compare(args.a, args.b, args.tolerance)
     console.result({**asdict(found), "same": found.same}, _text(found))
     return 0 if found.same else 3
 
 
-def _text(found: sameness.Sameness) -> str:
+def _text(found: Sameness) -> str:
     if found.by_bytes:
         how = f"{found.files} files compared to the byte ({found.why})"
     else:
-        tolerance = f"{sameness.COLOUR_OF_255:g} of 255, {1000 * sameness.DEPTH_M:g} mm, {100 * sameness.SHARE:g} % of the pixels"
+        tolerance = f"{COLOUR_OF_255:g} of 255, {1000 * DEPTH_M:g} mm, {100 * SHARE:g} % of the pixels"
         how = f"{found.files} files compared by tolerance ({found.why}): {tolerance}; worst file {100 * found.largest_share:.2g} %"
     if found.same:
         return f"{how}: the same"
@@ -35,3 +70,106 @@ def _text(found: sameness.Sameness) -> str:
     more = f" and {len(names) - 10} more" if len(names) > 10 else ""
     counts = f"{len(found.different)} differ, {len(found.only_in_one)} are in one folder only"
     return f"{how}: {counts}: {', '.join(names[:10])}{more}"
+
+
+def compare(a: Path, b: Path, by_tolerance: bool = False) -> Sameness:
+    """Frames of two runs (EXR) or two sequences (PNG). Raises InputError where a folder is neither, or they are not of one kind."""
+    recipes = [_run_recipe(folder) for folder in (a, b)]
+    files = [{str(p.relative_to(folder)): p for p in _images(folder)} for folder in (a, b)]
+    both = sorted(files[0].keys() & files[1].keys())
+    if not both:
+        raise InputError("frames of the same numbers in both folders", path=b, found=f"none that {a} has too")
+    why = "asked for" if by_tolerance else _differences(*recipes)
+    units = [_depth_units(folder, images.values()) for folder, images in zip((a, b), files, strict=True)]
+
+    def judge(name: str) -> tuple[bool, float, list[str]]:
+        one, other = files[0][name], files[1][name]
+        if not why:
+            differs = one.read_bytes() != other.read_bytes()
+            return differs, 0.0, _other_channels(one, other) if differs else []
+        shares = _shares(_channels(one, units[0]), _channels(other, units[1]))
+        beyond = [channel for channel, share in shares.items() if share > SHARE]
+        return bool(beyond), max(shares.values()), beyond
+
+    with ThreadPoolExecutor() as pool:
+        judged = dict(zip(both, pool.map(judge, both), strict=True))
+    channels = {name: names for name, (differs, _, names) in judged.items() if differs}
+    alone = tuple(sorted(files[0].keys() ^ files[1].keys()))
+    largest = max(share for _, share, _ in judged.values()) if why else 0.0
+    reason = why or "one kind of processor, one Blender"
+    return Sameness(len(both), not why, reason, tuple(channels), alone, largest, channels)
+
+
+def _differences(a: dict, b: dict) -> str:
+    """In which of the things that bytes depend on two runs differ; nothing where they do not."""
+    parts = {
+        "Blender": [r.get("blender", "unknown") for r in (a, b)],
+        "processor features": [" ".join(r.get("machine", {}).get("features", ["unknown"])) for r in (a, b)],
+    }
+    return "; ".join(f"{name}: {one} and {other}" for name, (one, other) in parts.items() if one != other)
+
+
+def _run_recipe(folder: Path) -> dict:
+    """Of the render run that a folder is, or that its images come from."""
+    if (folder / "sequence.json").is_file():
+        return read_json(folder / "sequence.json")
+    if (folder / "recipe.json").is_file():
+        return read_json(folder / "recipe.json").get("source", {}).get("run", {})
+    raise InputError("a run (sequence.json) or a sequence (recipe.json)", path=folder, found="neither")
+
+
+def _images(folder: Path) -> Iterator[Path]:
+    yield from (p for p in folder.glob("*/*") if p.suffix in (".exr", ".png") and not p.name.startswith("."))
+
+
+def _depth_units(folder: Path, images: Iterable[Path]) -> float:
+    """Depth units a metre of a sequence's images, as its camera.json has them."""
+    png = next((file for file in images if file.suffix == ".png"), None)
+    return read_camera(folder, png).depth_units_per_metre if png else 1.0
+
+
+def _other_channels(a: Path, b: Path) -> list[str]:
+    """The channels that are not equal to the bit; none where a file cannot be read."""
+    try:
+        one, other = (read_exr(f) if f.suffix == ".exr" else _channels(f, 1.0) for f in (a, b))
+    except InputError:
+        return []
+    there = {name for name in one.keys() & other.keys() if np.array_equal(one[name], other[name], equal_nan=True)}
+    return [name for name in one | other if name not in there]
+
+
+def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, float]:
+    """Of each channel the share of pixels that differ by more than its tolerance; all of them where one file has it not, or of another size."""
+    shares = {}
+    for name in a | b:
+        same_size = name in a and name in b and a[name].shape == b[name].shape
+        shares[name] = float((np.abs(a[name] - b[name]) > _tolerance(name)).mean()) if same_size else 1.0
+    return shares
+
+
+def _tolerance(channel: str) -> float:
+    if channel in ("RGB", "rgb"):
+        return COLOUR_OF_255
+    return {"Z": DEPTH_M, "depth": DEPTH_M, "normal": NORMAL}.get(channel, 0.0)
+
+
+def _channels(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
+    """Colour 0..255 as far as a display shows it, depth in metres, normals -1..1, labels."""
+    if file.suffix == ".exr":
+        channels = read_exr(file)
+        light = np.stack([channels.pop(c).astype(np.float32) for c in "RGB"], -1)
+        normal = [channels.pop(c) for c in NORMAL_CHANNELS if c in channels]
+        more = {"normal": np.stack(normal, -1)} if normal else {}
+        return {
+            "RGB": 255 * np.clip(light, 0, 1) ** (1 / 2.2),
+            **{c: v.astype(float) for c, v in channels.items()},
+            **more,
+        }
+    kind = file.parent.name
+    if kind == "depth":
+        return {kind: read_depth16(file) / units_per_metre}
+    if kind == "normal":
+        return {kind: (read_rgb16(file) - float(NORMAL_ZERO)) / NORMAL_STEPS}
+    if kind in TRUTH_KINDS:
+        return {kind: read_depth16(file).astype(float)}
+    return {"rgb": read_rgb8(file).astype(np.float32)}

@@ -2,17 +2,24 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 
-from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
+import numpy as np
+from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
 from iclnuim.dataset.frames import image_frames
 from iclnuim.errors import InputError
+from iclnuim.formats.files import read_text
+from iclnuim.formats.png import read_depth16, read_rgb8
+from iclnuim.formats.table import data_lines
+from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
 from ..console import Console
 from ..options import common
 from ..sequence_options import add_camera_options, camera_from
 from . import dataset
 
+EXPOSURES = "exposures.txt"
 _ABOUT = """
 `iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR holds exposures.txt (lines
 `exposure image.png`, two or more images of each exposure of a static scene), and depth/*.png of a static wall, or
@@ -45,10 +52,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _calibrate(args: argparse.Namespace, console: Console) -> int:
-    from dataclasses import asdict
-
-    from iclnuim.dataset.calibrating import calibrate_folder
-
     rgb, depth = calibrate_folder(args.out, check_units(args.units or UNITS_PER_METRE))
     values, lines = {}, []
     if rgb is not None:
@@ -66,3 +69,43 @@ def _calibrate(args: argparse.Namespace, console: Console) -> int:
         lines.append(f"--depth-noise paper --depth-settings '{settings}'")
     console.result(values, "\n".join(lines))
     return 0
+
+
+def calibrate_folder(
+    folder: Path, units_per_metre: float = UNITS_PER_METRE, sigma_s_px: float = 0.5
+) -> tuple[RgbCalibration | None, DepthCalibration | None]:
+    """Calibrations of what lies there: `exposures.txt` (lines `exposure image.png`, two or more images of each exposure
+    of a static scene), `depth/*.png` (one static wall) or `wall*/*.png` (several walls). Raises InputError for neither.
+    """
+    folder = Path(folder)
+    rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
+    walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
+    depth = _calibrate_depth(walls, units_per_metre, sigma_s_px) if walls else None
+    if rgb is None and depth is None:
+        raise InputError(f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them")
+    return rgb, depth
+
+
+def _calibrate_rgb(file: Path) -> RgbCalibration:
+    images: dict[float, list[np.ndarray]] = {}
+    for number, line in data_lines(read_text(file)):
+        fields = line.split()
+        try:
+            exposure, path = float(fields[0]), file.parent / fields[1]
+        except (ValueError, IndexError):
+            raise InputError("lines `exposure image.png`", path=file, line=number, found=line) from None
+        images.setdefault(exposure, []).append(read_rgb8(path))
+    shapes = {image.shape for stack in images.values() for image in stack}
+    if len(shapes) != 1:
+        raise InputError("images of one size", path=file, found=sorted(shapes))
+    return calibrate_rgb(list(images), [np.stack(stack) for stack in images.values()])
+
+
+def _calibrate_depth(walls: list[Path], units_per_metre: float, sigma_s_px: float) -> DepthCalibration:
+    stacks = []
+    for wall in walls:
+        frames = [read_depth16(path) for path in sorted(wall.glob("*.png"))]
+        if len({frame.shape for frame in frames}) != 1:
+            raise InputError("depth images of one size", path=wall, found="several")
+        stacks.append(metres_from_depth16(np.stack(frames), units_per_metre))
+    return calibrate_depth(stacks, sigma_s_px=sigma_s_px)

@@ -8,8 +8,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import output
 from iclnuim.errors import InputError, blender_missing
-from iclnuim.formats.scene_model import SceneModel
-from iclnuim.formats.scene_model_files import write_obj, write_ply
+from iclnuim.formats.scene_model import SceneModel, write_obj, write_ply
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3

@@ -19,10 +19,10 @@ from .depth_units import UNITS_PER_METRE, total
 from .frame_pool import FramePool, cores
 from .frames import FrameSource, frames_of_run
 from .journal import Journal, JournalEntry, read_entries
-from .noisy_frame import SequenceSettings, noisy_images
 from .recipe import begin, finish
 from .run_folder import RunFolder
 from .sequence_formats import Contents, SequenceFormat, SequenceFrame, sequence_format
+from .sequence_options import SequenceSettings, noisy_images
 
 #: The files of a frame by kind of image: rgb, depth, and the kinds of ground truth.
 Places = dict[str, list[Path]]

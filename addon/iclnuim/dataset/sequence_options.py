@@ -1,15 +1,20 @@
-"""What decides a sequence, in plain values: declared once for the command line, the panel, workers and the records of runs."""
+"""What decides a sequence: in plain values, declared once for the command line, the panel, workers and the records of runs, and as
+models, which bring a frame's RGB and depth through a sensor's noise to the pixels that are written.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..errors import InputError
-from ..sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from ..geometry.camera import PinholeCamera
+from ..sensor.models import DEPTH_MODELS, RGB_MODELS, DepthNoise, RgbNoise, depth_model, rgb_model
 from ..sensor.noise_model import NoiseModel
+from ..sensor.randomness import DEPTH, RGB, frame_generator
 from ..settings import Choices, Settings, setting
-from .depth_units import UNITS_PER_METRE
-from .noisy_frame import SequenceSettings
+from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, invalid_after_noise
 from .sequence_formats import FORMATS
 
 
@@ -17,8 +22,27 @@ def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
     return {name: model.summary for name, model in models.items()}
 
 
-def _formats() -> Choices:
-    return {name: format.description for name, format in FORMATS.items()}
+@dataclass(frozen=True)
+class SequenceSettings:
+    """What decides the pixels of a sequence, given its frames. The seed also of a user's own noise."""
+
+    depth: DepthNoise = field(default_factory=lambda: depth_model("none"))
+    rgb: RgbNoise = field(default_factory=lambda: rgb_model("none"))
+    seed: int = 0
+    depth_units_per_metre: float = UNITS_PER_METRE
+
+    def __post_init__(self) -> None:
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
+            raise InputError("a seed as a whole number from 0 up", found=self.seed)
+        check_units(self.depth_units_per_metre)
+
+    def to_dict(self) -> dict:
+        return {
+            "depth_noise": {"model": self.depth.name, **self.depth.to_dict()},
+            "rgb_noise": {"model": self.rgb.name, **self.rgb.to_dict()},
+            "seed": self.seed,
+            "depth_units_per_metre": self.depth_units_per_metre,
+        }
 
 
 @dataclass(frozen=True)
@@ -42,7 +66,10 @@ class SequenceOptions(Settings):
     seed: int = setting(0, "seed of the noise", low=0, high=2**63 - 1)
     depth_units: float = setting(UNITS_PER_METRE, "units per metre of the depth images", unit="1/m", low=1.0, high=1e6)
     formats: tuple[str, ...] = setting(
-        ("tum",), "format of the files; several go into a folder each", choices=_formats, option="--format"
+        ("tum",),
+        "format of the files; several go into a folder each",
+        choices=lambda: {name: format.description for name, format in FORMATS.items()},
+        option="--format",
     )
 
     def __post_init__(self) -> None:
@@ -59,3 +86,25 @@ class SequenceOptions(Settings):
     def without_noise(self) -> SequenceSettings:
         """The clean sequence beside it."""
         return SequenceSettings(seed=self.seed, depth_units_per_metre=self.depth_units)
+
+
+def noisy_images(
+    rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
+) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
+    """One frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and how many pixels of depth became 0, by kind.
+
+    Nothing but the arguments decides the result. Raises InputError where a user's own noise returns something else.
+    """
+    invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
+    image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, RGB))
+    noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))
+    _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
+    _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
+    invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
+    return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+
+
+def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:
+    if not isinstance(array, np.ndarray) or array.shape != shape or not np.issubdtype(array.dtype, kind):
+        expected = f"an array {shape} of {'float' if kind is np.floating else kind} from the noise {name}"
+        raise InputError(expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}")
