@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from iclnuim.formats.scene_model import Look, SceneModel
-from iclnuim.formats.scene_model import write_obj, write_ply
+from iclnuim.formats.scene_model import Look, SceneModel, write_obj, write_ply
 
 
 @pytest.fixture
