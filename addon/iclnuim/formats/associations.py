@@ -16,7 +16,6 @@ from .files import atomic_write_text, read_text
 from .table import LARGEST_FRAME, LARGEST_STAMP_S, data_lines
 
 PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/... (ICL-NUIM)"
-IMAGES = "2 columns: stamp path"
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,7 @@ def read_associations(path: str | os.PathLike[str], rate_hz: float = FRAME_RATE_
     """
     rows = _rows(path, 4, PAIRS)
     depth_first = _depth_first(path, rows)
-    first, second = (_image_list(path, rows, column) for column in (0, 2))
-    _check_increasing(path, rows, first)
+    first, second = (_image_list(path, rows, column, increasing=column == 0) for column in (0, 2))
     if not depth_first:
         return Associations(first, second, "tum")
     if all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s)):
@@ -94,16 +92,12 @@ def write_associations(
 
 def read_image_list(path: str | os.PathLike[str]) -> ImageList:
     """`rgb.txt`, `depth.txt`: stamps in seconds, increasing. Raises InputError naming file and line."""
-    rows = _rows(path, 2, IMAGES)
-    images = _image_list(path, rows, 0)
-    _check_increasing(path, rows, images)
-    return images
+    return _image_list(path, _rows(path, 2, "2 columns: stamp path"), 0, increasing=True)
 
 
 def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
     """`# timestamp filename`, then a line each; whole or not at all."""
-    rows = zip(images.stamp_texts(), images.paths, strict=True)
-    lines = [f"{stamp} {_plain(image)}\n" for stamp, image in rows]
+    lines = [f"{s} {_plain(image)}\n" for s, image in zip(images.stamp_texts(), images.paths, strict=True)]
     atomic_write_text(path, "# timestamp filename\n" + "".join(lines))
 
 
@@ -117,7 +111,9 @@ def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[i
     return rows
 
 
-def _image_list(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], column: int) -> ImageList:
+def _image_list(
+    path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], column: int, increasing: bool
+) -> ImageList:
     stamps_s = []
     for number, fields in rows:
         try:
@@ -128,6 +124,11 @@ def _image_list(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]],
             expected = f"a stamp in seconds in column {column + 1}"
             raise InputError(expected, path=path, line=number, found=repr(fields[column]))
         stamps_s.append(stamp_s)
+    late = np.flatnonzero(np.diff(stamps_s) <= 0)
+    if increasing and late.size:
+        row = int(late[0]) + 1
+        expected = f"a stamp above the {stamps_s[row - 1]:.15g} of line {rows[row - 1][0]}"
+        raise InputError(expected, path=path, line=rows[row][0], found=f"{stamps_s[row]:.15g}")
     paths, written = (tuple(fields[place] for _, fields in rows) for place in (column + 1, column))
     return ImageList(tuple(stamps_s), paths, written)
 
@@ -140,14 +141,6 @@ def _depth_first(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]]
             expected = "one path of each line, always the same, that says depth"
             raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
     return firsts[0]
-
-
-def _check_increasing(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], images: ImageList) -> None:
-    late = np.flatnonzero(np.diff(images.stamps_s) <= 0)
-    if late.size:
-        row = int(late[0]) + 1
-        expected = f"a stamp above the {images.stamps_s[row - 1]:.15g} of line {rows[row - 1][0]}"
-        raise InputError(expected, path=path, line=rows[row][0], found=f"{images.stamps_s[row]:.15g}")
 
 
 def _frame_number(stamp_s: float, rate_hz: float) -> str:

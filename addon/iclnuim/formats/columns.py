@@ -3,7 +3,7 @@
 A new format of this kind is one entry of COLUMNS; the command line, the panel and the pages list what stands there.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,22 +12,9 @@ from ..errors import InputError
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
+from . import trajectory_file
 from .table import Table, data_lines, read_table
-from .trajectory_file import (
-    OUR_WORLD,
-    OWN_WORLD,
-    LoadedTrajectory,
-    ReadAs,
-    ReadOptions,
-    Source,
-    TrajectoryFormat,
-    WriteOptions,
-    frame_numbers,
-    poses_of,
-    trajectory_at,
-    trajectory_of_frames,
-    unit_warning,
-)
+from .trajectory_file import LoadedTrajectory, ReadAs, ReadOptions, Source, TrajectoryFormat, WriteOptions
 
 ANCHORED_WORLD = "the original's anchored frame made right-handed (the first camera's axes: x right, y down, z forward)"
 #: Where the official files start: living room, office. Office kt0, whose first image is missing, is 9 mm off.
@@ -58,15 +45,15 @@ class Columns:
 
     name: str
     sniff: Callable[[Source], bool]
-    expected: str
-    counts: tuple[int, ...]
-    position: list[int]
-    orientation: list[int]
     stamps: ReadStamps
     sentence: str
+    expected: str = "8 columns: timestamp tx ty tz qx qy qz qw"
+    counts: tuple[int, ...] = (8,)
+    position: Sequence[int] = (1, 2, 3)
+    orientation: Sequence[int] = (4, 5, 6, 7)
     right: Callable[[SE3], SE3] = lambda poses: poses
     left_handed: bool = False
-    world: str = OWN_WORLD
+    world: str = trajectory_file.OWN_WORLD
     delimiter: str | None = None
     rows: "Callable[[Source, Columns], Table]" = lambda source, self: read_table(
         source.path, source.text, self.counts, self.expected, self.delimiter
@@ -91,7 +78,7 @@ class Columns:
         table = self.rows(source, self)
         numbered = table.values.shape[1] == 13
         orientation, position = ([c + numbered for c in columns] for columns in (self.orientation, self.position))
-        poses = self.right(poses_of(table, table.values[:, position] * options.unit_m, orientation))
+        poses = self.right(trajectory_file.poses_of(table, table.values[:, position] * options.unit_m, orientation))
         trajectory = self.stamps(table, poses, options)
         sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, trajectory))
         handedness = "left" if self.left_handed else "right"
@@ -128,23 +115,18 @@ def is_freiburg(source: Source) -> bool:
     return all(row[0].is_integer() for row in rows) and starts_as_official(np.array(rows[0][1:]))
 
 
-def is_sim(source: Source) -> bool:
-    """Named `*.gt.sim`, or lines of four numbers."""
-    return source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers)
-
-
 def starts_as_official(position_m: np.ndarray) -> bool:
     """Whether a first position (3,) is that of the official living-room or office files, each axis to 2 cm."""
     return any(np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M)
 
 
-def _anchored(trajectory: Trajectory, anchor: int, options: WriteOptions) -> tuple[np.ndarray, SE3]:
-    """(n,) frame numbers from 1 on and their left-handed poses, with the pose of image `anchor` at (0, 0, start_z_m).
+def _anchored(trajectory: Trajectory, anchor: int, options: WriteOptions) -> tuple[list[int], SE3]:
+    """n frame numbers from 1 on and their left-handed poses, with the pose of image `anchor` at (0, 0, start_z_m).
 
     T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). Without that image the first one written serves. Poses that already start as the
     official files do stay as they are.
     """
-    numbers = frame_numbers(trajectory, options.rate_hz)
+    numbers = trajectory_file.frame_numbers(trajectory, options.rate_hz)
     kept = numbers >= 1
     if not kept.any():
         raise InputError("poses of image 1 or later (image 0 has none in this format)", found="image 0 alone")
@@ -154,7 +136,7 @@ def _anchored(trajectory: Trajectory, anchor: int, options: WriteOptions) -> tup
         at_anchor = np.flatnonzero(numbers == anchor)
         reference = T[int(at_anchor[0])] if at_anchor.size else shown[0]
         shown = SE3(np.eye(3), np.array([0.0, 0.0, options.start_z_m])) @ reference.inverse() @ shown
-    return numbers[kept], axes.mirrored_y(shown)
+    return numbers[kept].tolist(), axes.mirrored_y(shown)
 
 
 def _given_sim(trajectory: Trajectory, options: WriteOptions) -> Given:
@@ -164,16 +146,6 @@ def _given_sim(trajectory: Trajectory, options: WriteOptions) -> Given:
         found = f"{len(numbers)} frames up to {numbers[-1]}"
         raise InputError("frames 1, 2, 3, ... without a gap to write gt.sim", found=found)
     return None, left
-
-
-def _given_freiburg(trajectory: Trajectory, options: WriteOptions) -> Given:
-    numbers, left = _anchored(trajectory, 1, options)
-    return numbers.tolist(), left
-
-
-def _given_pov(trajectory: Trajectory, options: WriteOptions) -> Given:
-    numbers = frame_numbers(trajectory, options.rate_hz)
-    return numbers.tolist(), axes.pov_from_world_cv(trajectory.T_world_camera)
 
 
 def _pov_header(options: WriteOptions) -> str:
@@ -199,13 +171,15 @@ def _numbered_from(first: int) -> ReadStamps:
 
     def read(table: Table, poses: SE3, options: ReadOptions) -> Trajectory:
         numbers = table.values[:, 0] if table.values.shape[1] == 13 else np.arange(len(poses)) + float(first)
-        return trajectory_of_frames(table, numbers, poses, options.rate_hz)
+        return trajectory_file.trajectory_of_frames(table, numbers, poses, options.rate_hz)
 
     return read
 
 
 def _ids(hint: str) -> ReadStamps:
-    return lambda table, poses, options: trajectory_of_frames(table, table.values[:, 0], poses, options.rate_hz, hint)
+    return lambda table, poses, options: trajectory_file.trajectory_of_frames(
+        table, table.values[:, 0], poses, options.rate_hz, hint
+    )
 
 
 def _whole_seconds(source: Source, trajectory: Trajectory) -> str:
@@ -216,20 +190,14 @@ def _whole_seconds(source: Source, trajectory: Trajectory) -> str:
 
 
 def _why_freiburg(source: Source, trajectory: Trajectory) -> str:
-    return (
-        "by its name" if source.name.endswith(".gt.freiburg") else "by its start" if is_freiburg(source) else "as told"
-    )
-
-
-def _seconds(table: Table, poses: SE3, options: ReadOptions) -> Trajectory:
-    return trajectory_at(table, table.values[:, 0], poses)
+    named = source.name.endswith(".gt.freiburg")
+    return "by its name" if named else "by its start" if is_freiburg(source) else "as told"
 
 
 TUM_HEADER = (
     "# timestamp tx ty tz qx qy qz qw; seconds, metres, right-handed, camera (x right, y down, z forward) to world\n"
 )
 _EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
-_TUM_COLUMNS = "8 columns: timestamp tx ty tz qx qy qz qw"
 _MATRIX_COLUMNS = "12 columns of a 3x4 matrix, or 13 with the frame number first"
 
 #: In the order in which they are asked whether a file is theirs.
@@ -238,9 +206,6 @@ COLUMNS = (
         name="gt.freiburg",
         sniff=is_freiburg,
         expected="8 columns: id tx ty tz qx qy qz qw",
-        counts=(8,),
-        position=[1, 2, 3],
-        orientation=[4, 5, 6, 7],
         stamps=_ids("{from} tum if these are seconds"),
         sentence="gt.freiburg ({how}): LEFT-handed y-up poses made right-handed by mirroring y, stamps id/{rate} s, "
         f"in {ANCHORED_WORLD}",
@@ -249,13 +214,13 @@ COLUMNS = (
         left_handed=True,
         world=ANCHORED_WORLD,
         line="%d %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-        given=_given_freiburg,
+        given=lambda t, options: _anchored(t, 1, options),
         goes_to="gt.freiburg: frame ids, LEFT-handed y-up poses, moved to the original's start, image 0 left out",
         endings=(".gt.freiburg",),
     ),
     Columns(  # ICL-NUIM's own, anchored at image 0, without an index: block k, from 0, belongs to image k + 1
         name="gt.sim",
-        sniff=is_sim,
+        sniff=lambda source: source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers),
         expected="blocks of 3 lines with 4 columns: r00 r01 r02 tx",
         counts=(4,),
         rows=_blocks,
@@ -279,11 +244,10 @@ COLUMNS = (
         expected="8 or 17 columns parted by commas: stamp in ns, x, y, z, qw, qx, qy, qz",
         counts=(8, 17),
         delimiter=",",
-        position=[1, 2, 3],
-        orientation=[5, 6, 7, 4],
-        stamps=lambda table, poses, options: trajectory_at(table, table.values[:, 0] / 1e9, poses),
+        orientation=(5, 6, 7, 4),
+        stamps=lambda table, poses, options: trajectory_file.trajectory_at(table, table.values[:, 0] / 1e9, poses),
         sentence="EuRoC: stamps in nanoseconds, world <- body taken as right-handed camera-to-world poses in "
-        + OWN_WORLD,
+        + trajectory_file.OWN_WORLD,
         line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
         given=lambda t, options: (np.rint(t.stamps_s * 1e9).astype(np.int64).tolist(), t.T_world_camera),
         header=lambda options: _EUROC_HEADER,
@@ -298,13 +262,16 @@ COLUMNS = (
         position=_POSITION,
         orientation=_ROTATION,
         stamps=_numbered_from(0),
-        sentence=f"pov-matrix: LEFT-handed poses in the POV world (y up), turned into {OUR_WORLD}, stamps frame/{{rate}} s{{how}}",
-        how=lambda source, trajectory: unit_warning(trajectory),
+        sentence=f"pov-matrix: LEFT-handed poses in the POV world (y up), turned into {trajectory_file.OUR_WORLD}, stamps frame/{{rate}} s{{how}}",
+        how=lambda source, trajectory: trajectory_file.unit_warning(trajectory),
         right=axes.world_cv_from_pov,
         left_handed=True,
-        world=OUR_WORLD,
+        world=trajectory_file.OUR_WORLD,
         line="%d " + _MATRIX_LINE,
-        given=_given_pov,
+        given=lambda t, options: (
+            trajectory_file.frame_numbers(t, options.rate_hz).tolist(),
+            axes.pov_from_world_cv(t.T_world_camera),
+        ),
         header=_pov_header,
         goes_to="pov-matrix: frame numbers, LEFT-handed poses in the POV world (y up)",
         word="pov",
@@ -317,7 +284,7 @@ COLUMNS = (
         position=_POSITION,
         orientation=_ROTATION,
         stamps=_numbered_from(0),
-        sentence=f"KITTI rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps frame/{{rate}} s",
+        sentence=f"KITTI rows: right-handed camera-to-world poses in {trajectory_file.OWN_WORLD}, stamps frame/{{rate}} s",
         line=_MATRIX_LINE,
         goes_to="KITTI: 12 columns, right-handed camera-to-world poses, world as it was; stamps are not kept",
         endings=(".kitti",),
@@ -326,12 +293,8 @@ COLUMNS = (
     Columns(
         name="tum",
         sniff=lambda source: source.columns == 8,
-        expected=_TUM_COLUMNS,
-        counts=(8,),
-        position=[1, 2, 3],
-        orientation=[4, 5, 6, 7],
-        stamps=_seconds,
-        sentence=f"TUM: stamps in seconds, right-handed camera-to-world poses in {OWN_WORLD}{{how}}",
+        stamps=lambda table, poses, options: trajectory_file.trajectory_at(table, table.values[:, 0], poses),
+        sentence=f"TUM: stamps in seconds, right-handed camera-to-world poses in {trajectory_file.OWN_WORLD}{{how}}",
         how=_whole_seconds,
         line="%.9f %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
         given=lambda t, options: (t.stamps_s.tolist(), t.T_world_camera),
@@ -342,11 +305,7 @@ COLUMNS = (
     Columns(  # frame numbers for stamps, as odometers run on ICL-NUIM write them; only where it is named
         name="tum-ids",
         sniff=lambda source: False,
-        expected=_TUM_COLUMNS,
-        counts=(8,),
-        position=[1, 2, 3],
-        orientation=[4, 5, 6, 7],
         stamps=_ids("{from} tum"),
-        sentence=f"TUM with frame numbers: stamps number/{{rate}} s, right-handed poses in {OWN_WORLD}",
+        sentence=f"TUM with frame numbers: stamps number/{{rate}} s, right-handed poses in {trajectory_file.OWN_WORLD}",
     ),
 )

@@ -214,9 +214,8 @@ def _parse(data: bytes) -> tuple[ExrHeader, int, bool]:
     if not data:
         raise InputError("an EXR image", found="an empty file", hint=_AGAIN)
     if data[:4] != _MAGIC:
-        raise InputError(
-            "an EXR image", found="PNG" if data[1:4] == b"PNG" else f"a file that starts with {data[:4]!r}"
-        )
+        found = "PNG" if data[1:4] == b"PNG" else f"a file that starts with {data[:4]!r}"
+        raise InputError("an EXR image", found=found)
     cursor = _Cursor(data, 4)
     flags = cursor.int32()
     if flags & 0xFF != 2 or flags & (_TILED | _DEEP):
@@ -273,12 +272,9 @@ def _size(window: bytes, channels: dict[str, str]) -> tuple[int, int]:
     left, top, right, bottom = struct.unpack("<4i", window)
     width, height = right - left + 1, bottom - top + 1
     total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
-    sane = 1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES
-    if not sane:
-        claim = f"a header that claims {width} x {height} ({total_bytes / 1e9:.3g} GB)"
-        raise InputError(
-            f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB", found=claim
-        )
+    if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES):
+        expected = f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
+        raise InputError(expected, found=f"a header that claims {width} x {height} ({total_bytes / 1e9:.3g} GB)")
     return width, height
 
 

@@ -86,9 +86,7 @@ def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
     header = _header(path, data)
     place, kind = 8, b""
     while kind != b"IEND":
-        if place + 12 > len(data):
-            raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
-        size, kind = struct.unpack_from(">I4s", data, place)
+        size, kind = struct.unpack_from(">I4s", data, place) if place + 12 <= len(data) else (len(data), b"")
         end = place + 12 + size
         if end > len(data):
             raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
@@ -101,8 +99,7 @@ def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
 def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     if data[:8] != _SIGNATURE:
         kind = "a JPEG" if data[:2] == b"\xff\xd8" else f"a file that starts with {data[:4]!r}"
-        found = kind if data else "an empty file"
-        raise InputError("a PNG image", path=path, found=found)
+        raise InputError("a PNG image", path=path, found=kind if data else "an empty file")
     if len(data) < 33 or data[12:16] != b"IHDR":
         raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
     width, height, bits, colour = struct.unpack_from(">IIBB", data, 16)

@@ -14,21 +14,10 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import axes
 from ..geometry.trajectory import Trajectory
+from . import trajectory_file
 from .files import read_text
 from .table import Table, data_lines
-from .trajectory_file import (
-    OUR_WORLD,
-    LoadedTrajectory,
-    ReadAs,
-    ReadOptions,
-    Source,
-    TrajectoryFormat,
-    WriteOptions,
-    frame_numbers,
-    poses_of,
-    trajectory_of_frames,
-    unit_warning,
-)
+from .trajectory_file import LoadedTrajectory, ReadAs, ReadOptions, Source, TrajectoryFormat, WriteOptions
 
 FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
 COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="
@@ -55,20 +44,31 @@ def read_commands(source: Source, options: ReadOptions) -> LoadedTrajectory:
     if not lines:
         raise InputError(COMMAND, path=source.path, found="no line with Declare")
     values = np.array([_declared(source, number, line) for number, line in lines])
+    names = [_OUTPUT.search(line) for _, line in lines]
+    numbers = [float(name[1]) for name in names if name] if all(names) else np.arange(float(len(lines)))
+    counted = "of the image's name" if all(names) else "of the line, from 0"
     table = Table(values, lambda row: (source.path, lines[row][0]))
-    numbers, counted = _frame_numbers([line for _, line in lines])
-    pov = poses_of(table, values[:, _POSITION] * options.unit_m, _ROTATION)
-    trajectory = trajectory_of_frames(table, numbers, axes.world_cv_from_pov(pov), options.rate_hz)
+    return _loaded("pov-commands", "in the POV world (y up)", table, np.asarray(numbers), counted, options)
+
+
+def _loaded(
+    format: str, of: str, table: Table, numbers: np.ndarray, counted: str, options: ReadOptions
+) -> LoadedTrajectory:
+    """POV world -> our world, from rows of camera axes and position."""
+    pov = trajectory_file.poses_of(table, table.values[:, _POSITION] * options.unit_m, _ROTATION)
+    poses = axes.world_cv_from_pov(pov)
+    trajectory = trajectory_file.trajectory_of_frames(table, numbers, poses, options.rate_hz)
+    world = trajectory_file.OUR_WORLD
     sentence = (
-        f"pov-commands: LEFT-handed poses in the POV world (y up), turned into {OUR_WORLD}, "
-        f"stamps frame/{options.rate_hz:g} s by the number of {counted}"
+        f"{format}: LEFT-handed poses {of}, turned into {world}, stamps frame/{options.rate_hz:g} s by the number "
+        f"{counted}{trajectory_file.unit_warning(trajectory)}"
     )
-    return LoadedTrajectory(trajectory, ReadAs("pov-commands", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
+    return LoadedTrajectory(trajectory, ReadAs(format, "left", world, sentence))
 
 
 def write_commands(trajectory: Trajectory, options: WriteOptions) -> str:
     """One render command a line; the scene's name is to be filled in by whoever renders."""
-    numbers = frame_numbers(trajectory, options.rate_hz)
+    numbers = trajectory_file.frame_numbers(trajectory, options.rate_hz)
     pov = axes.pov_from_world_cv(trajectory.T_world_camera)
     rows = np.concatenate([np.swapaxes(pov.rotation, 1, 2), pov.translation[:, None] / options.unit_m], axis=1) + 0.0
     return "".join(
@@ -92,14 +92,6 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
     return [values[name] for name in _NAMES]
 
 
-def _frame_numbers(lines: list[str]) -> tuple[np.ndarray, str]:
-    """(n,) and what they were taken from."""
-    names = [_OUTPUT.search(line) for line in lines]
-    if all(names):
-        return np.array([float(name[1]) for name in names if name]), "the image's name"
-    return np.arange(float(len(lines))), "the line, from 0"
-
-
 def is_cameras(source: Source) -> bool:
     """A folder, or a single camera file."""
     return source.is_folder or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
@@ -110,14 +102,9 @@ def read_cameras(source: Source, options: ReadOptions) -> LoadedTrajectory:
     files = _numbered(source.path) if source.is_folder else [(_number(source.path) or 0, source.path)]
     values = np.array([_camera(path) for _, path in files])
     table = Table(values, lambda row: (files[row][1], None))
-    pov = poses_of(table, values[:, _POSITION] * options.unit_m, _ROTATION)
     numbers = np.array([float(number) for number, _ in files])
-    trajectory = trajectory_of_frames(table, numbers, axes.world_cv_from_pov(pov), options.rate_hz)
-    sentence = (
-        f"pov-cameras: LEFT-handed poses of POV-Ray camera files (y up), turned into {OUR_WORLD}, "
-        f"stamps frame/{options.rate_hz:g} s by the number in the file's name"
-    )
-    return LoadedTrajectory(trajectory, ReadAs("pov-cameras", "left", OUR_WORLD, sentence + unit_warning(trajectory)))
+    of = "of POV-Ray camera files (y up)"
+    return _loaded("pov-cameras", of, table, numbers, "in the file's name", options)
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:

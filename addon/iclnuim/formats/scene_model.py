@@ -52,8 +52,7 @@ class SceneModel:
 
     def chosen(self, rows: np.ndarray) -> "SceneModel":
         """Some of the triangles, by a mask (m,) or by indices."""
-        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
-        return replace(self, **arrays)
+        return replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
     def cut(self, longest_m: float) -> "tuple[SceneModel, np.ndarray]":
         """The same surface in k triangles without an edge longer than `longest_m`, and which triangle (k,) each was part of.
@@ -98,10 +97,8 @@ def write_ply(path: Path, model: SceneModel) -> None:
 
     Raises WorkError where it cannot be written.
     """
-    rows = np.concatenate(
-        [model.corners_m.reshape(-1, 3).round(_DIGITS_M), model.normals.reshape(-1, 3).round(_DIGITS_NORMAL)], 1
-    )
-    unique, index = _unique(rows)
+    corners_m, normals = model.corners_m.reshape(-1, 3), model.normals.reshape(-1, 3)
+    unique, index = _unique(np.hstack([corners_m.round(_DIGITS_M), normals.round(_DIGITS_NORMAL)]))
     faces, values = index.reshape(-1, 3), {"instance": model.instance}
     ply.write_ply(path, unique[:, :3], faces, normals=unique[:, 3:], face_values=values, comment="metres, z up")
 
@@ -120,8 +117,10 @@ def write_obj(path: Path, model: SceneModel) -> None:
     except OSError as error:
         raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
     for look, name in zip(model.looks, files, strict=True):
-        write_png(folder / f"{name}.png", _plain(look) if look.texture is None else look.texture)
-    atomic_write_text(path.with_suffix(".mtl"), _mtl(files, folder.name))
+        plain = np.full((2, 2, 3), np.rint(np.array(look.colour) * 255), np.uint8)
+        write_png(folder / f"{name}.png", plain if look.texture is None else look.texture)
+    materials = [f"newmtl {n}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {folder.name}/{n}.png\n" for n in files]
+    atomic_write_text(path.with_suffix(".mtl"), "\n".join(materials))
     atomic_write_text(path, _obj(model, files, path.stem))
 
 
@@ -134,15 +133,6 @@ def _file_names(model: SceneModel) -> list[str]:
             name += "_"
         names.append(name)
     return names
-
-
-def _plain(look: Look) -> np.ndarray:
-    return np.full((2, 2, 3), np.rint(np.array(look.colour) * 255), np.uint8)
-
-
-def _mtl(files: list[str], folder: str) -> str:
-    form = "newmtl {0}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {1}/{0}.png\n"
-    return "\n".join(form.format(name, folder) for name in files)
 
 
 def _obj(model: SceneModel, files: list[str], stem: str) -> str:

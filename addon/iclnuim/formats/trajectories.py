@@ -4,31 +4,13 @@ import os
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
-from . import pov
+from . import pov, trajectory_file
 from .columns import COLUMNS
 from .files import atomic_write_text
-from .trajectory_file import (
-    LoadedTrajectory,
-    ReadAs,
-    ReadOptions,
-    Source,
-    TrajectoryFormat,
-    WriteOptions,
-    check_writable,
-)
+from .trajectory_file import LoadedTrajectory, ReadAs, ReadOptions, Source, WriteOptions, check_writable
 
-__all__ = [
-    "FORMATS",
-    "LoadedTrajectory",
-    "ReadOptions",
-    "ReadAs",
-    "WriteOptions",
-    "format_for_name",
-    "read_trajectory",
-    "trajectory_text",
-    "write_trajectory",
-]
-
+__all__ = ["FORMATS", "LoadedTrajectory", "ReadAs", "ReadOptions", "WriteOptions"]
+__all__ += ["format_for_name", "read_trajectory", "trajectory_text", "write_trajectory"]
 
 #: name -> format, in the order in which they are asked whether a file is theirs
 FORMATS = {**pov.FORMATS, **{columns.name: columns.format for columns in COLUMNS}}
@@ -44,8 +26,7 @@ def read_trajectory(
 
     Raises InputError, naming file and line, for what cannot be read.
     """
-    options = ReadOptions(rate_hz, unit_m)
-    source = Source(path)
+    options, source = ReadOptions(rate_hz, unit_m), Source(path)
     return _known(format or sniffed(source)).read(source, options)
 
 
@@ -92,7 +73,7 @@ def format_for_name(path: str | os.PathLike[str]) -> str:
     raise InputError(f"a name ending in {endings}", path=path, found=found, hint="{to} FORMAT")
 
 
-def _known(format: str) -> TrajectoryFormat:
+def _known(format: str) -> trajectory_file.TrajectoryFormat:
     if format not in FORMATS:
         raise InputError(f"a trajectory format ({', '.join(FORMATS)})", found=format)
     return FORMATS[format]
