@@ -18,7 +18,6 @@ from ..errors import InputError, WorkError
 from ..formats.files import atomic_write, atomic_write_text
 from ..formats.png import read_depth16, read_rgb8
 from ..geometry.camera import PinholeCamera
-from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .depth_units import metres_from_depth16
 from .images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
@@ -71,74 +70,46 @@ class _Bag:
 
     def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
         """Both images and their camera."""
-        self.image("/camera/rgb", "image_color", "rgb8", pair.stamp_s, read_rgb8(pair.rgb), camera.pinhole)
         depth = metres_from_depth16(read_depth16(pair.depth), camera.depth_units_per_metre)
         depth = np.where(depth > 0, depth, np.nan).astype("<f4")
-        self.image("/camera/depth", "image", "32FC1", pair.stamp_s, depth, camera.pinhole)
+        rgb = read_rgb8(pair.rgb)
+        for name, encoding, pixels in (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth)):
+            data, size = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8), self._size(pair.stamp_s, pixels.shape)
+            layout = {"encoding": encoding, "is_bigendian": 0, "step": data.size // pixels.shape[0], "data": data}
+            self._write(f"/camera/{name}", self._new("sensor_msgs/msg/Image", **size, **layout), pair.stamp_s)
+            info = self._camera_info(pair.stamp_s, camera.pinhole)
+            self._write(f"/camera/{name.split('/')[0]}/camera_info", info, pair.stamp_s)
 
-    def image(
-        self, topic: str, name: str, encoding: str, stamp_s: float, pixels: np.ndarray, camera: PinholeCamera
-    ) -> None:
-        height, width = pixels.shape[:2]
-        data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
-        message = self._new(
-            "sensor_msgs/msg/Image",
-            header=self._header(stamp_s, FRAME),
-            height=height,
-            width=width,
-            encoding=encoding,
-            is_bigendian=0,
-            step=data.size // height,
-            data=data,
-        )
-        self._write(f"{topic}/{name}", message, stamp_s)
-        self._write(f"{topic}/camera_info", self._camera_info(stamp_s, camera), stamp_s)
+    def _size(self, stamp_s: float, shape: tuple[int, ...]) -> dict[str, Any]:
+        return {"header": self._header(stamp_s, FRAME), "height": shape[0], "width": shape[1]}
 
     def truth(self, truth: Trajectory) -> None:
         """Poses, and the same as transforms."""
         for i, stamp_s in enumerate(truth.stamps_s.tolist()):
-            T = truth.T_world_camera[i]
-            position, orientation = self._parts(T)
-            header = self._header(stamp_s, WORLD)
-            pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-            self._write(
-                "/ground_truth/pose", self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose), stamp_s
-            )
-            move = self._new("geometry_msgs/msg/Vector3", x=position.x, y=position.y, z=position.z)
-            transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=orientation)
-            stamped = self._new(
-                "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=FRAME, transform=transform
-            )
+            T, header = truth.T_world_camera[i], self._header(stamp_s, WORLD)
+            place = dict(zip("xyz", T.translation.tolist(), strict=True))
+            turn = self._new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)))
+            point, move = (self._new(f"geometry_msgs/msg/{kind}", **place) for kind in ("Point", "Vector3"))
+            pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=turn)
+            posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
+            self._write("/ground_truth/pose", posed, stamp_s)
+            named = {"header": header, "child_frame_id": FRAME}
+            transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=turn)
+            stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
             self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_s)
 
     def _camera_info(self, stamp_s: float, c: PinholeCamera) -> Any:
         roi = self._new("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-        k, d, r = c.K.ravel(), np.zeros(5), np.eye(3).ravel()
-        p = np.hstack([c.K, np.zeros((3, 1))]).ravel()
+        d, k, r, p = np.zeros(5), c.K.ravel(), np.eye(3).ravel(), np.hstack([c.K, np.zeros((3, 1))]).ravel()
         # ROS 1 writes the matrices' names in capitals
         matrices = dict(zip("DKRP" if self.ros == 1 else "dkrp", (d, k, r, p), strict=True))
-        return self._new(
-            "sensor_msgs/msg/CameraInfo",
-            header=self._header(stamp_s, FRAME),
-            height=c.height,
-            width=c.width,
-            distortion_model="plumb_bob",
-            binning_x=0,
-            binning_y=0,
-            roi=roi,
-            **matrices,
-        )
+        model = {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, "roi": roi, **matrices}
+        return self._new("sensor_msgs/msg/CameraInfo", **self._size(stamp_s, (c.height, c.width)), **model)
 
     def _header(self, stamp_s: float, frame: str) -> Any:
         ns = self._nanoseconds(stamp_s)
         stamp = self._new("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
         return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **({"seq": 0} if self.ros == 1 else {}))
-
-    def _parts(self, T: SE3) -> tuple[Any, Any]:
-        x, y, z = T.translation.tolist()
-        qx, qy, qz, qw = T.quat_xyzw.tolist()
-        point = self._new("geometry_msgs/msg/Point", x=x, y=y, z=z)
-        return point, self._new("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw)
 
     def _new(self, kind: str, **values: Any) -> Any:
         return self.store.types[kind](**values)
@@ -170,17 +141,11 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
         with open(temporary, "wb") as log:
             log.write(struct.pack("<i", len(pairs)))
             for pair in pairs:
-                depth = zlib.compress(_millimetres(read_depth16(pair.depth), per_metre).tobytes(), 1)
-                colour = read_rgb8(pair.rgb).tobytes()
-                log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)))
-                log.write(depth)
-                log.write(colour)
+                millimetres = np.rint(read_depth16(pair.depth) * (1000 / per_metre)).clip(0, 65535).astype("<u2")
+                depth, colour = zlib.compress(millimetres.tobytes(), 1), read_rgb8(pair.rgb).tobytes()
+                log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)) + depth + colour)
                 on_frame(pair.number)
 
     atomic_write(file, write)
     atomic_write_text(file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n")
     return len(pairs)
-
-
-def _millimetres(units: np.ndarray, per_metre: float) -> np.ndarray:
-    return np.rint(units * (1000 / per_metre)).clip(0, 65535).astype("<u2")

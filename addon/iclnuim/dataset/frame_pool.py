@@ -39,7 +39,7 @@ class FramePool:
         self._threads = ThreadPoolExecutor(workers)
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self._open: set[Future] = set()
-        self._stopped = False
+        self.stopped = False  # whether an error or `stop` has ended it
         self._error: BaseException | None = None
 
     def __enter__(self) -> "FramePool":
@@ -52,7 +52,7 @@ class FramePool:
 
     def add(self, number: int) -> None:
         """Begin a frame; finish those that are done."""
-        if not self._stopped:
+        if not self.stopped:
             future = self._threads.submit(self._work, number)
             self._open.add(future)
             future.add_done_callback(self._done.put)
@@ -68,14 +68,9 @@ class FramePool:
         """Whether an error has ended it."""
         return self._error is not None
 
-    @property
-    def stopped(self) -> bool:
-        """Whether an error or `stop` has ended it."""
-        return self._stopped
-
     def stop(self) -> None:
         """Drop the frames that were not begun."""
-        self._stopped = True
+        self.stopped = True
         for future in list(self._open):
             future.cancel()
 
@@ -121,9 +116,7 @@ class _Processes:
             ours, theirs = context.Pipe()
             process = context.Process(target=_serve, args=(work, theirs, os.getpid()), daemon=True)
             with warnings.catch_warnings():
-                warnings.simplefilter(
-                    "ignore", DeprecationWarning
-                )  # of a fork beside the threads of numpy's own library
+                warnings.simplefilter("ignore", DeprecationWarning)  # a fork beside threads of numpy's own library
                 process.start()
             theirs.close()
             self._idle.put(ours)

@@ -118,17 +118,22 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     truth = loaded.trajectory if loaded else read_truth(folder)
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
-        return _read_pair(by_number[number], camera)
+        pair, pinhole = by_number[number], camera.pinhole
+        image, units = read_rgb8(pair.rgb), read_depth16(pair.depth)
+        for path, (height, width) in ((pair.rgb, image.shape[:2]), (pair.depth, units.shape)):
+            if (height, width) != (pinhole.height, pinhole.width):
+                expected = f"{pinhole.width} x {pinhole.height} as the camera has it"
+                raise InputError(expected, path=path, found=f"{width} x {height}", hint="{camera}")
+        return light_from_srgb8(image), metres_from_depth16(units, camera.depth_units_per_metre)
 
     names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
-    kept = _kept_names(folder, pairs)
+    kept, stamps_s = _kept_names(folder, pairs), {p.number: p.stamp_s for p in pairs}
     origin = {
         "images": folder.resolve().name,
         "depth_units_per_metre": camera.depth_units_per_metre,
         "list_sha256": sha256(names.encode()),
         "names": "kept" if kept else "by frame number",
     }
-    stamps_s = {p.number: p.stamp_s for p in pairs}
     truth_file = (loaded.read_as.format, read_bytes(truth_path)) if loaded and truth_path else None
     return FrameSource(
         camera.pinhole, numbers, stamps_s, load, lambda some: truth, origin, names=kept, truth_file=truth_file
@@ -150,16 +155,6 @@ def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, PairNames]:
     if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
         return {}
     return {p.number: PairNames(rgb, depth, *p.written) for p, (rgb, depth) in zip(pairs, paths, strict=True)}
-
-
-def _read_pair(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:
-    image, units = read_rgb8(pair.rgb), read_depth16(pair.depth)
-    size = (camera.pinhole.height, camera.pinhole.width)
-    for path, shape in ((pair.rgb, image.shape), (pair.depth, units.shape)):
-        if shape[:2] != size:
-            expected = f"{size[1]} x {size[0]} as the camera has it"
-            raise InputError(expected, path=path, found=f"{shape[1]} x {shape[0]}", hint="{camera}")
-    return light_from_srgb8(image), metres_from_depth16(units, camera.depth_units_per_metre)
 
 
 def _run_origin(folder: Path) -> dict:

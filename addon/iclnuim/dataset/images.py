@@ -59,11 +59,6 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     return [ImagePair(number, *row) for number, row in zip(numbers, rows, strict=True)]
 
 
-def find_associations(folder: Path) -> Path | None:
-    """The association file there, if any."""
-    return next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
-
-
 def find_truth(folder: Path) -> Path | None:
     """The ground-truth file there, if any."""
     return next((path for pattern in _TRUTHS for path in sorted(folder.glob(pattern))), None)
@@ -115,7 +110,7 @@ def _read_calibration(path: Path, width: int, height: int) -> PinholeCamera:
 
 
 def _listed(folder: Path) -> list[Row]:
-    file = find_associations(folder)
+    file = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
     if file is not None:
         pairs = read_associations(file)
         rgb, depth, indices = pairs.rgb, pairs.depth, [(i, i) for i in range(len(pairs))]
@@ -125,21 +120,19 @@ def _listed(folder: Path) -> list[Row]:
         indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
     else:
         return []
-    written = ([*images.written] or [""] * len(images) for images in (rgb, depth))
-    of_rgb, of_depth = written
+    texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
     return [
-        (rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (of_rgb[i], of_depth[j])) for i, j in indices
+        (rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
+        for i, j in indices
     ]
 
 
 def _by_name(folder: Path) -> list[Row]:
     depths = {p.stem: p for p in (folder / "depth").glob("*.png")}
     rgbs = [p for p in (folder / "rgb").glob("*.png") if p.stem in depths]
-    if all(p.stem.isdigit() for p in rgbs):
-        rgbs.sort(key=lambda p: int(p.stem))
-        return [(int(p.stem) / FRAME_RATE_HZ, p, depths[p.stem]) for p in rgbs]
-    rgbs.sort()
-    return [(i / FRAME_RATE_HZ, p, depths[p.stem]) for i, p in enumerate(rgbs)]
+    numbered = all(p.stem.isdigit() for p in rgbs)
+    numbers = (int(p.stem) if numbered else i for i, p in enumerate(sorted(rgbs)))
+    return sorted((number / FRAME_RATE_HZ, p, depths[p.stem]) for number, p in zip(numbers, sorted(rgbs), strict=True))
 
 
 def _nerf_truth(folder: Path) -> Trajectory | None:
@@ -193,20 +186,16 @@ def _nerf_rows(folder: Path) -> list[Row]:
     if not (folder / NERF).is_file():
         return []
     found: list[Row] = []
-    for place, frame in enumerate(_nerf_frames(folder / NERF)):
+    frames = read_json(folder / NERF).get("frames")
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError("a list of frames", path=folder / NERF)
+    for place, frame in enumerate(frames):
         image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
         if not isinstance(image, str) or not isinstance(depth, str):
             raise InputError("frames with file_path and depth_file_path", path=folder / NERF, found=f"frame {place}")
         number = int(Path(image).stem) if Path(image).stem.isdigit() else place
         found.append((number / FRAME_RATE_HZ, folder / image, folder / depth))
     return found
-
-
-def _nerf_frames(file: Path) -> list[dict]:
-    frames = read_json(file).get("frames")
-    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
-        raise InputError("a list of frames", path=file)
-    return frames
 
 
 def _nerf_camera(file: Path) -> SequenceCamera:

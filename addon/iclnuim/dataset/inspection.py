@@ -1,5 +1,6 @@
 """What is wrong with a sequence that somebody has, in plain words."""
 
+import contextlib
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -93,8 +94,7 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
     usual = float(np.median(steps))
     result.figures["rate_hz"] = round(1 / usual, 3) if usual > 0 else None
     result.figures["duration_s"] = round(pairs[-1].stamp_s - pairs[0].stamp_s, 3)
-    back = int((steps <= 0).sum())
-    if back:
+    if back := int((steps <= 0).sum()):
         result.wrong.append(f"{back} stamps do not come after the one before")
     gaps = np.flatnonzero(steps > 1.5 * usual)
     if gaps.size:
@@ -115,8 +115,7 @@ def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
         result.figures[f"{kind}_form"] = ", ".join(found)
         if len(found) > 1:
             result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items()))
-        wrong = [each for each in found if not each.endswith(expected)]
-        if wrong:
+        if wrong := [each for each in found if not each.endswith(expected)]:
             where = result.wrong if kind == "depth" else result.odd
             where.append(f"{kind} images are {wrong[0]}, not {expected}")
     return [h for _, h in headers]
@@ -134,8 +133,7 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
     result.figures["camera"] = c.to_dict()
     if camera.assumed:
         result.odd.append("no camera.json: the benchmark's own camera is taken")
-    others = {(h.width, h.height) for h in headers} - {(c.width, c.height)}
-    if others:
+    if others := {(h.width, h.height) for h in headers} - {(c.width, c.height)}:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
         result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
     if (c.cx, c.cy) == (c.width / 2, c.height / 2):
@@ -146,11 +144,8 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
     """Range and gaps of depth in some frames; those frames with their stamps."""
     depths = []
     for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
-        try:
-            units = read_depth16(pairs[i].depth)
-        except InputError:
-            continue  # reported already
-        depths.append((pairs[i].stamp_s, units))
+        with contextlib.suppress(InputError):  # reported already
+            depths.append((pairs[i].stamp_s, read_depth16(pairs[i].depth)))
     seen = np.concatenate([units[units > 0] for _, units in depths]) if depths else np.zeros(0)
     if not seen.size:
         result.wrong.append("no depth at all in the images looked into")
@@ -207,30 +202,23 @@ def _handedness(
     if len(depths) < 2 or len(truth) < 2:
         return
     poses = sample(truth, np.array([stamp_s for stamp_s, _ in depths]))
-    fit: PoseFit = pose_fit([depth for _, depth in depths], poses, camera.pinhole)
-    if not np.isfinite([fit.as_read_m, fit.mirrored_m]).all():
+    as_read_m, mirrored_m = pose_fit([depth for _, depth in depths], poses, camera.pinhole)
+    if not np.isfinite([as_read_m, mirrored_m]).all():
         return
-    result.figures["depth_fits_poses_mm"] = round(1000 * fit.as_read_m, 2)
-    result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * fit.mirrored_m, 2)
-    measured = f"depth meets depth to {1000 * fit.as_read_m:.1f} mm by the poses as they are"
-    if fit.mirrored_m < 0.6 * fit.as_read_m and fit.as_read_m > 0.004:
-        mirrored = f"{1000 * fit.mirrored_m:.1f} mm by them mirrored in y"
-        result.wrong.append(f"{measured}, to {mirrored}: they look left-handed; read them as gt.freiburg")
-    elif fit.as_read_m > 0.05:
+    result.figures["depth_fits_poses_mm"] = round(1000 * as_read_m, 2)
+    result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * mirrored_m, 2)
+    measured = f"depth meets depth to {1000 * as_read_m:.1f} mm by the poses as they are"
+    if mirrored_m < 0.6 * as_read_m and as_read_m > 0.004:
+        mirrored = f"to {1000 * mirrored_m:.1f} mm by them mirrored in y"
+        result.wrong.append(f"{measured}, {mirrored}: they look left-handed; read them as gt.freiburg")
+    elif as_read_m > 0.05:
         result.wrong.append(f"{measured}: poses, depth or camera do not belong together")
 
 
-@dataclass(frozen=True)
-class PoseFit:
-    """Median distance along z between carried and measured depth, metres: poses as read, and mirrored in y."""
-
-    as_read_m: float
-    mirrored_m: float
-    pairs: int
-
-
-def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) -> PoseFit:
-    """Of each frame against the next of those given, (n,) depth images and poses; NaN where nothing overlaps."""
+def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) -> tuple[float, float]:
+    """Median distance along z between carried and measured depth, metres: by (n,) poses as read, and mirrored in y; of each of n depth
+    images against the next. NaN where nothing overlaps.
+    """
     fits = []
     for T in (poses, axes.mirrored_y(poses)):
         found = [
@@ -240,7 +228,7 @@ def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) ->
         every = np.abs(np.concatenate(found)) if found else np.zeros(0)
         every = every[every < _SAME_SURFACE_M]  # NaN is not
         fits.append(float(np.median(every)) if every.size > 100 else float("nan"))
-    return PoseFit(fits[0], fits[1], len(depths_z_m) - 1)
+    return fits[0], fits[1]
 
 
 def carried_residual(

@@ -1,5 +1,6 @@
 """`frames.jsonl`: one line a finished frame, with the hashes of its images, so that a stopped sequence can go on."""
 
+import contextlib
 import json
 import os
 from dataclasses import asdict, dataclass, field
@@ -30,8 +31,12 @@ class JournalEntry:
 def read_entries(path: Path) -> dict[int, JournalEntry]:
     """The entries of a journal's whole lines, latest of each frame. The file is left as it is: a process may be writing it."""
     whole = path.read_bytes().rpartition(b"\n")[0] if path.is_file() else b""
-    found = (_parsed(line) for line in whole.decode("utf-8", "replace").split("\n"))
-    return {entry.frame: entry for entry in found if entry is not None}
+    found = {}
+    for line in whole.decode("utf-8", "replace").split("\n"):
+        with contextlib.suppress(ValueError, TypeError):
+            entry = JournalEntry(**json.loads(line))
+            found[entry.frame] = entry
+    return found
 
 
 class Journal:
@@ -55,12 +60,4 @@ class Journal:
 
     def sort(self) -> None:
         """One line a frame, in order: the same frames leave the same file, however often the work was broken off."""
-        lines = [self.entries[number].to_line() for number in sorted(self.entries)]
-        atomic_write_text(self.path, "".join(lines))
-
-
-def _parsed(line: str) -> JournalEntry | None:
-    try:
-        return JournalEntry(**json.loads(line))
-    except (ValueError, TypeError):
-        return None
+        atomic_write_text(self.path, "".join(self.entries[number].to_line() for number in sorted(self.entries)))

@@ -59,13 +59,9 @@ def pack(
 
 
 def packed_names(folder: Path) -> list[str]:
-    """The files of a folder that pack takes."""
-    return sorted(p.relative_to(folder).as_posix() for p in Path(folder).rglob("*") if _belongs(p))
-
-
-def _belongs(path: Path) -> bool:
-    """No journal, nothing hidden or half-written."""
-    return path.is_file() and not path.name.startswith(".") and path.name != "frames.jsonl"
+    """The files of a folder that pack takes: no journal, nothing hidden or half-written."""
+    files = (p for p in Path(folder).rglob("*") if p.is_file() and p.name[0] != "." and p.name != "frames.jsonl")
+    return sorted(p.relative_to(folder).as_posix() for p in files)
 
 
 def check_packable(folder: Path, licence: str) -> None:

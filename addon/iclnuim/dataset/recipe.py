@@ -54,10 +54,9 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, format
 def finish(folders: tuple[Path, ...], recipe: dict, numbers: tuple[int, ...], invalid: dict[str, int]) -> None:
     """The recipe with its counts, beside the sequence in every format."""
     frames = {"count": len(numbers), "first": numbers[0], "last": numbers[-1]}
+    counted = {**recipe, "finished": True, "frames": frames, "invalid_depth_pixels": invalid}
     for folder in folders:
-        write_json(
-            folder / "recipe.json", {**recipe, "finished": True, "frames": frames, "invalid_depth_pixels": invalid}
-        )
+        write_json(folder / "recipe.json", counted)
 
 
 def read_recipe(path: Path) -> dict:
@@ -76,15 +75,14 @@ def read_recipe(path: Path) -> dict:
 
 def refuse_other(what: str, place: Path, there: Mapping, asked: Mapping, hint: str) -> None:
     """Raises InputError, naming every value that differs, where `what` was begun at `place` from other values than those asked for."""
-    different = [key for key in sorted({*there, *asked}) if there.get(key) != asked.get(key)]
+    different = []
+    for key in sorted({*there, *asked}):
+        if there.get(key) != asked.get(key):
+            text = f"{key} {there.get(key)} there, {asked.get(key)} asked"
+            brief = len(text) < 100 and not key.endswith("_sha256")
+            different.append(text if brief else f"another {key.removesuffix('_sha256')}")
     if different:
-        found = "; ".join(_difference(key, there.get(key), asked.get(key)) for key in different)
-        raise InputError(f"the {what} that was begun there", path=place, found=found, hint=hint)
-
-
-def _difference(key: str, there: object, asked: object) -> str:
-    text = f"{key} {there} there, {asked} asked"
-    return text if len(text) < 100 and not key.endswith("_sha256") else f"another {key.removesuffix('_sha256')}"
+        raise InputError(f"the {what} that was begun there", path=place, found="; ".join(different), hint=hint)
 
 
 def run_identity(recipe: dict) -> dict:
@@ -105,9 +103,8 @@ def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
     models = [key for key in asked if key.endswith("_noise model") and there.get(key) != asked[key]]
     settings = tuple(key.removesuffix("model") for key in models)
     reported = [key for key in asked if key in models or not key.startswith(settings)]
-    refuse_other(
-        "sequence", file, {k: there.get(k) for k in reported}, {k: asked[k] for k in reported}, "another folder"
-    )
+    old, new = ({key: values.get(key) for key in reported} for values in (there, asked))
+    refuse_other("sequence", file, old, new, "another folder")
 
 
 def _identity(recipe: dict) -> dict:
@@ -115,10 +112,8 @@ def _identity(recipe: dict) -> dict:
     identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
     for key in IDENTITY:
         value = recipe.get(key)
-        if key.endswith("_noise") and isinstance(value, dict):
-            identity.update({f"{key} {name}": setting for name, setting in value.items()})
-        else:
-            identity[key] = value
+        noise = value if key.endswith("_noise") and isinstance(value, dict) else None
+        identity |= {key: value} if noise is None else {f"{key} {name}": each for name, each in noise.items()}
     run = recipe.get("source", {}).get("run")
     if isinstance(run, dict) and isinstance(run.get("job"), dict):
         identity["source"] = run_key(run)

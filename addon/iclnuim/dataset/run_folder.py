@@ -81,30 +81,23 @@ class RunFolder:
         need = frames * self.camera.width * self.camera.height * BYTES_PER_PIXEL
         free = shutil.disk_usage(self.path).free
         if need > free:
-            raise WorkError(
-                f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free",
-                hint="fewer {frames} or another {out}",
-            )
+            message = f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free"
+            raise WorkError(message, hint="fewer {frames} or another {out}")
 
     def write_frame(
         self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, further: Mapping[str, np.ndarray] | None = None
     ) -> None:
         """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing; further channels as they are. Whole or not at all."""
         half = np.clip(rgb, 0, 65504).astype(np.float16)
-        channels: dict[str, np.ndarray] = {
-            "R": half[..., 0],
-            "G": half[..., 1],
-            "B": half[..., 2],
-            "Z": depth_z_m.astype(np.float32),
-        }
-        exr.write_exr(self.frame_file(number), {**channels, **(further or {})}, attributes={"recipe": self.key})
+        channels = {name: half[..., i] for i, name in enumerate("RGB")} | {"Z": depth_z_m.astype(np.float32)}
+        channels |= further or {}
+        exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key})
 
 
 def trajectory_file(job: RenderJob) -> Path:
     """The file of a job's poses, shipped or the user's own."""
-    return (
-        shipped.trajectory_file(job.trajectory) if job.trajectory in shipped.sequence_names() else Path(job.trajectory)
-    )
+    ours = job.trajectory in shipped.sequence_names()
+    return shipped.trajectory_file(job.trajectory) if ours else Path(job.trajectory)
 
 
 def load_trajectory(job: RenderJob) -> Trajectory:
@@ -123,7 +116,9 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
     if existing.is_file():
         refuse_other("run", existing, run_identity(read_json(existing)), run_identity(recipe), "another {out}")
     elif path.is_dir() and any(path.iterdir()):
-        if not _is_unstarted(path):
+        # a run killed before its recipe stood leaves an empty exr/, camera.json, groundtruth.txt and temporary files
+        left = ("exr", "camera.json", "groundtruth.txt")
+        if any((path / "exr").glob("*")) or any(p.name not in left and p.name[0] != "." for p in path.iterdir()):
             raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another {out}")
     elif path.exists() and not path.is_dir():
         raise InputError("a folder", path=path, found="a file", hint="another {out}")
@@ -145,11 +140,3 @@ def read_run(path: Path) -> RunFolder:
     if not isinstance(recipe.get("job"), dict):
         raise InputError("the recipe of a run, with its job", path=Path(path) / "sequence.json")
     return RunFolder(Path(path), recipe)
-
-
-def _is_unstarted(path: Path) -> bool:
-    """A folder in which a run was killed before its recipe stood: only an empty exr/, camera.json and temporary files."""
-    frames = any((path / "exr").iterdir()) if (path / "exr").is_dir() else False
-    return not frames and all(
-        p.name in ("exr", "camera.json", "groundtruth.txt") or p.name.startswith(".") for p in path.iterdir()
-    )

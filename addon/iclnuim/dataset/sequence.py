@@ -27,15 +27,6 @@ from .sequence_options import SequenceSettings, noisy_images
 #: The files of a frame by kind of image: rgb, depth, and the kinds of ground truth.
 Places = dict[str, list[Path]]
 
-__all__ = [
-    "SequenceSettings",
-    "SequenceWriter",
-    "WrittenSequence",
-    "keep_freed_memory",
-    "noisy_images",
-    "write_sequence",
-]
-
 
 @dataclass(frozen=True)
 class WrittenSequence:
@@ -145,12 +136,10 @@ def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted:
     `wanted`, as a worker receives it: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
     "depth_units": units per metre, 5000 where it is left out}}}. Raises InputError, WorkError.
     """
-    sequences = {
-        Path(folder): SequenceSettings(
-            depth_model(v["depth"]), rgb_model(v["rgb"]), v["seed"], v.get("depth_units", UNITS_PER_METRE)
-        )
-        for folder, v in wanted["variants"].items()
-    }
+    sequences = {}
+    for folder, v in wanted["variants"].items():
+        models, units = (depth_model(v["depth"]), rgb_model(v["rgb"])), v.get("depth_units", UNITS_PER_METRE)
+        sequences[Path(folder)] = SequenceSettings(*models, v["seed"], units)
     return SequenceWriter(frames_of_run(run, truth, numbers), sequences, wanted["dialects"])
 
 
@@ -209,7 +198,13 @@ def _target(source: FrameSource, out: Path, settings: SequenceSettings, formats:
     places = {n: _image_files(formats, folders, _frame(source, n), kinds) for n in source.stamps_s}
     finished = frozenset(n for n in places if _stands(journal.entries, n, places[n]))
     _clear(out)
-    _make_folders(places[n] for n in source.numbers)
+    images = (path for n in source.numbers for paths in places[n].values() for path in paths)
+    for folder in sorted({path.parent for path in images}):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _clear(folder)
+        except OSError as error:
+            raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
     return _Target(out, settings, formats, recipe, journal, places, finished)
 
 
@@ -253,23 +248,10 @@ def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places) -> 
     if entry is None:
         return False
     digests = {"rgb": entry.rgb_sha256, "depth": entry.depth_sha256, **entry.truth_sha256}
-    return all(_is(path, digests.get(kind, "")) for kind, paths in files.items() for path in paths)
-
-
-def _is(path: Path, digest: str) -> bool:
     try:
-        return sha256(path.read_bytes()) == digest
+        return all(sha256(path.read_bytes()) == digests.get(kind) for kind, paths in files.items() for path in paths)
     except OSError:
         return False
-
-
-def _make_folders(places: Iterable[Places]) -> None:
-    for folder in sorted({path.parent for files in places for paths in files.values() for path in paths}):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            _clear(folder)
-        except OSError as error:
-            raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
 
 
 def _clear(folder: Path) -> None:

@@ -79,7 +79,7 @@ class SequenceFormat:
     rgb: Callable[[SequenceFrame], str]
     depth: Callable[[SequenceFrame], str]
     write_texts: "Callable[[Path, Contents, SequenceFormat], None]"
-    check: Callable[[Contents], None] = lambda contents: None
+    check: Callable[[Contents], object] = lambda contents: None
 
     def lists(self, contents: Contents) -> tuple[ImageList, ImageList]:
         """Colour and depth images with their stamps."""
@@ -106,8 +106,8 @@ def _write_tum(folder: Path, contents: Contents, format: SequenceFormat) -> None
     write_image_list(folder / "rgb.txt", rgb)
     write_image_list(folder / "depth.txt", depth)
     write_associations(folder / "associations.txt", Associations(rgb, depth))
-    camera = {**contents.camera.to_dict(), "depth_units_per_metre": contents.depth_units_per_metre}
-    write_json(folder / "camera.json", camera)
+    units = {"depth_units_per_metre": contents.depth_units_per_metre}
+    write_json(folder / "camera.json", contents.camera.to_dict() | units)
     atomic_write_text(folder / "orb_slam3.yaml", _orb_slam3_settings(contents))
     _write_truth(folder / "groundtruth.txt", contents, "tum")
 
@@ -230,16 +230,8 @@ def _write_nerf(folder: Path, contents: Contents, format: SequenceFormat) -> Non
     rows = zip(rgb.paths, depth.paths, poses.tolist(), strict=True)
     content = {
         "camera_model": "OPENCV",
-        "w": c.width,
-        "h": c.height,
-        "fl_x": c.fx,
-        "fl_y": c.fy,
-        "cx": c.cx + 0.5,
-        "cy": c.cy + 0.5,
-        "k1": 0.0,
-        "k2": 0.0,
-        "p1": 0.0,
-        "p2": 0.0,
+        **{"w": c.width, "h": c.height, "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx + 0.5, "cy": c.cy + 0.5},
+        **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
         "camera_angle_x": float(2 * np.arctan(c.width / (2 * c.fx))),
         "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
         "enable_depth_loading": True,
@@ -256,53 +248,40 @@ def _truth_for_nerf(contents: Contents) -> Trajectory:
     return contents.truth
 
 
-def _check_nerf(contents: Contents) -> None:
-    _truth_for_nerf(contents)
-
-
 def _nanoseconds(frame: SequenceFrame) -> int:
     """By the shortest decimal that stands for the stamp: 1305031102.175304 s has no ...303936 ns in it."""
     return round(Decimal(repr(frame.stamp_s)) * 10**9)
 
 
-_TUM_ABOUT = "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml"
-_ICL_NUIM_ABOUT = "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt"
-_EUROC_ABOUT = "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds"
-_NERF_ABOUT = "images/, depth/ and transforms.json, for nerfstudio and instant-ngp"
-
+_TUM = SequenceFormat(
+    "tum",
+    "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml",
+    lambda f: f.names.rgb if f.names else f"rgb/{f.number:06}.png",
+    lambda f: f.names.depth if f.names else f"depth/{f.number:06}.png",
+    _write_tum,
+)
+_ICL_NUIM = SequenceFormat(
+    "icl-nuim",
+    "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt",
+    lambda f: f"rgb/{f.number}.png",
+    lambda f: f"depth/{f.number}.png",
+    _write_icl_nuim,
+    _check_icl_nuim,
+)
+_EUROC = SequenceFormat(
+    "euroc",
+    "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
+    lambda f: f"mav0/cam0/data/{_nanoseconds(f)}.png",
+    lambda f: f"mav0/depth0/data/{_nanoseconds(f)}.png",
+    _write_euroc,
+)
+_NERF = SequenceFormat(
+    "nerf",
+    "images/, depth/ and transforms.json, for nerfstudio and instant-ngp",
+    lambda f: f"images/{f.number:06}.png",
+    lambda f: f"depth/{f.number:06}.png",
+    _write_nerf,
+    _truth_for_nerf,
+)
 #: name -> format
-FORMATS = {
-    f.name: f
-    for f in (
-        SequenceFormat(
-            "tum",
-            _TUM_ABOUT,
-            lambda f: f.names.rgb if f.names else f"rgb/{f.number:06}.png",
-            lambda f: f.names.depth if f.names else f"depth/{f.number:06}.png",
-            _write_tum,
-        ),
-        SequenceFormat(
-            "icl-nuim",
-            _ICL_NUIM_ABOUT,
-            lambda f: f"rgb/{f.number}.png",
-            lambda f: f"depth/{f.number}.png",
-            _write_icl_nuim,
-            _check_icl_nuim,
-        ),
-        SequenceFormat(
-            "euroc",
-            _EUROC_ABOUT,
-            lambda f: f"mav0/cam0/data/{_nanoseconds(f)}.png",
-            lambda f: f"mav0/depth0/data/{_nanoseconds(f)}.png",
-            _write_euroc,
-        ),
-        SequenceFormat(
-            "nerf",
-            _NERF_ABOUT,
-            lambda f: f"images/{f.number:06}.png",
-            lambda f: f"depth/{f.number:06}.png",
-            _write_nerf,
-            _check_nerf,
-        ),
-    )
-}
+FORMATS = {format.name: format for format in (_TUM, _ICL_NUIM, _EUROC, _NERF)}
