@@ -1,15 +1,12 @@
 """`iclnuim compare A B`: are these the same frames? To the byte, or by tolerance where processors or Blenders differ."""
 
 import argparse
-from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.ground_truth import KINDS as TRUTH_KINDS
-from iclnuim.dataset.ground_truth import NORMAL as NORMAL_CHANNELS
-from iclnuim.dataset.ground_truth import NORMAL_STEPS, NORMAL_ZERO
+from iclnuim.dataset.ground_truth import KINDS, NORMAL, NORMAL_STEPS, NORMAL_ZERO
 from iclnuim.dataset.images import read_camera
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
@@ -21,8 +18,8 @@ from ..options import common
 
 #: By tolerance a pixel is equal within so much, and a frame where at most this share of its pixels is not: edges move by a rounding.
 COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01
-#: Of a unit normal's components; labels of instances and classes have no tolerance.
-NORMAL = 0.01
+#: Of channels; that of normals is of a unit normal's components; labels of instances and classes have none.
+_TOLERANCES = {**dict.fromkeys(("RGB", "rgb"), COLOUR_OF_255), **dict.fromkeys(("Z", "depth"), DEPTH_M), "normal": 0.01}
 
 
 @dataclass(frozen=True)
@@ -75,12 +72,14 @@ def _text(found: Sameness) -> str:
 def compare(a: Path, b: Path, by_tolerance: bool = False) -> Sameness:
     """Frames of two runs (EXR) or two sequences (PNG). Raises InputError where a folder is neither, or they are not of one kind."""
     recipes = [_run_recipe(folder) for folder in (a, b)]
-    files = [{str(p.relative_to(folder)): p for p in _images(folder)} for folder in (a, b)]
+    images = ([p for p in d.glob("*/*") if p.suffix in (".exr", ".png") and p.name[0] != "."] for d in (a, b))
+    files = [{str(p.relative_to(d)): p for p in found} for d, found in zip((a, b), images, strict=True)]
     both = sorted(files[0].keys() & files[1].keys())
     if not both:
         raise InputError("frames of the same numbers in both folders", path=b, found=f"none that {a} has too")
     why = "asked for" if by_tolerance else _differences(*recipes)
-    units = [_depth_units(folder, images.values()) for folder, images in zip((a, b), files, strict=True)]
+    pngs = [next((file for file in found.values() if file.suffix == ".png"), None) for found in files]
+    units = [read_camera(d, png).depth_units_per_metre if png else 1.0 for d, png in zip((a, b), pngs, strict=True)]
 
     def judge(name: str) -> tuple[bool, float, list[str]]:
         one, other = files[0][name], files[1][name]
@@ -118,16 +117,6 @@ def _run_recipe(folder: Path) -> dict:
     raise InputError("a run (sequence.json) or a sequence (recipe.json)", path=folder, found="neither")
 
 
-def _images(folder: Path) -> Iterator[Path]:
-    yield from (p for p in folder.glob("*/*") if p.suffix in (".exr", ".png") and not p.name.startswith("."))
-
-
-def _depth_units(folder: Path, images: Iterable[Path]) -> float:
-    """Depth units a metre of a sequence's images, as its camera.json has them."""
-    png = next((file for file in images if file.suffix == ".png"), None)
-    return read_camera(folder, png).depth_units_per_metre if png else 1.0
-
-
 def _other_channels(a: Path, b: Path) -> list[str]:
     """The channels that are not equal to the bit; none where a file cannot be read."""
     try:
@@ -143,14 +132,8 @@ def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, flo
     shares = {}
     for name in a | b:
         same_size = name in a and name in b and a[name].shape == b[name].shape
-        shares[name] = float((np.abs(a[name] - b[name]) > _tolerance(name)).mean()) if same_size else 1.0
+        shares[name] = float((np.abs(a[name] - b[name]) > _TOLERANCES.get(name, 0.0)).mean()) if same_size else 1.0
     return shares
-
-
-def _tolerance(channel: str) -> float:
-    if channel in ("RGB", "rgb"):
-        return COLOUR_OF_255
-    return {"Z": DEPTH_M, "depth": DEPTH_M, "normal": NORMAL}.get(channel, 0.0)
 
 
 def _channels(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
@@ -158,18 +141,15 @@ def _channels(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
     if file.suffix == ".exr":
         channels = read_exr(file)
         light = np.stack([channels.pop(c).astype(np.float32) for c in "RGB"], -1)
-        normal = [channels.pop(c) for c in NORMAL_CHANNELS if c in channels]
+        normal = [channels.pop(c) for c in NORMAL if c in channels]
         more = {"normal": np.stack(normal, -1)} if normal else {}
-        return {
-            "RGB": 255 * np.clip(light, 0, 1) ** (1 / 2.2),
-            **{c: v.astype(float) for c, v in channels.items()},
-            **more,
-        }
+        colour = {"RGB": 255 * np.clip(light, 0, 1) ** (1 / 2.2)}
+        return colour | {c: v.astype(float) for c, v in channels.items()} | more
     kind = file.parent.name
     if kind == "depth":
         return {kind: read_depth16(file) / units_per_metre}
     if kind == "normal":
         return {kind: (read_rgb16(file) - float(NORMAL_ZERO)) / NORMAL_STEPS}
-    if kind in TRUTH_KINDS:
+    if kind in KINDS:
         return {kind: read_depth16(file).astype(float)}
     return {"rgb": read_rgb8(file).astype(np.float32)}

@@ -26,12 +26,9 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     """The noise, and in which formats a sequence is written: shared with `iclnuim noise`."""
     add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
     renamed(parser, "--dialect", "--format", append=True)
-    parser.add_argument(
-        "--rosbag", action="store_true", help="also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
-    )
-    parser.add_argument(
-        "--klg", action="store_true", help="also OUT.klg, the log of ElasticFusion, and its camera OUT.cal"
-    )
+    bags, klg = "OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg", "OUT.klg, the log of ElasticFusion"
+    parser.add_argument("--rosbag", action="store_true", help=f"also {bags}")
+    parser.add_argument("--klg", action="store_true", help=f"also {klg}, and its camera OUT.cal")
     parser.add_argument("--workers", type=int, metavar="N", help="processes that make images; default: one a core")
 
 
@@ -63,12 +60,11 @@ def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path
         wanted[klg] = lambda: write_klg(folder, klg)
     if args.rosbag:
         wanted[ros1], wanted[ros2] = lambda: write_rosbag(folder, ros1, 1), lambda: write_rosbag(folder, ros2, 2)
-    there = [path for path in wanted if path.exists()]
-    for path in there:
-        console.note(f"{path} exists already and stays as it is")
-    for path in [path for path in wanted if path not in there]:
-        console.note(f"{path} is written")
-        wanted[path]()
+    for path, write_log in wanted.items():
+        there = path.exists()
+        console.note(f"{path} exists already and stays as it is" if there else f"{path} is written")
+        if not there:
+            write_log()
     return list(wanted)
 
 

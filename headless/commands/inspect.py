@@ -46,12 +46,8 @@ def _text(found: Inspection) -> str:
     lines = []
     for name, value in found.figures.items():
         label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
-        lines.append(f"{label}: {_plain(value)}{unit}")
+        if isinstance(value, dict):
+            value = ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
+        lines.append(f"{label}: {value}{unit}")
     lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
     return "\n".join(lines + ([] if found.wrong else ["nothing wrong found"]))
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
-    return str(value)

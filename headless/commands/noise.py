@@ -28,13 +28,11 @@ wall1/*.png, wall2/*.png ... of walls of different slope.
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "source", metavar="DIR", help="sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
-    )
+    text = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
+    parser.add_argument("source", metavar="DIR", help=text)
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the noisy sequence; or what to calibrate from")
-    parser.add_argument(
-        "--frames", default="::", metavar="A:B:S", help="as a Python slice over the pairs; default: all"
-    )
+    text = "as a Python slice over the pairs; default: all"
+    parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
     add_camera_options(parser)
     dataset.add_output_options(parser)
     common(parser, "iclnuim noise traj3_frei_png noisy --depth-noise paper --rgb-noise paper --seed 1")
@@ -72,15 +70,14 @@ def _calibrate(args: argparse.Namespace, console: Console) -> int:
 
 
 def calibrate_folder(
-    folder: Path, units_per_metre: float = UNITS_PER_METRE, sigma_s_px: float = 0.5
+    folder: Path, units_per_metre: float = UNITS_PER_METRE
 ) -> tuple[RgbCalibration | None, DepthCalibration | None]:
     """Calibrations of what lies there: `exposures.txt` (lines `exposure image.png`, two or more images of each exposure
     of a static scene), `depth/*.png` (one static wall) or `wall*/*.png` (several walls). Raises InputError for neither.
     """
-    folder = Path(folder)
     rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
     walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
-    depth = _calibrate_depth(walls, units_per_metre, sigma_s_px) if walls else None
+    depth = _calibrate_depth(walls, units_per_metre) if walls else None
     if rgb is None and depth is None:
         raise InputError(f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them")
     return rgb, depth
@@ -101,11 +98,11 @@ def _calibrate_rgb(file: Path) -> RgbCalibration:
     return calibrate_rgb(list(images), [np.stack(stack) for stack in images.values()])
 
 
-def _calibrate_depth(walls: list[Path], units_per_metre: float, sigma_s_px: float) -> DepthCalibration:
+def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibration:
     stacks = []
     for wall in walls:
         frames = [read_depth16(path) for path in sorted(wall.glob("*.png"))]
         if len({frame.shape for frame in frames}) != 1:
             raise InputError("depth images of one size", path=wall, found="several")
         stacks.append(metres_from_depth16(np.stack(frames), units_per_metre))
-    return calibrate_depth(stacks, sigma_s_px=sigma_s_px)
+    return calibrate_depth(stacks, sigma_s_px=0.5)

@@ -11,15 +11,8 @@ UNITS_PER_METRE = 5000.0
 LARGEST_UNIT = 65535
 
 #: What a pixel of 0 can stand for; all but `background` are worth a look.
-KINDS = (
-    "background",
-    "nan",
-    "infinite",
-    "negative",
-    "beyond_range",
-    "beyond_range_after_noise",
-    "no_distance_after_noise",
-)
+_AFTER_NOISE = ("beyond_range_after_noise", "no_distance_after_noise")
+KINDS = ("background", "nan", "infinite", "negative", "beyond_range", *_AFTER_NOISE)
 
 
 def depth16_from_metres(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:
@@ -65,11 +58,8 @@ def invalid_after_noise(
         return {}
     good = (depth_z_m > 0) & (depth_z_m <= np.float32((LARGEST_UNIT + 0.5) / units_per_metre))
     found = count_invalid(noisy_z_m[good], units_per_metre)
-    counts = {
-        "beyond_range_after_noise": found.get("beyond_range", 0),
-        "no_distance_after_noise": sum(found.get(kind, 0) for kind in ("nan", "infinite", "negative")),
-    }
-    return {kind: count for kind, count in counts.items() if count}
+    lost = sum(found.get(kind, 0) for kind in ("nan", "infinite", "negative"))
+    return {kind: n for kind, n in zip(_AFTER_NOISE, (found.get("beyond_range", 0), lost), strict=True) if n}
 
 
 def total(counts: Iterable[dict[str, int]]) -> dict[str, int]:

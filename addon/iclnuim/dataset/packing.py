@@ -37,7 +37,9 @@ def pack(
     """
     folder = Path(folder)
     check_packable(folder, licence)
-    extra = {**(extra or {}), LICENCE: _licence_text(folder.resolve().name, licence, author), ABOUT: _ABOUT.encode()}
+    top, (title, address), by = folder.resolve().name, LICENCES[licence], f" by {author}" if author else ""
+    terms = f"The data set {top}{by} is under {title} ({licence}).\n{address}\n"
+    extra = {**(extra or {}), LICENCE: terms.encode(), ABOUT: _ABOUT.encode()}
     names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
     sums: list[str] = []
 
@@ -50,9 +52,9 @@ def pack(
             for name in names:
                 data = extra[name] if name in extra else read_bytes(folder / name)
                 sums.append(f"{sha256(data)}  {name}\n")
-                _add(tar, f"{folder.resolve().name}/{name}", data)
+                _add(tar, f"{top}/{name}", data)
                 on_file(name)
-            _add(tar, f"{folder.resolve().name}/{CHECKSUMS}", "".join(sums).encode())
+            _add(tar, f"{top}/{CHECKSUMS}", "".join(sums).encode())
 
     atomic_write(archive, write)
     return len(names) + 1
@@ -78,12 +80,6 @@ def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     info = tarfile.TarInfo(name)
     info.size, info.mode = len(data), 0o644
     tar.addfile(info, io.BytesIO(data))
-
-
-def _licence_text(name: str, licence: str, author: str) -> bytes:
-    title, address = LICENCES[licence]
-    by = f" by {author}" if author else ""
-    return f"The data set {name}{by} is under {title} ({licence}).\n{address}\n".encode()
 
 
 _ABOUT = """An RGB-D sequence with exact ground truth, made with ICL-NUIM rebuilt (iclnuim).
