@@ -108,7 +108,11 @@ def _pair(
     raw: Path, source: FrameSource, depth: str, rgb: str, rounds: int, workers: int, on_round: Callable[[], None]
 ) -> PairTime:
     noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
-    images = [_images(source, number, noisy) for number in source.numbers]
+    images = []  # of each frame clean colour and depth, noisy colour and depth
+    for number in source.numbers:
+        light, depth_z_m = source.load(number)
+        both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
+        images.append([image for pair in both for image in pair])
     times = []
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as scratch:
@@ -127,13 +131,6 @@ def _pair(
         ratio=float(np.median(made_s / files_s)),
         cpu_ratio=float(np.median(made_cpu / files_cpu)),
     )
-
-
-def _images(source: FrameSource, number: int, noisy: SequenceSettings) -> list[np.ndarray]:
-    """The four images of a frame: clean colour and depth, noisy colour and depth."""
-    light, depth_z_m = source.load(number)
-    both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
-    return [image for pair in both for image in pair]
 
 
 def _files_alone(

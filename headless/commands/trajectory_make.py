@@ -17,7 +17,7 @@ from iclnuim.formats.columns import TUM_HEADER
 from iclnuim.formats.files import atomic_write_text, read_json, read_text
 from iclnuim.geometry import handheld, trajectory
 from iclnuim.geometry.free_space import FreeSpace
-from iclnuim.geometry.handheld_plan import Plan, PlanSettings, Waypoint, plan
+from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.viewpoints import chosen
 
@@ -126,7 +126,13 @@ def _make_in_scene(args: argparse.Namespace, settings: PlanSettings, console: Co
     name.parent.mkdir(parents=True, exist_ok=True)
     atomic_write_text(name.with_suffix(".txt"), tum_text(made.motion.trajectory))
     atomic_write_text(name.with_suffix(".json"), json.dumps(asdict(made.recipe), indent=2) + "\n")
-    _report(name, made, console)
+    figures = asdict(trajectory.statistics(made.motion.trajectory))
+    text = (
+        f"{name}.txt: {figures['frames']} poses, {figures['length_m']:.2f} m, "
+        f"{figures['mean_speed']:.3f} m/s, {figures['mean_rotation_rate']:.1f} deg/s, "
+        f"at least {made.clearance_m:.3f} m from every surface; its recipe is {name}.json"
+    )
+    console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)
     return 0
 
 
@@ -180,13 +186,3 @@ def _waypoint(text: str, path: str | None = None, line: int | None = None) -> Wa
 
 def _point(point_m: tuple | None) -> str:
     return ",".join(f"{x:.2f}" for x in point_m or ())
-
-
-def _report(name: Path, made: Plan, console: Console) -> None:
-    figures = asdict(trajectory.statistics(made.motion.trajectory))
-    text = (
-        f"{name}.txt: {figures['frames']} poses, {figures['length_m']:.2f} m, "
-        f"{figures['mean_speed']:.3f} m/s, {figures['mean_rotation_rate']:.1f} deg/s, "
-        f"at least {made.clearance_m:.3f} m from every surface; its recipe is {name}.json"
-    )
-    console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)

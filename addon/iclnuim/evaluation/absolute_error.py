@@ -11,9 +11,9 @@ import numpy as np
 from ..geometry import so3
 from ..geometry.se3 import SE3, read_only
 from ..geometry.trajectory import Trajectory
-from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
-from .associate import Association, AssociationSettings, Pairs, pair_up
-from .statistics import Completeness, ErrorStatistics
+from .align import Alignment, AlignmentSettings, align, check_mirror
+from .associate import AssociationSettings, Pairs, pair_up
+from .statistics import Completeness, PoseErrors
 
 
 @dataclass(frozen=True)
@@ -25,28 +25,11 @@ class AbsoluteErrorSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteError:
-    """Errors of n pairs: translation_error_m (n,), rotation_error_rad (n,) in 0..pi, and how they came about.
+class AbsoluteError(PoseErrors):
+    """Errors of n pairs, and how they came about: reference and aligned (n,), both in the reference's world."""
 
-    reference and aligned are the paired poses (n,), both in the reference's world; stamps_s (n,) are the reference's.
-    """
-
-    reference: SE3
     aligned: SE3
-    stamps_s: np.ndarray
-    association: Association
     alignment: Alignment
-    mirror: MirrorCheck
-    translation_error_m: np.ndarray
-    rotation_error_rad: np.ndarray
-
-    @property
-    def translation_m(self) -> ErrorStatistics:
-        return ErrorStatistics.of(self.translation_error_m)
-
-    @property
-    def rotation_deg(self) -> ErrorStatistics:
-        return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
 
     @property
     def completeness(self) -> Completeness:

@@ -14,9 +14,9 @@ from ..geometry import so3
 from ..geometry.se3 import SE3, read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
-from .align import MirrorCheck, check_mirror, umeyama
-from .associate import Association, AssociationSettings, Pairs, pair_up
-from .statistics import ErrorStatistics
+from .align import check_mirror, umeyama
+from .associate import AssociationSettings, Pairs, pair_up
+from .statistics import PoseErrors
 
 
 @dataclass(frozen=True)
@@ -46,29 +46,12 @@ class RelativeErrorSettings(Settings):
 
 
 @dataclass(frozen=True, eq=False)
-class RelativeError:
-    """Errors of m RPE pairs, from pose start (m,) to pose end (m,): translation_error_m (m,), rotation_error_rad (m,).
+class RelativeError(PoseErrors):
+    """Errors of m RPE pairs, from pose start (m,) to pose end (m,), which index `reference` and `stamps_s`."""
 
-    start and end index `reference`, the n associated poses, and `stamps_s` (n,), the stamps of the ground truth.
-    """
-
-    reference: SE3
     start: np.ndarray
     end: np.ndarray
-    stamps_s: np.ndarray
-    association: Association
     scale: float
-    mirror: MirrorCheck
-    translation_error_m: np.ndarray
-    rotation_error_rad: np.ndarray
-
-    @property
-    def translation_m(self) -> ErrorStatistics:
-        return ErrorStatistics.of(self.translation_error_m)
-
-    @property
-    def rotation_deg(self) -> ErrorStatistics:
-        return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
 
 
 def parse_delta(text: str) -> tuple[float, str]:

@@ -4,6 +4,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..geometry.se3 import SE3
+from .align import MirrorCheck
+from .associate import Association
+
 #: Recall is the share of ground-truth frames within these distances; the last also bounds the area under the error
 #: curve.
 RECALL_M = (0.01, 0.05, 0.10)
@@ -29,6 +33,29 @@ class ErrorStatistics:
 
     def to_dict(self) -> dict[str, float]:
         return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """Errors of m compared poses or RPE pairs: translation_error_m (m,), rotation_error_rad (m,) in 0..pi.
+
+    reference (n,): the associated poses of the ground truth, stamps_s (n,) their stamps.
+    """
+
+    reference: SE3
+    stamps_s: np.ndarray
+    association: Association
+    mirror: MirrorCheck
+    translation_error_m: np.ndarray
+    rotation_error_rad: np.ndarray
+
+    @property
+    def translation_m(self) -> ErrorStatistics:
+        return ErrorStatistics.of(self.translation_error_m)
+
+    @property
+    def rotation_deg(self) -> ErrorStatistics:
+        return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
 
 
 @dataclass(frozen=True)

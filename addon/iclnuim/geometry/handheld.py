@@ -102,7 +102,7 @@ class Recipe:
 
     @classmethod
     def from_dict(cls, content: object) -> "Recipe":
-        """From a JSON object. Raises InputError, naming the key, for unknown or missing keys and unfit values."""
+        """From a JSON object (trajectories/README.md). Raises InputError, naming the key, for keys and values that do not fit."""
         return _built(cls, content, "recipe")
 
 

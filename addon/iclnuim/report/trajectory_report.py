@@ -31,13 +31,14 @@ import numpy as np
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
+from ..evaluation.statistics import PoseErrors
 from ..formats.trajectories import LoadedTrajectory, read_trajectory
 from ..geometry.trajectory import Trajectory
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"
 S = TypeVar("S", AbsoluteErrorSettings, RelativeErrorSettings)
-E = TypeVar("E", AbsoluteError, RelativeError)
+E = TypeVar("E", bound=PoseErrors)
 
 
 @dataclass(frozen=True, eq=False)
