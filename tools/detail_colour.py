@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from iclnuim.blender import camera, frames, lambertian, settings
+from iclnuim.blender import camera, frames, settings
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
@@ -22,7 +22,6 @@ def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) 
     The scene keeps the lamp; its own lamps and sky are put out; what glows, glows.
     """
     job = RenderJob(room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True)
-    lambertian.apply()
     settings.apply(job)
     scene = bpy.context.scene
     scene.cycles.max_bounces, scene.cycles.use_light_tree = 0, False

@@ -139,7 +139,7 @@ def test_a_damaged_map_is_named_in_words(render, room, tmp_path, monkeypatch, ca
 
 def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     """A mirror becomes dull: what it shows no longer depends on where the camera stands."""
-    from iclnuim.blender import lambertian
+    from iclnuim.blender import settings
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     material = bpy.data.materials.new("polished")
@@ -153,7 +153,7 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     tree.links.new(diffuse.outputs[0], mix.inputs[1])
     tree.links.new(glossy.outputs[0], mix.inputs[2])
     tree.links.new(mix.outputs[0], out.inputs["Surface"])
-    lambertian.apply()
+    settings.remove_gloss()
     assert out.inputs["Surface"].links[0].from_node == diffuse
 
 

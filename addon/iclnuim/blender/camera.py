@@ -27,7 +27,10 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
         marker.camera = None
     set_intrinsics(scene, thing.data, blender_from_pinhole(camera))
     thing.rotation_mode = "QUATERNION"
-    _set_keys(thing, *_locations_and_quaternions(T_world_cv))
+    curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
+    for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
+        for index in range(values.shape[1]):
+            _linear_keys(curves.new(data_path=path, index=index), values[:, index])
     scene.frame_start, scene.frame_end = 0, len(T_world_cv) - 1
     return thing
 
@@ -35,11 +38,8 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
 def set_intrinsics(scene: bpy.types.Scene, lens: bpy.types.Camera, settings: BlenderCamera) -> None:
     """The exact view of a K, without depth of field, clipping from 1 mm to 10 km."""
     render = scene.render
-    render.resolution_x, render.resolution_y, render.resolution_percentage = (
-        settings.resolution_x,
-        settings.resolution_y,
-        100,
-    )
+    render.resolution_x, render.resolution_y = settings.resolution_x, settings.resolution_y
+    render.resolution_percentage = 100
     render.pixel_aspect_x, render.pixel_aspect_y = settings.pixel_aspect_x, settings.pixel_aspect_y
     lens.type, lens.lens_unit, lens.sensor_fit = "PERSP", "MILLIMETERS", settings.sensor_fit
     lens.sensor_width, lens.lens = settings.sensor_width, settings.lens
@@ -59,13 +59,6 @@ def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]
         locations.append(location)
         quaternions.append(quaternion)
     return np.array(locations), np.array(quaternions)
-
-
-def _set_keys(thing: bpy.types.Object, locations: np.ndarray, quaternions: np.ndarray) -> None:
-    curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
-    for path, values in (("location", locations), ("rotation_quaternion", quaternions)):
-        for index in range(values.shape[1]):
-            _linear_keys(curves.new(data_path=path, index=index), values[:, index])
 
 
 def _linear_keys(curve: bpy.types.FCurve, values: np.ndarray) -> None:

@@ -4,8 +4,7 @@ Motion blur and rolling shutter are many cheap renders at poses inside the expos
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import bpy
@@ -16,6 +15,7 @@ from ..formats import exr
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, sample
 from ..sensor.exposure import Band, Exposure, motion_px, plan
+from .compat import temporarily
 
 #: Blender writes 1e10 where a ray meets nothing.
 _BACKGROUND = 1e9
@@ -94,9 +94,9 @@ def _motions_px(
         first, last = np.clip(stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1])
         # the speed may change at every pose of the trajectory
         stops = np.concatenate([[first], stamps_s[(stamps_s > first) & (stamps_s < last)], [last]])
-        still = len(trajectory) < 2 or last <= first
-        poses = None if still else here.inverse() @ sample(trajectory, stops)
-        moved = 0.0 if poses is None else motion_px(depth_z_m, camera, poses, stops)
+        moved = 0.0
+        if len(trajectory) > 1 and last > first:
+            moved = motion_px(depth_z_m, camera, here.inverse() @ sample(trajectory, stops), stops)
         result.append(moved * duration / (last - first) if moved else 0.0)
     return result
 
@@ -105,31 +105,19 @@ def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np
     """Mean light of a band's instants; each with noise of its own, the same whenever the frame is rendered."""
     cycles = bpy.context.scene.cycles
     seed, total = cycles.seed, np.zeros(())
-    try:
-        for k, offset in enumerate(band.offsets_s):
-            cycles.seed = (seed + 7919 * k) % (1 << 31)
-            render(_timeline(trajectory, trajectory.stamps_s[number] + offset), raw_file)
-            total = total + read(raw_file, raw_file)[0].astype(np.float64)
-    finally:
-        cycles.seed = seed
+    for k, offset in enumerate(band.offsets_s):
+        # pose i is keyed at frame i of Blender's timeline
+        place = np.interp(trajectory.stamps_s[number] + offset, trajectory.stamps_s, np.arange(len(trajectory)))
+        with temporarily(cycles, seed=(seed + 7919 * k) % (1 << 31)):
+            render(float(place), raw_file)
+        total = total + read(raw_file, raw_file)[0].astype(np.float64)
     return (total / len(band.offsets_s)).astype(np.float32)
 
 
-def _timeline(trajectory: Trajectory, stamp_s: float) -> float:
-    """The place on Blender's timeline, where pose i is keyed at frame i."""
-    return float(np.interp(stamp_s, trajectory.stamps_s, np.arange(len(trajectory))))
-
-
-@contextmanager
-def _rows(band: Band, height: int) -> Iterator[None]:
+def _rows(band: Band, height: int) -> AbstractContextManager[None]:
     """Only these rows are rendered."""
-    settings = bpy.context.scene.render
-    whole = band.top == 0 and band.bottom == height
-    settings.use_border = settings.use_crop_to_border = not whole
-    settings.border_min_x, settings.border_max_x = 0.0, 1.0
+    part = band.top != 0 or band.bottom != height
     # Blender cuts to whole rows: a quarter of a row keeps rounding from taking one more or less
-    settings.border_min_y, settings.border_max_y = ((height - row + 0.25) / height for row in (band.bottom, band.top))
-    try:
-        yield
-    finally:
-        settings.use_border = settings.use_crop_to_border = False
+    low, high = ((height - row + 0.25) / height for row in (band.bottom, band.top))
+    border = {"border_min_x": 0.0, "border_max_x": 1.0, "border_min_y": low, "border_max_y": high}
+    return temporarily(bpy.context.scene.render, use_border=part, use_crop_to_border=part, **border)

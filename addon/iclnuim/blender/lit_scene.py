@@ -10,18 +10,11 @@ from ..lightmap.surfaces import BACK, FRONT
 from . import baked_materials
 from .surfaces import Part, array_of, material_of_face
 
-_OBJECT_SETTINGS = [
-    "pass_index",
-    "color",
-    "visible_camera",
-    "visible_diffuse",
-    "visible_glossy",
-    "visible_transmission",
-    "visible_volume_scatter",
-    "visible_shadow",
-    "is_holdout",
-    "is_shadow_catcher",
-]
+_OBJECT_SETTINGS = (
+    "pass_index", "color", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
+    "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher",
+)  # fmt: skip
+_COLLECTIONS = {"Object": "objects", "Mesh": "meshes", "Material": "materials"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +39,7 @@ class LitScene:
     def revert(self) -> None:
         """The scene as it was before."""
         for block in self.made:
-            _remove(block)
+            getattr(bpy.data, _COLLECTIONS[block.bl_rna.identifier]).remove(block)
         for thing, name, hide in self.hidden:
             thing.name, thing.hide_render = name, hide
         self.made, self.hidden = [], []
@@ -58,9 +51,8 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
     Raises WorkError where the layout is for another scene."""
     corners = tuple(len(part.mesh.loops) for part in found)
     if corners != layout.part_corners:
-        raise WorkError(
-            f"light map: expected a scene of {len(layout.part_corners)} parts as it was baked, found {len(found)} of another shape"
-        )
+        expected = f"a scene of {len(layout.part_corners)} parts as it was baked"
+        raise WorkError(f"light map: expected {expected}, found {len(found)} of another shape")
     lit = LitScene()
     materials: dict[tuple, bpy.types.Material] = {}
     starts = np.cumsum((0, *corners))
@@ -68,7 +60,21 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
     for part, start in zip(found, starts[:-1], strict=True):
         _hide(lit, part)
         corners_of_part = slice(start, start + len(part.mesh.loops))
-        _show_part(lit, part, layout, corners_of_part, image, materials, gathering)
+        two_sided = _add_uvs(part.mesh, layout, corners_of_part)
+        for slot in _lit_slots(part, layout.has[:, corners_of_part].any(0)):
+            original = part.mesh.materials[slot] if slot >= 0 else None
+            key = (original, two_sided)
+            if key not in materials:
+                materials[key] = baked_materials.baked_copy(original, image, two_sided, gathering)
+            if slot >= 0:
+                part.mesh.materials[slot] = materials[key]
+            else:
+                part.mesh.materials.append(materials[key])
+        thing = bpy.data.objects.new(part.name, part.mesh)
+        _copy_settings(part.source, thing)
+        thing.matrix_world = part.matrix
+        bpy.context.scene.collection.objects.link(thing)
+        lit.made.extend([thing, part.mesh])
     lit.made.extend(materials.values())
     return lit
 
@@ -77,11 +83,8 @@ def disable_lamps(lit: LitScene) -> None:
     """Lamps that reflections do not show have given all their light to the map."""
     for lamp in bpy.context.scene.objects:
         portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
-        if (
-            lamp.type == "LIGHT"
-            and not lamp.hide_render
-            and (portal or not (lamp.visible_glossy or lamp.visible_camera))
-        ):
+        unseen = portal or not (lamp.visible_glossy or lamp.visible_camera)
+        if lamp.type == "LIGHT" and not lamp.hide_render and unseen:
             lit.hidden.append((lamp, lamp.name, False))
             lamp.hide_render = True
 
@@ -110,49 +113,23 @@ def _hide(lit: LitScene, part: Part) -> None:
         part.origin.name = part.name + ".unlit"
 
 
-def _show_part(
-    lit: LitScene,
-    part: Part,
-    layout: MapLayout,
-    corners: slice,
-    image: bpy.types.Image,
-    materials: dict,
-    gathering: bool,
-) -> None:
-    mesh = part.mesh
+def _lit_slots(part: Part, lit_corners: np.ndarray) -> set:
+    """Material slots, -1 for none, of faces of which a side is in the map."""
+    slots = np.repeat(material_of_face(part), array_of(part.mesh.polygons, "loop_total", 1, np.int32))
+    return set(np.unique(slots[lit_corners]))
+
+
+def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> bool:
+    """Whether it has two sides. A side without a chart is never seen: it takes the other side's place."""
     two_sided = bool(layout.has[BACK, corners].any())
     for side, name in ((FRONT, baked_materials.FRONT_UV), (BACK, baked_materials.BACK_UV))[: 1 + two_sided]:
-        _add_uv(mesh, name, _uv(layout, side, corners))
-    lit_faces = layout.has[:, corners].any(0)
-    slots = material_of_face(part)
-    used = set(np.unique(np.repeat(slots, array_of(mesh.polygons, "loop_total", 1, np.int32))[lit_faces]))
-    for slot in used:
-        original = mesh.materials[slot] if slot >= 0 else None
-        key = (original, two_sided)
-        if key not in materials:
-            materials[key] = baked_materials.baked_copy(original, image, two_sided, gathering)
-        if slot >= 0:
-            mesh.materials[slot] = materials[key]
-        else:
-            mesh.materials.append(materials[key])
-    thing = bpy.data.objects.new(part.name, mesh)
-    _copy_settings(part.source, thing)
-    thing.matrix_world = part.matrix
-    bpy.context.scene.collection.objects.link(thing)
-    lit.made.extend([thing, mesh])
-
-
-def _uv(layout: MapLayout, side: int, corners: slice) -> np.ndarray:
-    """A side without a chart is never seen: it takes the other side's place."""
-    has = layout.has[side, corners]
-    return np.where(has[:, None], layout.uv[side, corners], layout.uv[1 - side, corners])
-
-
-def _add_uv(mesh: bpy.types.Mesh, name: str, uv: np.ndarray) -> None:
-    layer = mesh.uv_layers.new(name=name, do_init=False)
-    if layer is None:
-        raise WorkError(f"light map: the mesh {mesh.name} has no room for one more UV map; remove one")
-    layer.data.foreach_set("uv", uv.astype(np.float32).ravel())
+        has = layout.has[side, corners]
+        uv = np.where(has[:, None], layout.uv[side, corners], layout.uv[1 - side, corners])
+        layer = mesh.uv_layers.new(name=name, do_init=False)
+        if layer is None:
+            raise WorkError(f"light map: the mesh {mesh.name} has no room for one more UV map; remove one")
+        layer.data.foreach_set("uv", uv.astype(np.float32).ravel())
+    return two_sided
 
 
 def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
@@ -175,10 +152,3 @@ def _keep_instanced_lamps(lit: LitScene, instancers: set[bpy.types.Object]) -> N
             lamp.matrix_world = instance.matrix_world.copy()
             bpy.context.scene.collection.objects.link(lamp)
             lit.made.append(lamp)
-
-
-def _remove(block: bpy.types.ID) -> None:
-    collection = {"Object": bpy.data.objects, "Mesh": bpy.data.meshes, "Material": bpy.data.materials}[
-        block.bl_rna.identifier
-    ]
-    collection.remove(block)

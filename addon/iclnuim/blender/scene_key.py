@@ -10,72 +10,30 @@ import numpy as np
 from .surfaces import Part, array_of
 
 #: Cycles settings that change light itself, not its noise.
-_CYCLES = [
-    "max_bounces",
-    "diffuse_bounces",
-    "glossy_bounces",
-    "transmission_bounces",
-    "volume_bounces",
-    "transparent_max_bounces",
-    "caustics_reflective",
-    "caustics_refractive",
-    "blur_glossy",
-    "sample_clamp_direct",
-    "sample_clamp_indirect",
-    "light_sampling_threshold",
-    "use_fast_gi",
-]
+_CYCLES = (
+    "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces", "transparent_max_bounces",
+    "caustics_reflective", "caustics_refractive", "blur_glossy", "sample_clamp_direct", "sample_clamp_indirect",
+    "light_sampling_threshold", "use_fast_gi",
+)  # fmt: skip
 #: Properties of nodes and lamps that do not change light.
-_NOT_LIGHT = set(
-    [
-        "rna_type",
-        "name",
-        "location",
-        "width",
-        "height",
-        "select",
-        "show_options",
-        "show_preview",
-        "hide",
-        "label",
-        "color",
-        "use_custom_color",
-        "parent",
-        "inputs",
-        "outputs",
-        "internal_links",
-        "dimensions",
-        "bl_idname",
-        "location_absolute",
-        "warning_propagation",
-        "name_full",
-        "users",
-        "use_fake_user",
-        "tag",
-        "session_uid",
-        "is_missing",
-        "preview",
-        "asset_data",
-        "library",
-        "image_user",
-        "show_texture",
-    ]
-)
+_NOT_LIGHT = {
+    "rna_type", "name", "location", "width", "height", "select", "show_options", "show_preview", "hide", "label", "color",
+    "use_custom_color", "parent", "inputs", "outputs", "internal_links", "dimensions", "bl_idname", "location_absolute",
+    "warning_propagation", "name_full", "users", "use_fake_user", "tag", "session_uid", "is_missing", "preview", "asset_data",
+    "library", "image_user", "show_texture",
+}  # fmt: skip
 
 
 def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
     """One hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
     materials = {m for part in found for m in part.mesh.materials if m is not None}
-    trees = [m.node_tree for m in materials if m.node_tree] + (
-        [scene.world.node_tree] if scene.world and scene.world.node_tree else []
-    )
+    trees = [block.node_tree for block in (*materials, scene.world) if block is not None and block.node_tree]
+    lamps = [_text(_lamp(thing)) for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
     return {
         "surfaces": _hash(*[_part(p) for p in found]),
         "materials": _hash(*sorted(_text(_material(m)) for m in materials)),
         "images": _hash(*sorted({_image(i) for t in trees for i in _images(t)})),
-        "lamps": _hash(
-            *sorted(_text(_lamp(thing)) for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render)
-        ),
+        "lamps": _hash(*sorted(lamps)),
         "world": _hash(_text(_world(scene.world))),
         "bounces": _hash(_text({name: getattr(scene.cycles, name) for name in _CYCLES if hasattr(scene.cycles, name)})),
     }
@@ -116,28 +74,17 @@ def _part(part: Part) -> bytes:
 
 def _material(material: bpy.types.Material) -> dict:
     cycles = {name: getattr(material.cycles, name, None) for name in ("emission_sampling", "use_transparent_shadow")}
-    return {
-        "name": material.name,
-        "nodes": _tree(material.node_tree),
-        "colour": tuple(material.diffuse_color),
-        "cycles": cycles,
-    }
+    look = {"nodes": _tree(material.node_tree), "colour": tuple(material.diffuse_color)}
+    return {"name": material.name, "cycles": cycles, **look}
 
 
 def _lamp(thing: bpy.types.Object) -> dict:
     data, matrix = thing.data, np.round(np.array(thing.matrix_world), 6).ravel().tolist()
-    cycles = {
-        name: getattr(data.cycles, name, None)
-        for name in ("is_portal", "cast_shadow", "max_bounces", "use_multiple_importance_sampling")
-    }
+    names = ("is_portal", "cast_shadow", "max_bounces", "use_multiple_importance_sampling")
+    cycles = {name: getattr(data.cycles, name, None) for name in names}
     rays = [getattr(thing, f"visible_{ray}", True) for ray in ("diffuse", "glossy", "transmission", "camera")]
-    return {
-        "matrix": matrix,
-        "data": _plain_properties(data),
-        "cycles": cycles,
-        "rays": rays,
-        "nodes": _tree(data.node_tree),
-    }
+    shines = {"data": _plain_properties(data), "nodes": _tree(data.node_tree)}
+    return {"matrix": matrix, "cycles": cycles, "rays": rays, **shines}
 
 
 def _world(world: bpy.types.World | None) -> dict:
@@ -154,17 +101,11 @@ def _tree(tree: bpy.types.NodeTree | None) -> list:
 
 
 def _node(node: bpy.types.Node) -> dict:
-    inputs = [
-        (s.identifier, _value(s.default_value)) for s in [*node.inputs, *node.outputs] if hasattr(s, "default_value")
-    ]
+    sockets = [s for s in [*node.inputs, *node.outputs] if hasattr(s, "default_value")]
+    inputs = [(s.identifier, _value(s.default_value)) for s in sockets]
     inner = _tree(node.node_tree) if node.type == "GROUP" else []
-    return {
-        "name": node.name,
-        "kind": node.bl_idname,
-        "inputs": inputs,
-        "settings": _plain_properties(node),
-        "inner": inner,
-    }
+    what = {"name": node.name, "kind": node.bl_idname, "settings": _plain_properties(node)}
+    return {**what, "inputs": inputs, "inner": inner}
 
 
 def _plain_properties(thing: bpy.types.bpy_struct) -> dict:

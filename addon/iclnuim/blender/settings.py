@@ -1,7 +1,6 @@
 """Render settings: everything that decides a pixel is set here, so that nothing of the opened file's own settings leaks in."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 
 import bpy
 
@@ -9,6 +8,8 @@ from ..errors import WorkError
 from ..job import RenderJob
 from . import compat
 
+#: Of a Principled surface without gloss.
+_MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}
 #: Bounces of a path-traced frame; more change these rooms by less than the noise.
 PATH_BOUNCES = {
     "max_bounces": 8,
@@ -29,10 +30,11 @@ CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
 def apply(job: RenderJob) -> None:
     """Cycles on the CPU for `job`, linear 32-bit multilayer EXR with Z. Raises WorkError for a denoiser that is not there."""
     if job.denoise and not compat.has_denoiser():
-        raise WorkError(
-            "this Blender has no OpenImageDenoise", hint="more {samples} without {denoise}, or the bpy package"
-        )
+        hint = "more {samples} without {denoise}, or the bpy package"
+        raise WorkError("this Blender has no OpenImageDenoise", hint=hint)
     scene = bpy.context.scene
+    if job.lambertian:
+        remove_gloss()
     _sampling(scene, job)
     _film(scene, job)
     _output(scene.render)
@@ -91,13 +93,44 @@ def _passes(scene: bpy.types.Scene) -> None:
     layer.cycles.denoising_store_passes = False
 
 
-@contextmanager
-def depth_only() -> Iterator[None]:
+def depth_only() -> AbstractContextManager[None]:
     """One narrow ray a pixel: beside an antialiased picture Z is rendered on its own, so that it is the same bits as without."""
-    cycles = bpy.context.scene.cycles
-    before = cycles.filter_width, cycles.samples, cycles.use_denoising
-    cycles.filter_width, cycles.samples, cycles.use_denoising = CENTRE_FILTER_PX, 1, False
-    try:
-        yield
-    finally:
-        cycles.filter_width, cycles.samples, cycles.use_denoising = before
+    return compat.temporarily(bpy.context.scene.cycles, filter_width=CENTRE_FILTER_PX, samples=1, use_denoising=False)
+
+
+def remove_gloss() -> None:
+    """Take view-dependent light out of every material of the open scene: what an odometer gains then is what reflections cost it.
+
+    A mix or sum with a Glossy BSDF becomes its other part; a metal becomes a matt surface of its colour; a Principled surface loses
+    specular, metallic, coat and sheen.
+    """
+    for material in bpy.data.materials:
+        if material.use_nodes and material.node_tree:
+            _without_gloss(material.node_tree)
+
+
+def _without_gloss(tree: bpy.types.NodeTree) -> None:
+    for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:
+        shaders = [s for s in node.inputs if s.type == "SHADER" and s.is_linked]
+        others = [s.links[0].from_socket for s in shaders if not s.links[0].from_node.type.startswith("BSDF_GLOSSY")]
+        if len(shaders) == 2 and len(others) == 1:
+            for link in list(node.outputs[0].links):
+                tree.links.new(others[0], link.to_socket)
+    for node in [n for n in tree.nodes if n.type == "BSDF_GLOSSY"]:
+        _as_diffuse(tree, node)
+    for node in [n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"]:
+        for name, value in _MATT.items():
+            if name in node.inputs:
+                for link in list(node.inputs[name].links):
+                    tree.links.remove(link)
+                node.inputs[name].default_value = value
+
+
+def _as_diffuse(tree: bpy.types.NodeTree, glossy: bpy.types.Node) -> None:
+    matt = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    matt.inputs["Color"].default_value = glossy.inputs["Color"].default_value
+    if glossy.inputs["Color"].is_linked:
+        tree.links.new(glossy.inputs["Color"].links[0].from_socket, matt.inputs["Color"])
+    for link in list(glossy.outputs[0].links):
+        tree.links.new(matt.outputs[0], link.to_socket)
+    tree.nodes.remove(glossy)

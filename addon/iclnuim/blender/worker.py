@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import bpy
@@ -22,34 +22,16 @@ from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ..errors import InputError, WorkError
 from ..formats.files import process_lives, read_bytes, sha256, write_json, writer_died
-from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, frame_slice
+from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
-from . import (
-    bake,
-    camera,
-    compat,
-    frames,
-    ground_truth,
-    lambertian,
-    light_map,
-    output,
-    preflight,
-    scene,
-    settings,
-    user_scene,
-)
+from . import bake, camera, compat, frames, ground_truth, light_map, output, preflight, scene, settings, user_scene
 
 Emit = Callable[[Event], None]
 
 
 def render_run(
-    job: RenderJob,
-    out: Path,
-    frames_asked: str | Sequence[int],
-    emit: Emit,
-    should_stop: Callable[[], bool],
+    job: RenderJob, out: Path, frames_asked: str | Sequence[int], emit: Emit, should_stop: Callable[[], bool]
 ) -> bool:
     """Render the frames of `job` that are missing in `out`; True when all asked for are done, False when stopped.
 
@@ -100,7 +82,7 @@ class Session:
     def prepare(self) -> None:
         """Build the scene, once."""
         if not self._ready:
-            table = _prepare(self.job, self.trajectory, self.emit, self._opened)
+            table = self._build()
             if table is not None:
                 write_json(self.run.path / OBJECTS, table)
             self._use_threads()
@@ -127,9 +109,60 @@ class Session:
         return self.loop(missing, should_stop)
 
     def loop(self, missing: list[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
-        """As render, for frames known to be missing, once the scene stands."""
-        rendered = _loop(self.job, self.trajectory, self.run, missing, self.work, self.emit, should_stop)
+        """As render, for frames known to be missing, once the scene stands.
+
+        Each frame is closed while Cycles is at the next: at most one is open besides the one in work.
+        """
+        job, rendered, closing = self.job, 0, None
+        with ThreadPoolExecutor(1) as closer:
+            for number in missing:
+                if should_stop():
+                    break
+                begun = time.perf_counter()
+                raw, raw_depth = _render(job, number, self.work / str(rendered % 2))
+                blurred = None
+                if not job.exposure.instant:  # RGB through a shutter that takes its time; Z stays that of the stamp
+                    depth_z_m, instant = frames.read(raw_depth, raw_depth)[1], self.work / "instant.exr"
+                    blurred = frames.shoot(number, job.exposure, self.trajectory, job.camera, depth_z_m, instant)
+                seconds = time.perf_counter() - begun
+                if closing is not None:
+                    closing.result()
+                closing = closer.submit(self._close, number, raw, raw_depth, blurred, seconds)
+                rendered += 1
+            if closing is not None:
+                closing.result()
         return rendered, rendered == len(missing)
+
+    def _build(self) -> dict | None:
+        """Open the scene unless that was done, light it, key the camera, fix every setting. With ground truth, the table of objects."""
+        job, table = self.job, None
+        notes = [] if self._opened else scene.open_scene(job.scene, job.reading)
+        _note_all(self.emit, [*notes, *preflight.findings(job.light == "baked")])
+        settings.apply(job)
+        if job.ground_truth:
+            ground_truth.number_objects()
+            table = ground_truth.objects_table()
+        if job.light == "baked":
+            bake.apply(_light(job, self.emit))
+            bake.apply_render_settings(bpy.context.scene)
+        if job.ground_truth:
+            ground_truth.add_passes()
+        camera.keyframe(self.trajectory.T_world_camera, job.camera)
+        return table
+
+    def _close(
+        self, number: int, raw: Path, raw_depth: Path, blurred: np.ndarray | None, cycles_seconds: float
+    ) -> None:
+        """Blender's raw frame -> the finished file, with ground truth if the job has it; told at once, not a frame later."""
+        begun = time.perf_counter()
+        if self.run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
+            return self.emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
+        rgb, depth_z_m = frames.read(raw, raw_depth)
+        further = {}
+        if self.job.ground_truth:
+            further = ground_truth.read(raw_depth, self.trajectory.T_world_camera[number])
+        self.run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
+        return self.emit(events.FrameDone(number, cycles_seconds, time.perf_counter() - begun))
 
     def _use_threads(self) -> None:
         if self.threads:
@@ -155,6 +188,7 @@ def checked_frames(asked: str | Sequence[int], count: int) -> Sequence[int]:
 
 def recipe(job: RenderJob) -> dict:
     """The content of sequence.json."""
+    processor = _cpuinfo("model name") or platform.processor()
     return {
         "schema_version": 1,
         "job": job.to_dict(),
@@ -163,7 +197,7 @@ def recipe(job: RenderJob) -> dict:
         "blender": compat.version_line(),
         "versions": {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__},
         "source_commit": shipped.source_commit(),
-        "machine": {"system": platform.platform(), "processor": _processor(), "features": _features()},
+        "machine": {"system": platform.platform(), "processor": processor, "features": _features()},
     }
 
 
@@ -172,33 +206,8 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     with output.blender_output_in(Path(os.devnull)):
         notes = scene.open_scene(job.scene, job.reading)
         job, more = user_scene.lit_as_it_can_be(job)
-    for text in [*notes, *more]:
-        emit(events.Note(text))
+    _note_all(emit, [*notes, *more])
     return job
-
-
-def _prepare(job: RenderJob, trajectory: Trajectory, emit: Emit, opened: bool) -> dict | None:
-    """Open the scene unless that was done, light it, key the camera, fix every setting. With ground truth, the table of objects."""
-
-    def note(text: str) -> None:
-        emit(events.Note(text))
-
-    notes = [] if opened else scene.open_scene(job.scene, job.reading)
-    for text in [*notes, *preflight.findings(job.light == "baked")]:
-        note(text)
-    if job.lambertian:
-        lambertian.apply()
-    settings.apply(job)
-    if job.ground_truth:
-        ground_truth.number_objects()
-        table = ground_truth.objects_table()
-    if job.light == "baked":
-        bake.apply(_light(job, note))
-        bake.apply_render_settings(bpy.context.scene)
-    if job.ground_truth:
-        ground_truth.add_passes()
-    camera.keyframe(trajectory.T_world_camera, job.camera)
-    return table if job.ground_truth else None
 
 
 def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None, opened: bool = False) -> Path:
@@ -207,111 +216,44 @@ def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambd
     Raises InputError for a scene that cannot be lit so.
     """
     compat.require_supported_version()
-
-    def note(text: str) -> None:
-        emit(events.Note(text))
-
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
-        for text in [] if opened else scene.open_scene(job.scene, job.reading):
-            note(text)
+        _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
         hindrance = user_scene.why_not_baked(bpy.context.scene)
         if hindrance:
-            raise InputError(
-                "a scene whose light can be baked",
-                path=job.scene,
-                found=hindrance,
-                hint="{light} path",
-            )
-        for text in preflight.findings(True):
-            note(text)
-        if job.lambertian:
-            lambertian.apply()
+            wanted = "a scene whose light can be baked"
+            raise InputError(wanted, path=job.scene, found=hindrance, hint="{light} path")
+        _note_all(emit, preflight.findings(True))
         settings.apply(job)
         configure()
-        return _light(job, note)
+        return _light(job, emit)
 
 
-def _light(job: RenderJob, note: Callable[[str], None]) -> Path:
+def _note_all(emit: Emit, texts: list[str]) -> None:
+    for text in texts:
+        emit(events.Note(text))
+
+
+def _light(job: RenderJob, emit: Emit) -> Path:
     """The light map of the open scene."""
     map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
     cache = light_map.cache_folder()
-    folder = bake.prepare(map_settings, cache, note)
+    folder = bake.prepare(map_settings, cache, lambda text: emit(events.Note(text)))
     light_map.note(cache, job, folder)
     return folder
 
 
-def _loop(
-    job: RenderJob,
-    trajectory: Trajectory,
-    run: RunFolder,
-    missing: list[int],
-    work: Path,
-    emit: Emit,
-    should_stop: Callable[[], bool],
-) -> int:
-    """Render, and close each frame while Cycles is at the next: at most one frame is open besides the one in work. How many were done."""
-    rendered, closing = 0, None
-    with ThreadPoolExecutor(1) as closer:
-        for number in missing:
-            if should_stop():
-                break
-            begun = time.perf_counter()
-            raw, raw_depth = _render(number, work / str(rendered % 2), _depth_apart(job))
-            blurred = None if job.exposure.instant else _blurred(number, job, trajectory, raw_depth, work)
-            seconds = time.perf_counter() - begun
-            _finish(closing)
-            T_world_camera = trajectory.T_world_camera[number] if job.ground_truth else None
-            closing = closer.submit(_close, run, number, raw, raw_depth, blurred, T_world_camera, seconds, emit)
-            rendered += 1
-        _finish(closing)
-    return rendered
+def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path]:
+    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed.
 
-
-def _depth_apart(job: RenderJob) -> bool:
-    """Z is that of the first sample at any rate, but not with a wide filter; normals are a mean over the samples."""
-    return job.antialias or (job.ground_truth and job.samples != 1)
-
-
-def _render(number: int, name: Path, depth_apart: bool) -> tuple[Path, Path]:
-    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed."""
+    Z is that of the first sample at any rate, but not with a wide filter; normals are a mean over the samples.
+    """
     raw = raw_depth = name.with_suffix(".exr")
     frames.render(number, raw)
-    if depth_apart:
+    if job.antialias or (job.ground_truth and job.samples != 1):
         raw_depth = name.with_name(f"{name.name}-depth.exr")
         with settings.depth_only():
             frames.render(number, raw_depth)
     return raw, raw_depth
-
-
-def _blurred(number: int, job: RenderJob, trajectory: Trajectory, raw_depth: Path, work: Path) -> np.ndarray:
-    """RGB through a shutter that takes its time; Z stays that of the stamp."""
-    depth_z_m = frames.read(raw_depth, raw_depth)[1]
-    return frames.shoot(number, job.exposure, trajectory, job.camera, depth_z_m, work / "instant.exr")
-
-
-def _close(
-    run: RunFolder,
-    number: int,
-    raw: Path,
-    raw_depth: Path,
-    blurred: np.ndarray | None,
-    T_world_camera: SE3 | None,
-    cycles_seconds: float,
-    emit: Emit,
-) -> None:
-    """Blender's raw frame -> the finished file, with ground truth where the camera's pose is given; told at once, not a frame later."""
-    begun = time.perf_counter()
-    if run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
-        return emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
-    rgb, depth_z_m = frames.read(raw, raw_depth)
-    further = {} if T_world_camera is None else ground_truth.read(raw_depth, T_world_camera)
-    run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
-    return emit(events.FrameDone(number, cycles_seconds, time.perf_counter() - begun))
-
-
-def _finish(closing: Future | None) -> None:
-    if closing is not None:
-        closing.result()
 
 
 def _work_folder(run: RunFolder) -> Path:
@@ -336,16 +278,13 @@ def _work_folder(run: RunFolder) -> Path:
 
 def _features() -> list[str]:
     """What decides which of Cycles' kernels runs: equal bytes are promised between processors of equal features only."""
-    if sys.platform == "linux":
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("flags"):
-                return sorted(set(line.split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"})
-    return []
+    return sorted(set(_cpuinfo("flags").split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"})
 
 
-def _processor() -> str:
+def _cpuinfo(key: str) -> str:
+    """The first processor's entry; empty where there is none (not Linux, another architecture)."""
     if sys.platform == "linux":
         for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
+            if line.startswith(key):
                 return line.split(":", 1)[1].strip()
-    return platform.processor()
+    return ""
