@@ -6,10 +6,12 @@ Here it is a formula of roughness and angle, fitted to what Cycles 4.5 itself sh
 off by 0.008 RMS and at most 0.036, beyond 80 degrees.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import bpy
+from bpy.types import Image, Material, Node, NodeSocket, NodeTree
 
 FRONT_UV, BACK_UV = "light map", "light map back"
 _DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
@@ -20,7 +22,7 @@ _H = (1.019, 0.207, -0.801)
 _A = (0.108, -0.681, -8.445, 6.591)
 _B = (6.599, -8.765, 6.947)
 #: What can be fed into a node: a constant, an output, or an input whose source is shared.
-Source: TypeAlias = float | bpy.types.NodeSocket
+Source: TypeAlias = float | NodeSocket
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Kind:
     sends: bool
 
 
-def kind(material: bpy.types.Material | None) -> Kind:
+def kind(material: Material | None) -> Kind:
     """What of a material can be baked. No material, or one without nodes, is plain diffuse."""
     tree = _tree(material)
     if tree is None:
@@ -44,9 +46,7 @@ def kind(material: bpy.types.Material | None) -> Kind:
     return Kind(diffuse or any(map(_has_diffuse, principled)), translucent, sends)
 
 
-def baked_copy(
-    material: bpy.types.Material | None, image: bpy.types.Image, two_sided: bool, gathering: bool = False
-) -> bpy.types.Material:
+def baked_copy(material: Material | None, image: Image, two_sided: bool, gathering: bool = False) -> Material:
     """A copy that shows `image` through the UV maps FRONT_UV and, where two_sided, BACK_UV. The original stays as it is.
 
     gathering: as light from it falls on others, not as a camera sees it.
@@ -60,11 +60,11 @@ def baked_copy(
     return copy
 
 
-def _tree(material: bpy.types.Material | None) -> bpy.types.NodeTree | None:
+def _tree(material: Material | None) -> NodeTree | None:
     return material.node_tree if material is not None and material.use_nodes else None
 
 
-def _make_diffuse(material: bpy.types.Material, colour: tuple[float, ...]) -> None:
+def _make_diffuse(material: Material, colour: tuple[float, ...]) -> None:
     """The surface that Cycles shows for a material without nodes."""
     material.use_nodes = True
     tree = material.node_tree
@@ -74,13 +74,13 @@ def _make_diffuse(material: bpy.types.Material, colour: tuple[float, ...]) -> No
     tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
 
 
-def _nodes(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
+def _nodes(tree: NodeTree) -> list[Node]:
     """All nodes, those of groups too."""
     own = list(tree.nodes)
     return own + [n for g in own if g.type == "GROUP" and g.node_tree for n in _nodes(g.node_tree)]
 
 
-def _bake_tree(tree: bpy.types.NodeTree, image: bpy.types.Image, two_sided: bool, gathering: bool) -> None:
+def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool) -> None:
     bake, lit = (_bake_for_gathering, _reflects) if gathering else (_bake_principled, _has_diffuse)
     light = None
     for node in list(tree.nodes):
@@ -94,10 +94,13 @@ def _bake_tree(tree: bpy.types.NodeTree, image: bpy.types.Image, two_sided: bool
         elif node.type in {*_DIFFUSE, "BSDF_TRANSLUCENT"}:
             light = light or _light_sockets(tree, image, two_sided)
             side = light[node.type == "BSDF_TRANSLUCENT"]
-            _replace(tree, node, _emission(tree, _vectors(tree, "MULTIPLY", node.inputs["Color"], side)))
+            shine = _node(tree, "Emission", _vectors(tree, "MULTIPLY", node.inputs["Color"], side))
+            for link in list(node.outputs[0].links):
+                tree.links.new(shine, link.to_socket)
+            tree.nodes.remove(node)
 
 
-def _light_sockets(tree: bpy.types.NodeTree, image: bpy.types.Image, two_sided: bool) -> tuple:
+def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple:
     """Sockets of the light on the side that is seen, and on the other one."""
     front = _map_socket(tree, image, FRONT_UV)
     if not two_sided:
@@ -107,51 +110,42 @@ def _light_sockets(tree: bpy.types.NodeTree, image: bpy.types.Image, two_sided: 
     return _blend(tree, facing, front, back), _blend(tree, facing, back, front)
 
 
-def _map_socket(tree: bpy.types.NodeTree, image: bpy.types.Image, uv_name: str) -> bpy.types.NodeSocket:
+def _map_socket(tree: NodeTree, image: Image, uv_name: str) -> NodeSocket:
     uv, texture = tree.nodes.new("ShaderNodeUVMap"), tree.nodes.new("ShaderNodeTexImage")
     uv.uv_map, texture.image, texture.interpolation, texture.extension = uv_name, image, "Linear", "EXTEND"
     tree.links.new(uv.outputs["UV"], texture.inputs["Vector"])
     return texture.outputs["Color"]
 
 
-def _blend(
-    tree: bpy.types.NodeTree, share: bpy.types.NodeSocket, a: bpy.types.NodeSocket, b: bpy.types.NodeSocket
-) -> bpy.types.NodeSocket:
+def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> NodeSocket:
     mix = tree.nodes.new("ShaderNodeMix")
     mix.data_type, mix.factor_mode = "VECTOR", "UNIFORM"
-    inputs = [s for s in mix.inputs if s.enabled]
-    for socket, source in zip(inputs, (share, a, b), strict=True):
-        tree.links.new(source, socket)
+    for source, target in zip((share, a, b), [s for s in mix.inputs if s.enabled], strict=True):
+        tree.links.new(source, target)
     return next(s for s in mix.outputs if s.enabled)
-
-
-def _replace(tree: bpy.types.NodeTree, old: bpy.types.Node, output: bpy.types.NodeSocket) -> None:
-    for link in list(old.outputs[0].links):
-        tree.links.new(output, link.to_socket)
-    tree.nodes.remove(old)
 
 
 # Principled surfaces
 
 
-def _has_diffuse(principled: bpy.types.Node) -> bool:
+def _has_diffuse(principled: Node) -> bool:
     """False only where it is metal or glass throughout."""
     return not any(_constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight"))
 
 
-def _reflects(principled: bpy.types.Node) -> bool:
+def _reflects(principled: Node) -> bool:
     """False only where it is glass throughout: what is metal sends light to others, too."""
     return _constant(principled.inputs["Transmission Weight"]) != 1.0
 
 
-def _bake_principled(tree: bpy.types.NodeTree, node: bpy.types.Node, light: bpy.types.NodeSocket) -> None:
+def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket) -> None:
     """Principled = its gloss, metal and glass as they are, plus the light map on its diffuse share."""
     colour = _scaled(tree, _vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
     targets = [link.to_socket for link in node.outputs[0].links]
-    _add_shaders(tree, _emission(tree, colour), _without_diffuse(tree, node), targets)
+    _add_shaders(tree, _node(tree, "Emission", colour), _without_diffuse(tree, node), targets)
 
 
-def _bake_for_gathering(tree: bpy.types.NodeTree, node: bpy.types.Node, light: bpy.types.NodeSocket) -> None:
+def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket) -> None:
     """As others see it when light is gathered: gloss and metal send on what falls on them, too, as if they were dull.
 
     (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its own glow.
@@ -160,7 +154,7 @@ def _bake_for_gathering(tree: bpy.types.NodeTree, node: bpy.types.Node, light: b
     base = _scaled(tree, _vectors(tree, "ADD", node.inputs["Base Color"]), _one_minus(tree, gloss))
     sent = _vectors(tree, "ADD", base, _grey(tree, gloss))
     share = _product(tree, _one_minus(tree, _input(node, "Transmission Weight")), _input(node, "Alpha"))
-    shine = _emission(tree, _scaled(tree, _vectors(tree, "MULTIPLY", sent, light), share))
+    shine = _node(tree, "Emission", _scaled(tree, _vectors(tree, "MULTIPLY", sent, light), share))
     targets = [link.to_socket for link in node.outputs[0].links]
     for name in ("Metallic", "Subsurface Weight"):
         _put(tree, node.inputs[name], 0.0)
@@ -168,19 +162,19 @@ def _bake_for_gathering(tree: bpy.types.NodeTree, node: bpy.types.Node, light: b
     _add_shaders(tree, shine, node.outputs[0], targets)
 
 
-def _diffuse_share(tree: bpy.types.NodeTree, node: bpy.types.Node) -> Source:
+def _diffuse_share(tree: NodeTree, node: Node) -> Source:
     """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): what light the diffuse base gets and gives, seen from here."""
     covers = [_input(node, "Metallic"), _input(node, "Transmission Weight"), _gloss(tree, node), _coat(tree, node)]
     return _product(tree, *(_one_minus(tree, c) for c in covers), _input(node, "Alpha"))
 
 
-def _gloss(tree: bpy.types.NodeTree, node: bpy.types.Node) -> Source:
+def _gloss(tree: NodeTree, node: Node) -> Source:
     level = _constant(node.inputs["Specular IOR Level"])
     f0 = min(_f0(node.inputs["IOR"]) * 2 * (0.5 if level is None else level), 1.0)
     return _albedo(tree, f0, _input(node, "Roughness"), node.inputs["Normal"])
 
 
-def _coat(tree: bpy.types.NodeTree, node: bpy.types.Node) -> Source:
+def _coat(tree: NodeTree, node: Node) -> Source:
     weight = _input(node, "Coat Weight")
     if weight == 0.0:
         return 0.0
@@ -188,7 +182,7 @@ def _coat(tree: bpy.types.NodeTree, node: bpy.types.Node) -> Source:
     return _product(tree, weight, covered)
 
 
-def _albedo(tree: bpy.types.NodeTree, f0: float, roughness: Source, normal: bpy.types.NodeSocket) -> Source:
+def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) -> Source:
     """Of a rough dielectric surface, seen from the camera."""
     if f0 <= 0.0:
         return 0.0
@@ -203,12 +197,12 @@ def _albedo(tree: bpy.types.NodeTree, f0: float, roughness: Source, normal: bpy.
     return _calculate(tree, "ADD", _product(tree, f0, _polynomial(tree, _H, roughness)), rim)
 
 
-def _f0(ior: bpy.types.NodeSocket) -> float:
+def _f0(ior: NodeSocket) -> float:
     """Reflection straight on; a linked IOR counts with the value below the link."""
     return float(((ior.default_value - 1) / (ior.default_value + 1)) ** 2)
 
 
-def _without_diffuse(tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.NodeSocket:
+def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:
     """The node's closures but the diffuse one: a black base, mixed with the same node as pure metal and as pure glass."""
     result = node.outputs[0]
     for name in ("Transmission Weight", "Metallic"):
@@ -218,18 +212,14 @@ def _without_diffuse(tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.type
         _put(tree, pure.inputs[name], 1.0)
         if name == "Transmission Weight":
             _put(tree, pure.inputs["Metallic"], 0.0)
-        mix = tree.nodes.new("ShaderNodeMixShader")
-        _same_source(tree, node.inputs[name], mix.inputs[0])
-        tree.links.new(result, mix.inputs[1])
-        tree.links.new(pure.outputs[0], mix.inputs[2])
-        result = mix.outputs[0]
+        result = _node(tree, "MixShader", node.inputs[name], result, pure.outputs[0])
     for name in ("Transmission Weight", "Metallic", "Subsurface Weight"):
         _put(tree, node.inputs[name], 0.0)
     _put(tree, node.inputs["Base Color"], _BLACK)
     return result
 
 
-def _twin(tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.Node:
+def _twin(tree: NodeTree, node: Node) -> Node:
     twin = tree.nodes.new(node.bl_idname)
     twin.distribution = node.distribution
     for source, target in zip(node.inputs, twin.inputs, strict=True):
@@ -243,7 +233,7 @@ def _twin(tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.Node:
 # Arithmetic in node trees: every function adds nodes and returns the socket of the result.
 
 
-def _feed(tree: bpy.types.NodeTree, source: Source, target: bpy.types.NodeSocket) -> None:
+def _feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
     """Give `target` a constant, an output, or whatever feeds another input."""
     if isinstance(source, int | float):
         target.default_value = source
@@ -253,7 +243,7 @@ def _feed(tree: bpy.types.NodeTree, source: Source, target: bpy.types.NodeSocket
         _same_source(tree, source, target)
 
 
-def _same_source(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
+def _same_source(tree: NodeTree, source: NodeSocket, target: NodeSocket) -> None:
     """Feed `target` with what feeds the input `source`: its link, or its value, grey where only one of them is a colour."""
     if source.is_linked:
         tree.links.new(source.links[0].from_socket, target)
@@ -267,40 +257,44 @@ def _same_source(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket, target:
         target.default_value = (*tuple(value)[: len(wanted)], *(1.0,) * (len(wanted) - len(value)))
 
 
-def _put(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket, value: float | tuple) -> None:
+def _put(tree: NodeTree, socket: NodeSocket, value: float | tuple) -> None:
     """A constant in place of whatever fed an input."""
     for link in list(socket.links):
         tree.links.remove(link)
     socket.default_value = value
 
 
-def _constant(socket: bpy.types.NodeSocket) -> float | None:
+def _constant(socket: NodeSocket) -> float | None:
     """The value of an input, None where it is linked."""
     return None if socket.is_linked else float(socket.default_value)
 
 
-def _input(node: bpy.types.Node, name: str) -> Source:
+def _input(node: Node, name: str) -> Source:
     value = _constant(node.inputs[name])
     return node.inputs[name] if value is None else value
 
 
-def _calculate(
-    tree: bpy.types.NodeTree, operation: str, *sources: Source, kind: str = "ShaderNodeMath"
-) -> bpy.types.NodeSocket:
-    """A Math node: `ADD`, `MULTIPLY_ADD`, `EXPONENT`, ..."""
-    node = tree.nodes.new(kind)
-    node.operation = operation
+def _node(tree: NodeTree, kind: str, *sources: Source, **settings: str) -> NodeSocket:
+    """A node's first output; its first inputs are fed with the sources."""
+    node = tree.nodes.new(f"ShaderNode{kind}")
+    for name, value in settings.items():
+        setattr(node, name, value)
     for source, target in zip(sources, node.inputs, strict=False):
         _feed(tree, source, target)
     return node.outputs[0]
 
 
-def _vectors(tree: bpy.types.NodeTree, operation: str, *sources: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+def _calculate(tree: NodeTree, operation: str, *sources: Source) -> NodeSocket:
+    """A Math node: `ADD`, `MULTIPLY_ADD`, `EXPONENT`, ..."""
+    return _node(tree, "Math", *sources, operation=operation)
+
+
+def _vectors(tree: NodeTree, operation: str, *sources: NodeSocket) -> NodeSocket:
     """A Vector Math node on colours: `ADD`, `MULTIPLY`."""
-    return _calculate(tree, operation, *sources, kind="ShaderNodeVectorMath")
+    return _node(tree, "VectorMath", *sources, operation=operation)
 
 
-def _scaled(tree: bpy.types.NodeTree, vector: bpy.types.NodeSocket, factor: Source) -> bpy.types.NodeSocket:
+def _scaled(tree: NodeTree, vector: NodeSocket, factor: Source) -> NodeSocket:
     """A colour times a number."""
     if isinstance(factor, int | float) and factor == 1.0:
         return vector
@@ -309,33 +303,28 @@ def _scaled(tree: bpy.types.NodeTree, vector: bpy.types.NodeSocket, factor: Sour
     return result
 
 
-def _grey(tree: bpy.types.NodeTree, value: Source) -> bpy.types.NodeSocket:
+def _grey(tree: NodeTree, value: Source) -> NodeSocket:
     result = _vectors(tree, "SCALE")
     result.node.inputs[0].default_value = (1.0, 1.0, 1.0)
     _feed(tree, value, result.node.inputs["Scale"])
     return result
 
 
-def _product(tree: bpy.types.NodeTree, *sources: Source) -> Source:
+def _product(tree: NodeTree, *sources: Source) -> Source:
     """Of numbers; constants are multiplied here, and 1 costs no node."""
-    known = 1.0
-    rest: list[Source] = []
-    for source in sources:
-        if isinstance(source, int | float):
-            known *= source
-        else:
-            rest.append(source)
+    known = math.prod(s for s in sources if isinstance(s, int | float))
+    rest = [s for s in sources if not isinstance(s, int | float)]
     result: Source = known if known != 1.0 or not rest else rest.pop(0)
     for source in rest:
         result = _calculate(tree, "MULTIPLY", result, source)
     return result
 
 
-def _one_minus(tree: bpy.types.NodeTree, source: Source) -> Source:
+def _one_minus(tree: NodeTree, source: Source) -> Source:
     return 1.0 - source if isinstance(source, int | float) else _calculate(tree, "SUBTRACT", 1.0, source)
 
 
-def _polynomial(tree: bpy.types.NodeTree, coefficients: tuple[float, ...], x: Source) -> Source:
+def _polynomial(tree: NodeTree, coefficients: tuple[float, ...], x: Source) -> Source:
     """c0 + c1 x + c2 x^2 ..., by Horner's rule; a number where x is one."""
     if isinstance(x, int | float):
         return float(sum(c * x**k for k, c in enumerate(coefficients)))
@@ -345,17 +334,7 @@ def _polynomial(tree: bpy.types.NodeTree, coefficients: tuple[float, ...], x: So
     return result
 
 
-def _emission(tree: bpy.types.NodeTree, colour: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-    emission = tree.nodes.new("ShaderNodeEmission")
-    tree.links.new(colour, emission.inputs["Color"])
-    return emission.outputs[0]
-
-
-def _add_shaders(
-    tree: bpy.types.NodeTree, a: bpy.types.NodeSocket, b: bpy.types.NodeSocket, targets: list[bpy.types.NodeSocket]
-) -> None:
-    both = tree.nodes.new("ShaderNodeAddShader")
-    tree.links.new(a, both.inputs[0])
-    tree.links.new(b, both.inputs[1])
+def _add_shaders(tree: NodeTree, a: NodeSocket, b: NodeSocket, targets: list[NodeSocket]) -> None:
+    both = _node(tree, "AddShader", a, b)
     for target in targets:
-        tree.links.new(both.outputs[0], target)
+        tree.links.new(both, target)

@@ -54,13 +54,10 @@ def add_passes() -> None:
     variable.name, variable.type = _AOV, "COLOR"
     for material in bpy.data.materials:
         if material.use_nodes and material.node_tree:
-            _output_normal(material.node_tree)
-
-
-def _output_normal(tree: bpy.types.NodeTree) -> None:
-    output, geometry = tree.nodes.new("ShaderNodeOutputAOV"), tree.nodes.new("ShaderNodeNewGeometry")
-    output.aov_name = _AOV
-    tree.links.new(geometry.outputs["Normal"], output.inputs["Color"])
+            nodes = material.node_tree.nodes
+            output, geometry = nodes.new("ShaderNodeOutputAOV"), nodes.new("ShaderNodeNewGeometry")
+            output.aov_name = _AOV
+            material.node_tree.links.new(geometry.outputs["Normal"], output.inputs["Color"])
 
 
 def read(raw_file: Path, T_world_camera: SE3) -> dict[str, np.ndarray]:

@@ -55,14 +55,9 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
-        channels = {name: light[::-1, :, k].astype(np.float16) for k, name in enumerate("RGB")}
-        write_exr(temporary / MAP, channels)
-        np.savez_compressed(
-            temporary / LAYOUT,
-            uv=layout.uv.astype(np.float32),
-            has=layout.has,
-            part_corners=np.array(layout.part_corners),
-        )
+        write_exr(temporary / MAP, {name: light[::-1, :, k].astype(np.float16) for k, name in enumerate("RGB")})
+        stored = {"uv": layout.uv.astype(np.float32), "has": layout.has, "part_corners": np.array(layout.part_corners)}
+        np.savez_compressed(temporary / LAYOUT, **stored)
         (temporary / RECIPE).write_text(json.dumps(recipe, indent=2) + "\n", encoding="utf-8")
         _move_into_place(temporary, folder)
     finally:
@@ -86,9 +81,8 @@ def load_layout(folder: Path) -> MapLayout:
         with np.load(folder / LAYOUT) as stored:
             return MapLayout(stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"]))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise WorkError(
-            f"{folder}: the light map cannot be read ({error}); delete this folder and bake again"
-        ) from None
+        problem = f"the light map cannot be read ({error}); delete this folder and bake again"
+        raise WorkError(f"{folder}: {problem}") from None
 
 
 def load_image(folder: Path) -> bpy.types.Image:
@@ -123,16 +117,8 @@ def find(cache: Path, job: RenderJob) -> KnownMap | None:
 
 
 def _note_file(cache: Path, job: RenderJob) -> Path:
-    decides = [
-        _scene_hash(job.scene),
-        job.reading.to_dict(),
-        job.map_size,
-        job.map_samples,
-        job.seed,
-        job.lambertian,
-        compat.version_line(),
-        __version__,
-    ]
+    light = [job.map_size, job.map_samples, job.seed, job.lambertian]
+    decides = [_scene_hash(job.scene), job.reading.to_dict(), *light, compat.version_line(), __version__]
     return cache / "light/known" / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
 
 

@@ -47,6 +47,16 @@ _RAYS = 48
 _NEAREST_M, _FARTHEST_M = 0.1, 4.0
 #: Test lamps outshine by far what glows in the scene, which baking cannot be told to leave out (W; radiance).
 _POWER, _GLOW = 1e9, 1e4
+#: Cycles for light straight from its sources, all of it: a fixed number of samples, no bounces.
+_CYCLES = {
+    "use_animated_seed": False, "use_adaptive_sampling": False, "sample_offset": 0, "time_limit": 0.0, "max_bounces": 0,
+    "light_sampling_threshold": 0.0, "use_denoising": False,
+}  # fmt: skip
+_BAKE = {
+    "use_pass_direct": True, "use_pass_indirect": True, "use_pass_color": False, "margin": 0, "use_clear": True,
+    "target": "IMAGE_TEXTURES", "use_selected_to_active": False, "use_multires": False, "use_split_materials": False,
+    "view_from": "ABOVE_SURFACE",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,33 +78,31 @@ def direct(
     points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]
 ) -> Halves:
     """Light that comes straight from lamps and sky of the open scene; what `materials` emit is left out."""
-    light = _nothing(len(points_m))
     with without_glow(materials):
-        for part in batches(len(points_m)):
-            with Target(points_m[part], normals[part]) as target:
-                for number, (lamps, world, share) in enumerate(_sources()):
-                    with only(lamps, world):
-                        _add(light, part, target, max(1, samples // (2 * share)), seed + 100 * number)
-    return light
+        passes = [
+            (lamps, world, max(1, samples // (2 * share)), seed + 100 * number)
+            for number, (lamps, world, share) in enumerate(_sources())
+        ]
+        return _sampled(points_m, normals, passes)
 
 
 def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> Halves:
     """Light that the surfaces of the open scene send, shown as they glow: by emission, or by baked light."""
-    light = _nothing(len(points_m))
-    with only([], False):
-        for part in batches(len(points_m)):
-            with Target(points_m[part], normals[part]) as target:
-                _add(light, part, target, max(1, samples // 2), seed)
+    return _sampled(points_m, normals, [([], False, max(1, samples // 2), seed)])
+
+
+def _sampled(
+    points_m: np.ndarray, normals: np.ndarray, passes: list[tuple[list[bpy.types.Object], bool, int, int]]
+) -> Halves:
+    """The sum of passes: lamps, whether the world shines, samples of each half, seed."""
+    light = Halves(np.zeros((len(points_m), 3), np.float32), np.zeros((len(points_m), 3), np.float32))
+    for part in batches(len(points_m)):
+        with Target(points_m[part], normals[part]) as target:
+            for lamps, world, samples, seed in passes:
+                with only(lamps, world):
+                    light.a[part] += target.irradiance(samples, 2 * seed)
+                    light.b[part] += target.irradiance(samples, 2 * seed + 1)
     return light
-
-
-def _nothing(count: int) -> Halves:
-    return Halves(np.zeros((count, 3), np.float32), np.zeros((count, 3), np.float32))
-
-
-def _add(light: Halves, part: slice, target: "Target", samples: int, seed: int) -> None:
-    light.a[part] += target.irradiance(samples, 2 * seed)
-    light.b[part] += target.irradiance(samples, 2 * seed + 1)
 
 
 def _sources() -> list[tuple[list[bpy.types.Object], bool, int]]:
@@ -279,32 +287,9 @@ class Target:
         """
         scene = bpy.context.scene
         with (
-            temporarily(
-                scene.cycles,
-                samples=samples,
-                seed=seed,
-                use_animated_seed=False,
-                use_adaptive_sampling=False,
-                sample_offset=0,
-                time_limit=0.0,
-                max_bounces=0,
-                light_sampling_threshold=0.0,
-                use_denoising=False,
-            ),
+            temporarily(scene.cycles, samples=samples, seed=seed, **_CYCLES),
             temporarily(scene.render, engine="CYCLES", use_persistent_data=False),
-            temporarily(
-                scene.render.bake,
-                use_pass_direct=True,
-                use_pass_indirect=True,
-                use_pass_color=False,
-                margin=0,
-                use_clear=True,
-                target="IMAGE_TEXTURES",
-                use_selected_to_active=False,
-                use_multires=False,
-                use_split_materials=False,
-                view_from="ABOVE_SURFACE",
-            ),
+            temporarily(scene.render.bake, **_BAKE),
         ):
             _run_bake(self.object)
         pixels = np.empty(self.rows * _ROW * 4, np.float32)
@@ -355,17 +340,12 @@ def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.ty
     corners = (points_m + LIFT_M * normals)[:, None] + _TRIANGLE_M * around
     pixel = np.stack([np.arange(n) % _ROW, np.arange(n) // _ROW], -1) + 0.5
     uv = (pixel[:, None] + 0.45 * np.stack([np.cos(turn), np.sin(turn)], -1)) / [_ROW, rows]
-    return _mesh(corners.reshape(-1, 3), uv.reshape(-1, 2))
-
-
-def _mesh(vertices: np.ndarray, uv: np.ndarray) -> bpy.types.Mesh:
-    mesh = bpy.data.meshes.new("light points")
-    count = len(vertices)
+    mesh, count = bpy.data.meshes.new("light points"), 3 * n
     mesh.vertices.add(count)
-    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.vertices.foreach_set("co", corners.astype(np.float32).ravel())
     mesh.loops.add(count)
     mesh.loops.foreach_set("vertex_index", np.arange(count, dtype=np.int32))
-    mesh.polygons.add(count // 3)
+    mesh.polygons.add(n)
     mesh.polygons.foreach_set("loop_start", np.arange(0, count, 3, dtype=np.int32))
     mesh.uv_layers.new(name="pixel").data.foreach_set("uv", uv.astype(np.float32).ravel())
     mesh.update(calc_edges=True)

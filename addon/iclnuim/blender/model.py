@@ -12,13 +12,9 @@ from .surfaces import Part, array_of
 _GREY = (0.8, 0.8, 0.8)
 #: Where a material's colour is looked for, in this order.
 _SHADERS = {
-    "BSDF_PRINCIPLED": "Base Color",
-    "BSDF_DIFFUSE": "Color",
-    "EMISSION": "Color",
-    "BSDF_GLOSSY": "Color",
-    "BSDF_TRANSLUCENT": "Color",
-    "BSDF_TRANSPARENT": "Color",
-}
+    "BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color", "EMISSION": "Color", "BSDF_GLOSSY": "Color",
+    "BSDF_TRANSLUCENT": "Color", "BSDF_TRANSPARENT": "Color",
+}  # fmt: skip
 
 
 def scene_model() -> SceneModel:
@@ -38,9 +34,8 @@ def _model(parts: list[Part]) -> SceneModel:
         raise InputError("a scene with surfaces", found="none")
     found = surfaces.joined(parts)
     looks: dict[bpy.types.Material | None, int] = {}
-    material = [
-        _materials(part, looks)[array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32)] for part in parts
-    ]
+    faces = [array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32) for part in parts]
+    material = [_materials(part, looks)[of_triangle] for part, of_triangle in zip(parts, faces, strict=True)]
     return SceneModel(
         corners_m=found.corners_m[found.triangles],
         normals=found.normals[found.triangles],

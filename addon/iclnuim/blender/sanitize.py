@@ -45,16 +45,13 @@ def _broken_meshes() -> list[str]:
         repaired += bool(mesh.validate(clean_customdata=False))
         flat += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
         texture += sum(_finite_uv(layer) for layer in mesh.uv_layers)
-    found = []
-    if gone:
-        found.append(f"{gone} vertices are no numbers or farther than {_MAX_COORDINATE:.0e}: left out with their faces")
-    if repaired:
-        found.append(f"{repaired} meshes named vertices that are not there, or faces twice: such faces are left out")
-    if flat:
-        found.append(f"{flat} faces have no area: no ray meets them")
-    if texture:
-        found.append(f"{texture} texture coordinates are no numbers: taken as 0")
-    return found
+    found = {
+        f"{gone} vertices are no numbers or farther than {_MAX_COORDINATE:.0e}: left out with their faces": gone,
+        f"{repaired} meshes named vertices that are not there, or faces twice: such faces are left out": repaired,
+        f"{flat} faces have no area: no ray meets them": flat,
+        f"{texture} texture coordinates are no numbers: taken as 0": texture,
+    }
+    return [sentence for sentence, count in found.items() if count]
 
 
 def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
@@ -118,12 +115,8 @@ def _trees() -> Iterator[bpy.types.NodeTree]:
 
 def _vertex_colours(scene: bpy.types.Scene) -> list[str]:
     """A mesh without any material that carries colours (a scan as PLY) shows them."""
-    coloured = [
-        o
-        for o in scene.objects
-        if o.type == "MESH" and not any(o.material_slots[k].material for k in range(len(o.material_slots)))
-        if o.data.color_attributes
-    ]
+    bare = [o for o in scene.objects if o.type == "MESH" and not any(s.material for s in o.material_slots)]
+    coloured = [o for o in bare if o.data.color_attributes]
     for thing in coloured:
         thing.data.materials.clear()
         thing.data.materials.append(_coloured_by(thing.data.color_attributes[0].name))
@@ -157,22 +150,15 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
     """Every object of the scene whose materials displace gets a mesh of its own, evaluated and displaced."""
     materials = {m for m in bpy.data.materials if _displaces(m)}
     adaptive = _without_adaptive_subdivision(scene)
-    moved = [
-        o
-        for o in scene.objects
-        if o.type == "MESH" and not o.hide_render and {s.material for s in o.material_slots} & materials
-    ]
+    shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render]
+    moved = [o for o in shown if {s.material for s in o.material_slots} & materials]
     if moved:
         _as_rendered_meshes(moved)
         _displace(scene, moved)
     for material in materials:
         _flatten(material, set(moved))
-    found = (
-        [f"displaced surfaces ({', '.join(sorted(o.name for o in moved))[:120]}): moved vertex by vertex"]
-        if moved
-        else []
-    )
-    return [*found, *adaptive]
+    names = ", ".join(sorted(o.name for o in moved))[:120]
+    return [*([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []), *adaptive]
 
 
 def _displaces(material: bpy.types.Material) -> bool:
@@ -191,9 +177,8 @@ def _without_adaptive_subdivision(scene: bpy.types.Scene) -> list[str]:
                 owner.use_adaptive_subdivision = False
                 found.append(thing.name)
     compat.leave_out_experiments(scene)
-    return (
-        [f"adaptive subdivision ({', '.join(sorted(found))[:120]}): the levels for rendering are used"] if found else []
-    )
+    names = ", ".join(sorted(found))[:120]
+    return [f"adaptive subdivision ({names}): the levels for rendering are used"] if found else []
 
 
 def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
@@ -204,12 +189,8 @@ def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
             if hasattr(modifier, "render_levels"):
                 stack.enter_context(temporarily(modifier, levels=modifier.render_levels))
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        made = [
-            bpy.data.meshes.new_from_object(
-                o.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
-            )
-            for o in objects
-        ]
+        kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
+        made = [bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects]
     for thing, mesh in zip(objects, made, strict=True):
         slots = [slot.material for slot in thing.material_slots]
         thing.modifiers.clear()
@@ -247,9 +228,8 @@ def _baked(scene: bpy.types.Scene, thing: bpy.types.Object, layer: bpy.types.Att
             with redirect_stdout(io.StringIO()):
                 bpy.ops.object.bake(type="POSITION", target="VERTEX_COLORS", use_clear=False)
         except RuntimeError as error:
-            raise WorkError(
-                f"{thing.name}: its displacement cannot be evaluated: {' '.join(str(error).split())}"
-            ) from None
+            reason = " ".join(str(error).split())
+            raise WorkError(f"{thing.name}: its displacement cannot be evaluated: {reason}") from None
     values = np.empty(len(thing.data.vertices) * 4, np.float32)
     thing.data.color_attributes[_ATTRIBUTE].data.foreach_get("color", values)
     return values.reshape(-1, 4)[:, :3].astype(float)

@@ -12,13 +12,8 @@ from . import compat
 _MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}
 #: Bounces of a path-traced frame; more change these rooms by less than the noise.
 PATH_BOUNCES = {
-    "max_bounces": 8,
-    "diffuse_bounces": 4,
-    "glossy_bounces": 4,
-    "transmission_bounces": 8,
-    "transparent_max_bounces": 16,
-}
-
+    "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8, "transparent_max_bounces": 16,
+}  # fmt: skip
 #: No path that bounced brings more light than this to a sample: rare bright ones would be specks.
 CLAMP = 10.0
 

@@ -27,11 +27,9 @@ class Charts:
 def chart(surfaces: Surfaces) -> Charts:
     """Cut and flatten; charts are numbered in the order of their first face."""
     vectors = surfaces.area_vectors()
-    axis_of_face = _axes(vectors, surfaces.face_object)
-    label = _connected(surfaces, axis_of_face)
+    label = _connected(surfaces, _axes(vectors, surfaces.face_object))
     number = np.unique(label, return_inverse=True)[1].reshape(-1)
-    flat, size = _flatten(surfaces, number, vectors)
-    return Charts(number, flat, size)
+    return Charts(number, *_flatten(surfaces, number, vectors))
 
 
 def _axes(vectors: np.ndarray, face_object: np.ndarray) -> np.ndarray:
@@ -66,12 +64,8 @@ def _object_axes(vectors: np.ndarray) -> np.ndarray:
 
 def _connected(surfaces: Surfaces, axis_of_face: np.ndarray) -> np.ndarray:
     """(F,): the lowest face number among those that hang together over edges and look along the same axis."""
-    face = surfaces.face_of_corner
-    following = np.arange(len(face)) + 1
-    last = surfaces.face_start[1:] - 1
-    following[last] = surfaces.face_start[:-1]
-    low = np.minimum(surfaces.vertex, surfaces.vertex[following])
-    high = np.maximum(surfaces.vertex, surfaces.vertex[following])
+    face, vertex = surfaces.face_of_corner, surfaces.vertex
+    low, high = (choose(vertex, vertex[surfaces.following]) for choose in (np.minimum, np.maximum))
     order = np.lexsort((high, low))
     same = (np.diff(low[order]) == 0) & (np.diff(high[order]) == 0)
     a, b = face[order[:-1][same]], face[order[1:][same]]
@@ -109,9 +103,7 @@ def _flatten(surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray) -> tup
 
 def _longest_edges(surfaces: Surfaces, of_corner: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """(K, 3) unit directions: each chart's longest edge as the projection shows it."""
-    following = np.arange(len(of_corner)) + 1
-    following[surfaces.face_start[1:] - 1] = surfaces.face_start[:-1]
-    edges = surfaces.corners_m[following] - surfaces.corners_m
+    edges = surfaces.corners_m[surfaces.following] - surfaces.corners_m
     edges -= (edges * axis[of_corner]).sum(1, keepdims=True) * axis[of_corner]
     length = np.linalg.norm(edges, axis=1)
     order = np.lexsort((-length, of_corner))

@@ -47,10 +47,8 @@ class Layout:
 
     def per_side(self, values: np.ndarray) -> np.ndarray:
         """(F, 2): the mean of texel values (N,) over the chart of each side; 0 for sides without texels."""
-        count = len(self.charts.size_m)
-        mean = np.bincount(self.texels.chart, values, count) / np.maximum(
-            np.bincount(self.texels.chart, minlength=count), 1
-        )
+        chart, count = self.texels.chart, len(self.charts.size_m)
+        mean = np.bincount(chart, values, count) / np.maximum(np.bincount(chart, minlength=count), 1)
         result = np.zeros((self.surfaces.faces, 2))
         result[self.sides.face, self.sides.side] = mean[self.charts.chart]
         return result

@@ -27,13 +27,12 @@ class Packing:
     density: float
 
 
-def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray | None = None) -> Packing:
+def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray) -> Packing:
     """The highest texel density at which all charts fit; `weight` (K,) multiplies it chart by chart.
 
     A chart's rectangle reaches from its first texel's centre to its last one's. Raises InputError where even the smallest charts,
     2 x 2 texels each, do not fit.
     """
-    weight = np.ones(len(charts.size_m)) if weight is None else weight
     ruler = Ruler(charts, charts.chart[surfaces.face_of_corner])
     plain = np.zeros(len(weight), bool)
     while True:
@@ -59,9 +58,8 @@ def _densest(
             low, best = density, placed
     best = best or _place(np.zeros_like(charts.size_m), size)
     if best is None:
-        raise InputError(
-            f"a light map that holds {len(weight)} charts", found=f"{size} texels", hint="a larger map size"
-        )
+        expected = f"a light map that holds {len(weight)} charts"
+        raise InputError(expected, found=f"{size} texels", hint="a larger map size")
     return low, *best
 
 

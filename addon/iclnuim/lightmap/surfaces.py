@@ -33,6 +33,13 @@ class Surfaces:
         """(C,)."""
         return np.repeat(np.arange(self.faces), np.diff(self.face_start))
 
+    @property
+    def following(self) -> np.ndarray:
+        """(C,): the next corner of the same face."""
+        following = np.arange(len(self.corners_m)) + 1
+        following[self.face_start[1:] - 1] = self.face_start[:-1]
+        return following
+
     def area_vectors(self) -> np.ndarray:
         """(F, 3): the geometric normal of each face times its area in square metres."""
         a, b, c = (self.corners_m[self.triangles[:, k]] for k in range(3))
@@ -63,7 +70,7 @@ def join(parts: list[Surfaces]) -> Surfaces:
         normals=np.concatenate([p.normals for p in parts]),
         vertex=np.concatenate([p.vertex + v for p, v in zip(parts, vertices, strict=False)]),
         face_start=np.concatenate(
-            [p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)] + [corners[-1:]]
+            [*(p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)), corners[-1:]]
         ),
         triangles=np.concatenate([p.triangles + c for p, c in zip(parts, corners, strict=False)]),
         triangle_face=np.concatenate([p.triangle_face + f for p, f in zip(parts, faces, strict=False)]),
@@ -79,13 +86,12 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     count = np.diff(surfaces.face_start)[face]
     start = np.concatenate([[0], np.cumsum(count)])
     corner = np.arange(start[-1]) - np.repeat(start[:-1], count) + np.repeat(surfaces.face_start[face], count)
-    sign = np.where(np.repeat(side, count) == BACK, -1.0, 1.0)[:, None]
+    at_back = np.repeat(side, count) == BACK
     triangles, triangle_face = _selected_triangles(surfaces, face, side, start)
     chosen = Surfaces(
         corners_m=surfaces.corners_m[corner],
-        normals=surfaces.normals[corner] * sign,
-        vertex=surfaces.vertex[corner]
-        + np.where(np.repeat(side, count) == BACK, int(surfaces.vertex.max(initial=0)) + 1, 0),
+        normals=surfaces.normals[corner] * np.where(at_back, -1.0, 1.0)[:, None],
+        vertex=surfaces.vertex[corner] + np.where(at_back, int(surfaces.vertex.max(initial=0)) + 1, 0),
         face_start=start,
         triangles=triangles,
         triangle_face=triangle_face,
