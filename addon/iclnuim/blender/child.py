@@ -72,12 +72,9 @@ class Commands:
     def __init__(self) -> None:
         self.stopped = threading.Event()
         self._queue: queue.SimpleQueue[dict | None] = queue.SimpleQueue()
+        self.next = self._queue.get  # waits; None when there is nothing more to do
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._watch_parent, args=(os.getppid(),), daemon=True).start()
-
-    def next(self) -> dict | None:
-        """Waits; None when there is nothing more to do."""
-        return self._queue.get()
 
     def _read(self) -> None:
         for line in sys.stdin:
@@ -115,7 +112,6 @@ def main(arguments: list[str]) -> int:
         return 2
     options = content if isinstance(content.get("job"), dict) else {"job": content}
     _share_the_machine(options)
-    _wake_when_orphaned()
     try:
         return _serve(options, Path(out), emit, commands)
     except IclnuimError as error:
@@ -143,11 +139,10 @@ def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
         threading.Thread(target=_signs_of_life, args=(emit,), daemon=True).start()
         while (command := commands.next()) is not None:
             begun, stopped = time.perf_counter(), commands.stopped
+            rendered, whole = 0, True
             if command.get("bake"):
-                rendered, whole = 0, True
                 emit(events.Baked(str(session.bake())))
             elif command.get("blend"):
-                rendered, whole = 0, True
                 session.save_blend(Path(command["blend"]))
             else:
                 rendered, whole = _render(session, command, emit, stopped.is_set)
@@ -182,16 +177,13 @@ def _signs_of_life(emit: Emit) -> None:
 
 
 def _share_the_machine(options: dict) -> None:
-    """Own cores and priority, before Blender counts them."""
+    """Own cores and priority, before Blender counts them; a signal when the parent ends."""
     if options.get("cores") and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, set(options["cores"]))
     if options.get("nice") and hasattr(os, "nice"):
         os.nice(options["nice"])
-
-
-def _wake_when_orphaned() -> None:
-    """A process that was stopped and whose parent is then killed goes on, to notice that and to end (Linux, PR_SET_PDEATHSIG)."""
     if sys.platform == "linux":
+        # stopped and its parent then killed, a process goes on, to notice that and to end (PR_SET_PDEATHSIG)
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(1, int(signal.SIGCONT), 0, 0, 0)
 
@@ -209,9 +201,8 @@ def _load_package() -> None:
     if "iclnuim" in sys.modules:
         return
     package = Path(__file__).resolve().parents[1]
-    spec = importlib.util.spec_from_file_location(
-        "iclnuim", package / "__init__.py", submodule_search_locations=[str(package)]
-    )
+    places = [str(package)]
+    spec = importlib.util.spec_from_file_location("iclnuim", package / "__init__.py", submodule_search_locations=places)
     if spec is None or spec.loader is None:
         raise ImportError(f"{package} is no package")
     sys.modules["iclnuim"] = importlib.util.module_from_spec(spec)

@@ -42,18 +42,14 @@ def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
 
     Raises WorkError for a file cut short: on a full disk Blender says that all went well.
     """
-    channels = _whole(raw_file)
-    with_depth = channels if raw_depth_file == raw_file else _whole(raw_depth_file)
+    try:
+        channels = exr.read_exr(raw_file)
+        with_depth = channels if raw_depth_file == raw_file else exr.read_exr(raw_depth_file)
+    except InputError as error:
+        raise WorkError(f"cannot write a whole frame, is the disk full? {error}") from None
     rgb = np.stack([channel_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
     depth_z_m = channel_ending(with_depth, "Depth.Z")
     return rgb, np.where(depth_z_m < _BACKGROUND, depth_z_m, 0.0).astype(np.float32)
-
-
-def _whole(raw_file: Path) -> dict[str, np.ndarray]:
-    try:
-        return exr.read_exr(raw_file)
-    except InputError as error:
-        raise WorkError(f"cannot write a whole frame, is the disk full? {error}") from None
 
 
 def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:

@@ -122,17 +122,15 @@ def _note_file(cache: Path, job: RenderJob) -> Path:
     return cache / "light/known" / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
 
 
+_shipped_hash = functools.lru_cache(maxsize=4)(scene.scene_sha256)
+
+
 def _scene_hash(name: str) -> str:
     """Of the scene's own file alone: what lies beside it is known only once it is open."""
     if scene.is_shipped(name):
         return _shipped_hash(name)
     path = Path(name)
     return _file_hash(path, path.stat().st_mtime_ns)
-
-
-@functools.lru_cache(maxsize=4)
-def _shipped_hash(name: str) -> str:
-    return scene.scene_sha256(name)
 
 
 @functools.lru_cache(maxsize=4)

@@ -60,7 +60,9 @@ def _decided(path: Path, kind: str, reading: SceneReading) -> Oriented:
         unit_m = unit_m or scene_axes.guess_unit_m(shape, up)
         reasons.append(_guess(reading, shape.extent * unit_m, up))
     elif unit_m is None:
-        unit_m = _unit_of_blend() if kind == ".blend" else 1.0
+        settings = bpy.context.scene.unit_settings
+        in_metres = kind != ".blend" or settings.system == "NONE"
+        unit_m = 1.0 if in_metres else round(float(settings.scale_length), 9)
     sentence = f"{up} up, {scene_axes.unit_name(unit_m)}"
     sentence += f", {reading.mirror} mirrored" if reading.mirror != "none" else ""
     told = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
@@ -72,11 +74,6 @@ def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
     across = sorted(np.delete(extent_m, "xyz".index(up[-1])))
     size = f"{across[1]:.3g} x {across[0]:.3g} m, {extent_m['xyz'.index(up[-1])]:.3g} m high"
     return f"a guess from its shape ({size}), as the format does not say its {' and '.join(unknown)}"
-
-
-def _unit_of_blend() -> float:
-    settings = bpy.context.scene.unit_settings
-    return 1.0 if settings.system == "NONE" else round(float(settings.scale_length), 9)
 
 
 def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
@@ -101,13 +98,9 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
 
 
 def _is_plain(thing: bpy.types.Object) -> bool:
-    mesh = thing.data
-    return (
-        thing.type == "MESH"
-        and mesh.users == 1
-        and not (thing.children or thing.modifiers or thing.constraints or mesh.shape_keys)
-        and thing.animation_data is None
-    )
+    if thing.type != "MESH" or thing.data.users != 1 or thing.animation_data is not None:
+        return False
+    return not (thing.children or thing.modifiers or thing.constraints or thing.data.shape_keys)
 
 
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:

@@ -247,8 +247,14 @@ def _flatten(material: bpy.types.Material, moved: set[bpy.types.Object]) -> None
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
     """Remove drivers that need Python from objects, their data, shape keys and materials, before they are evaluated; how many."""
-    blocks = {block for thing in things if thing is not None for block in _blocks_of(thing)}
-    return sum(_without_python(block) for block in blocks)
+    removed = 0
+    for block in {block for thing in things if thing is not None for block in _blocks_of(thing)}:
+        animation = getattr(block, "animation_data", None)
+        for curve in list(animation.drivers) if animation is not None else []:
+            if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression:
+                animation.drivers.remove(curve)
+                removed += 1
+    return removed
 
 
 def _blocks_of(thing: bpy.types.Object) -> list[bpy.types.ID]:
@@ -258,13 +264,3 @@ def _blocks_of(thing: bpy.types.Object) -> list[bpy.types.ID]:
     blocks += [*materials, *(m.node_tree for m in materials)]
     blocks += [m.node_group for m in thing.modifiers if m.type == "NODES"]
     return [block for block in blocks if block is not None]
-
-
-def _without_python(block: bpy.types.ID) -> int:
-    animation = getattr(block, "animation_data", None)
-    if animation is None:
-        return 0
-    curves = [c for c in animation.drivers if c.driver.type == "SCRIPTED" and not c.driver.is_simple_expression]
-    for curve in curves:
-        animation.drivers.remove(curve)
-    return len(curves)

@@ -42,12 +42,8 @@ def sha256(path: Path) -> str:
 def _check(path: Path, target: Path, name: str, textures: str | None) -> None:
     allowed = [path.resolve().parent, *([Path(textures).expanduser().resolve()] if textures else [])]
     if not any(_resolved(target).is_relative_to(folder) for folder in allowed):
-        raise InputError(
-            "textures and other parts from the scene's own folder",
-            path=path,
-            found=name,
-            hint="moving them there, packing them into the file, or {textures} DIR if DIR may be read",
-        )
+        hint = "moving them there, packing them into the file, or {textures} DIR if DIR may be read"
+        raise InputError("textures and other parts from the scene's own folder", path=path, found=name, hint=hint)
 
 
 def _resolved(target: Path) -> Path:
@@ -67,7 +63,8 @@ def _named(path: Path) -> list[str]:
 
 def _libraries_of_obj(path: Path) -> list[str]:
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        return list({_text(m.group(1)).strip().strip('"'): None for m in _MTLLIB.finditer(content)})
+        found = [m.group(1).decode("utf-8", "surrogateescape") for m in _MTLLIB.finditer(content)]
+    return list(dict.fromkeys(name.strip().strip('"') for name in found))
 
 
 def _maps_of(library: Path) -> list[str]:
@@ -128,7 +125,3 @@ def _expanded(file: Path) -> list[Path]:
 def _content_hash(file: Path) -> bytes:
     with open(file, "rb") as content:
         return hashlib.file_digest(content, "sha256").digest()
-
-
-def _text(data: bytes) -> str:
-    return data.decode("utf-8", "surrogateescape")

@@ -89,17 +89,14 @@ def lay_out(
 
 
 def _by_exposure(mean: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """(K,) relative density: the root of a chart's mean exposure, against the usual by area."""
-    return np.clip(np.sqrt(mean / _weighted_median(mean, area)), SPARSEST, DENSEST)
+    """(K,) relative density: the root of a chart's mean exposure, against the usual: the median by area."""
+    order = np.argsort(mean)
+    place = np.searchsorted(np.cumsum(area[order]), area.sum() / 2)
+    usual = max(float(mean[order[min(place, len(order) - 1)]]), 1e-12)
+    return np.clip(np.sqrt(mean / usual), SPARSEST, DENSEST)
 
 
 def _by_contrast(mean: np.ndarray, area: np.ndarray) -> np.ndarray:
     """(K,) relative density. The error at an edge is in proportion to texel size, so the cube root makes the sum of errors least."""
     usual = max(float(np.average(mean, weights=area)), 1e-12)
     return np.clip(np.cbrt(np.maximum(mean, 0) / usual), EVENEST, SHARPEST)
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    place = np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)
-    return max(float(values[order[min(place, len(order) - 1)]]), 1e-12)

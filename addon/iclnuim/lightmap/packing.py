@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from .charts import Charts
-from .surfaces import Surfaces
+from .surfaces import Surfaces, cross
 
 #: Empty texels between charts; filled with their neighbours' light afterwards.
 GUTTER = 1
@@ -127,12 +127,11 @@ class Ruler:
 
 def folded(surfaces: Surfaces, charts: Charts, coordinates: np.ndarray) -> np.ndarray:
     """(K,) charts in which stretching has turned a triangle over."""
-    turned = _doubled_area(charts.flat_m[surfaces.triangles]) * _doubled_area(coordinates[surfaces.triangles]) < 0
+    areas = []
+    for flat in (charts.flat_m, coordinates):
+        a, b, c = (flat[surfaces.triangles[:, k]] for k in range(3))
+        areas.append(cross(b - a, c - a))
+    turned = areas[0] * areas[1] < 0
     result = np.zeros(len(charts.size_m), bool)
     result[charts.chart[surfaces.triangle_face[turned]]] = True
     return result
-
-
-def _doubled_area(triangles: np.ndarray) -> np.ndarray:
-    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -115,3 +115,8 @@ def _selected_triangles(
         triangles.append(moved[:, ::-1] if which == BACK else moved)
         owners.append(owner)
     return np.concatenate(triangles), np.concatenate(owners)
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(...,) of vectors (..., 2) in the plane: twice the area of the triangle between them, with its sign."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .surfaces import Surfaces
+from .surfaces import Surfaces, cross
 
 #: Points on a rim move inwards by this much of a texel, so that they do not lie in the surface that meets them there.
 _INWARDS = 0.1
@@ -92,7 +92,7 @@ def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.
 def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2), one below 0 outside; all below 0 for a flat triangle."""
     a, b, c = corners[:, 0] - p, corners[:, 1] - p, corners[:, 2] - p
-    parts = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], -1)
+    parts = np.stack([cross(b, c), cross(c, a), cross(a, b)], -1)
     area = parts.sum(1, keepdims=True)
     flat = np.abs(area) < 1e-12
     return np.where(flat, -1.0, parts / np.where(flat, 1.0, area))
@@ -119,7 +119,7 @@ def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.nd
     """
     edge = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)  # edge k lies opposite corner k
     squared = np.maximum((edge**2).sum(2), 1e-12)
-    area = np.abs(_cross(edge[:, 0], edge[:, 1]))
+    area = np.abs(cross(edge[:, 0], edge[:, 1]))
     height = area[:, None] / np.sqrt(squared)
     for k in range(3):
         wanted = np.minimum(_INWARDS, height[:, k] / 3)
@@ -131,7 +131,3 @@ def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.nd
         step[:, k] = gain
         weights = weights + step
     return weights
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
