@@ -27,7 +27,7 @@ class Console:
 class Progress:
     """Done, rate and time left: one line redrawn on a terminal, a plain line every ten seconds in a log."""
 
-    def __init__(self, total: int, label: str, unit: str = "frames", enabled: bool = True) -> None:
+    def __init__(self, total: int, label: str, unit: str, enabled: bool) -> None:
         self.total, self.label, self.unit, self.enabled = total, label, unit, enabled
         self.done, self.started, self.last = 0, time.monotonic(), 0.0
         self.terminal = sys.stderr.isatty()

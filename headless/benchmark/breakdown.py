@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import bpy
@@ -48,16 +49,11 @@ def measure(job: RenderJob, frames_asked: str) -> Breakdown:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
         cycles, starts = _spans(ticks)
         rays = _rays(job, [event.frame for event in closed], Path(folder), ticks)
-    frame = statistics.median(b - a for a, b in zip(starts[WARM_UP:], starts[WARM_UP + 1 :], strict=False))
-    values = {
-        "frame_ms": frame,
-        "cycles_ms": statistics.median(cycles[WARM_UP:]),
-        "rays_ms": statistics.median(rays),
-        "close_ms": statistics.median(event.close or 0.0 for event in closed[WARM_UP:]),
-    }
-    values["shading_ms"] = max(0.0, values["cycles_ms"] - values["rays_ms"])
-    values["overhead_ms"] = frame - values["cycles_ms"]
-    return Breakdown(frames=len(closed), **{name: 1e3 * seconds for name, seconds in values.items()})
+    spans = ([b - a for a, b in pairwise(starts[WARM_UP:])], cycles[WARM_UP:], rays)
+    frame_ms, cycles_ms, rays_ms = (1e3 * statistics.median(seconds) for seconds in spans)
+    close_ms = 1e3 * statistics.median(event.close or 0.0 for event in closed[WARM_UP:])
+    shading_ms, overhead_ms = max(0.0, cycles_ms - rays_ms), frame_ms - cycles_ms
+    return Breakdown(len(closed), frame_ms, cycles_ms, rays_ms, shading_ms, close_ms, overhead_ms)
 
 
 @contextmanager

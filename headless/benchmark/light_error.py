@@ -29,10 +29,6 @@ class Error:
     def mean_psnr_db(self) -> float:
         return float(np.mean(self.psnr_db))
 
-    @property
-    def worst_psnr_db(self) -> float:
-        return min(self.psnr_db)
-
 
 def error(frames: np.ndarray, halves: np.ndarray) -> Error:
     """Of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.

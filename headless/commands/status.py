@@ -43,7 +43,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def state(folder: Path, frames: str | None) -> dict:
     """Without `frames` those that the recorded command asked for count. Raises InputError for a folder without a run."""
-    plan = _recorded(folder)
+    plan: RunPlan | None = None
+    with suppress(InputError):  # None where nothing that can be read is recorded
+        plan = read_plan(find_run(folder))
     places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
     run = read_run(places[0]) if places else None
     if run is None and plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
@@ -65,13 +67,6 @@ def _in_sequences(raw: Path) -> set[int]:
     if raw.name != "raw":
         return set()
     return set.intersection(*(set(read_entries(raw.parent / name / "frames.jsonl")) for name in ("clean", "noisy")))
-
-
-def _recorded(folder: Path) -> RunPlan | None:
-    """What the folder was begun with; None where nothing that can be read is recorded."""
-    with suppress(InputError):
-        return read_plan(find_run(folder))
-    return None
 
 
 def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], missing: list[int]) -> dict:

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Iterable, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import ceil
 
 from iclnuim.errors import InputError
@@ -18,7 +18,7 @@ def chunks_of(frames: Sequence[int], size: int) -> list[Chunk]:
         raise InputError("chunks of at least 1 frame", found=size)
     count = ceil(len(frames) / size)
     bounds = [len(frames) * k // count for k in range(count + 1)] if count else [0]
-    return [tuple(frames[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
+    return [tuple(frames[a:b]) for a, b in pairwise(bounds)]
 
 
 def size_for_seconds(seconds: float, seconds_a_frame: float) -> int:

@@ -127,17 +127,11 @@ class RunPlan:
             raise InputError(f"schema_version {SCHEMA_VERSION}", found=found, hint="a newer iclnuim")
         refuse_unknown(content, _KEYS, "the record of a run")
         _find_modules_of(content)
-        sequences = content["sequences"]
-        return cls(
-            RenderJob.from_dict(content["job"]),
-            raw,
-            numbers_from(str(content["frames"])),
-            None if sequences is None else SequenceOptions.from_dict(sequences),
-            content["keep_raw"],
-            FarmSettings.from_dict(content["farm"]),
-            SlurmSettings.from_dict(content["slurm"]),
-            content["working_folder"],
-        )
+        job, numbers, sequences = RenderJob.from_dict(content["job"]), numbers_from(str(content["frames"])), None
+        if content["sequences"] is not None:
+            sequences = SequenceOptions.from_dict(content["sequences"])
+        farm, slurm = FarmSettings.from_dict(content["farm"]), SlurmSettings.from_dict(content["slurm"])
+        return cls(job, raw, numbers, sequences, content["keep_raw"], farm, slurm, content["working_folder"])
 
     def write_record(self) -> None:
         """Beside the frames."""
@@ -184,13 +178,6 @@ def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
         noise = {name: options[name] for name in ("depth_noise", "rgb_noise")}
         settings = {name: json.loads(options[name]) for name in ("depth_settings", "rgb_settings")}
         sequences = SequenceOptions(**noise, **settings, seed=options["seed"] or 0)
-    return RunPlan(
-        job,
-        raw,
-        tuple(frame_slice(frames, len(load_trajectory(job)))),
-        sequences,
-        options.get("keep_raw", True),
-        FarmSettings().changed(**farm),
-        slurm.changed(**given),
-        record["working_folder"],
-    )
+    numbers, keep_raw = tuple(frame_slice(frames, len(load_trajectory(job)))), options.get("keep_raw", True)
+    shared = FarmSettings().changed(**farm), slurm.changed(**given)
+    return RunPlan(job, raw, numbers, sequences, keep_raw, *shared, record["working_folder"])

@@ -58,10 +58,9 @@ def minutes(text: str | int) -> int:
         raise InputError("a time such as 30, 2:00:00 or 1-12", setting="time", found=text)
     days, *rest = form.groups()
     parts = [int(part) for part in rest if part is not None]
-    if days is not None:
-        hours, mins, secs = (parts + [0, 0])[:3]
-    else:
-        hours, mins, secs = {1: [0, *parts, 0], 2: [0, *parts], 3: parts}[len(parts)]
+    if days is None and len(parts) < 3:
+        parts.insert(0, 0)  # without days, hours are written only before M:S
+    hours, mins, secs = [*parts, 0, 0][:3]
     total = (int(days or 0) * 24 + hours) * 60 + mins + (secs > 0)
     if total < 1:
         raise InputError("a time of at least a minute", setting="time", found=text)

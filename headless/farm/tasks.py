@@ -32,7 +32,7 @@ STAGES = ("light", "frames", "dataset")
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
     """The first task: a run folder with its recipe, and the light map in the cache. Raises InputError, WorkError."""
-    with Opener(_workers(plan, console), should_stop) as opener:
+    with Opener(Workers(plan.job, plan.raw, console, shared=True), should_stop) as opener:
         opener.bake()
 
 
@@ -51,7 +51,7 @@ def frames(
         return Outcome()
     read_run(plan.raw).check_space(len(missing))
     cores = split(None, granted_cores())[: len(missing)]
-    workers = _workers(plan, console)
+    workers = Workers(plan.job, plan.raw, console, shared=True)
     times = _Times(workers)
     farm = LocalFarm(workers.start, cores, on_frame, times.on_event, should_stop, plan.farm)
     outcome = farm.run(chunks_of(missing, local_size(len(missing), len(cores))))
@@ -125,10 +125,6 @@ class _Times:
         if isinstance(event, FrameDone) and event.cycles is not None:
             seconds = max(event.cycles, event.close or 0.0)  # a frame is closed while the next is in Cycles
             self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)
-
-
-def _workers(plan: RunPlan, console: Console) -> Workers:
-    return Workers(plan.job, plan.raw, console, shared=True)
 
 
 def _lock(held: ExitStack, lock: OutputLock, patience_s: float) -> None:
