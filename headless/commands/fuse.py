@@ -43,7 +43,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     require("fuse", "numba", "cv2")
     if args.plot:
         require("fuse --plot", "open3d")
+    from iclnuim import __version__
     from iclnuim.fusion.from_sequence import fuse_sequence
+    from iclnuim.shipped import source_commit
 
     settings = _settings(args)
     poses = args.poses or _truth(args.folder)
@@ -55,7 +57,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         console.note(f"left out: {line}")
     write_ply(args.out, surface.mesh.points, surface.mesh.triangles, colours=surface.mesh.colours)
     figures = {"mesh": str(args.out), "sequence": str(args.folder), "poses": str(poses), **surface.figures}
-    write_json(args.out.with_suffix(".json"), {**_recipe(), **figures})
+    recipe = {"schema_version": 1, "kind": "surface", "iclnuim": __version__, "source_commit": source_commit()}
+    write_json(args.out.with_suffix(".json"), {**recipe, **figures})
     if args.plot:
         _draw(surface.mesh, loaded, args.plot)
     console.result(figures, _text(figures))
@@ -78,13 +81,6 @@ def _truth(folder: Path) -> Path:
     if truth is None:
         raise InputError("a ground truth in the folder", path=folder, found="none", hint="--poses FILE")
     return truth
-
-
-def _recipe() -> dict:
-    from iclnuim import __version__
-    from iclnuim.shipped import source_commit
-
-    return {"schema_version": 1, "kind": "surface", "iclnuim": __version__, "source_commit": source_commit()}
 
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:

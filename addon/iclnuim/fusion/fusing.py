@@ -130,9 +130,7 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, 
                     continue
                 more = UNIT
                 if behind < trunc:
-                    if (
-                        jumps
-                    ):  # one of two surfaces, or one that is all but edge-on: hardly a word in this, nor in free space
+                    if jumps:  # one of two surfaces, or one that is almost edge-on: it hardly counts
                         more = 1.0 if distance > -behind else 0.0
                     elif distance < trunc:
                         slant = _slant(inverse, K, u, v, found)

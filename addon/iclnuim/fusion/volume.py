@@ -88,7 +88,9 @@ class Volume:
         if depth.shape != (camera.height, camera.width):
             raise InputError(f"depth of {camera.width}x{camera.height} as the camera has it", found=depth.shape[::-1])
         image = self._checked(image, depth.shape)
-        inverse, K, s = self._inverse(depth), _intrinsics(camera), self.settings
+        K, s = _intrinsics(camera), self.settings
+        usable = (depth > 0) & (depth < s.far_m)  # false for NaN
+        inverse = np.divide(np.float32(1), depth, out=np.zeros_like(depth), where=usable)  # 0: missing or too far
         self.follow(T.translation)
         n = self._touched(inverse, K, T)
         if n is None:
@@ -175,11 +177,6 @@ class Volume:
         self._stamp[rows] = 0
         self._free[self._n_free : self._n_free + len(rows)] = rows
         self._n_free += len(rows)
-
-    def _inverse(self, depth: np.ndarray) -> np.ndarray:
-        """1/depth, 0 where it is missing or too far."""
-        usable = (depth > 0) & (depth < self.settings.far_m)  # false for NaN
-        return np.divide(np.float32(1), depth, out=np.zeros_like(depth), where=usable)
 
     def _checked(self, image: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
         channels = self.settings.channels

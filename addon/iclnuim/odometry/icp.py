@@ -114,7 +114,9 @@ class Icp(PyramidOdometer):
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
         s = self.icp
         if s.bilateral:
-            frame = replace(frame, depth_z_m=filtered(frame.depth_z_m))
+            # what is missing lies too far off to weigh, and stays missing
+            smooth = cv2.bilateralFilter(frame.depth_z_m, 13, 0.03, 4.5)
+            frame = replace(frame, depth_z_m=np.where(frame.depth_z_m > 0, smooth, np.float32(0)))
         levels = pyramid(frame, camera, len(s.iterations), normal_step=s.normal_step)
         if s.rough_step and roughness(levels[min(1, len(levels) - 1)]) > s.max_roughness:
             levels = [replace(level, normal_step=s.rough_step) for level in levels]
@@ -140,9 +142,3 @@ def roughness(level: Level) -> float:
     one, other = normals[:, :-3:4], normals[:, 3::4]
     both = (one[..., 2] != 0) & (other[..., 2] != 0)
     return 1.0 - float(np.median(np.sum(one[both] * other[both], axis=-1))) if both.any() else 0.0
-
-
-def filtered(depth_z_m: np.ndarray) -> np.ndarray:
-    """Bilateral; what is missing lies too far off to weigh, and stays missing."""
-    smooth = cv2.bilateralFilter(depth_z_m, 13, 0.03, 4.5)
-    return np.where(depth_z_m > 0, smooth, np.float32(0))

@@ -100,6 +100,6 @@ def _joint(plane: PlaneTerm, photometric: Linearise, settings: IcpRgbdSettings, 
             geometry = geometry.without_scale(T.translation, scale)
         if settings.weights == "information":
             return geometry.plus(image)
-        return geometry.plus(image.scaled(w * w, w if settings.weights == "kintinuous2013" else None))
+        return geometry.plus(image, w * w, w if settings.weights == "kintinuous2013" else w * w)
 
     return linearise

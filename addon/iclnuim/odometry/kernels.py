@@ -55,12 +55,7 @@ def normals(z, k, s, out):
             limit = (0.02 + 0.02 * s) * z[v, u]
             if not (e > 0 and r > 0 and a > 0 and b > 0):
                 continue
-            if (
-                abs(e - z[v, u]) > limit
-                or abs(r - z[v, u]) > limit
-                or abs(a - z[v, u]) > limit
-                or abs(b - z[v, u]) > limit
-            ):
+            if max(abs(e - z[v, u]), abs(r - z[v, u]), abs(a - z[v, u]), abs(b - z[v, u])) > limit:
                 continue
             x1, y1, z1 = ((u + s - cx) * r - (u - s - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
             x2, y2, z2 = (u - cx) * (b - a) / fx, ((v + s - cy) * b - (v - s - cy) * a) / fy, b - a

@@ -8,6 +8,7 @@ monocular camera; then the prior is firm in tiles where the factor came out near
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class PhotometricSettings:
     max_dz_m: float = 0.07  # between warped and measured depth: an occlusion above
     nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
     scale_once: bool = (
-        False  # the scale of Student's t is estimated once on all levels but the coarsest (Kerl 2013); not with tiles
+        False  # Student's scale is estimated once on all levels but the coarsest (Kerl 2013); not with tiles
     )
     mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
     spread: float = 0.0  # so many pixels share one error (fitted on kt2); 0: no noise model
@@ -133,11 +134,8 @@ class PhotometricTerm:
         self.parallax = np.empty(count if tiles else 0, np.float32)
         self.sums = np.empty((ACROSS * DOWN, 42))
 
-    def firm(self, T: SE3, iteration: int) -> System:
-        """As a call, with a firm prior on depth in the tiles whose intensities agree with it."""
-        return self(T, iteration, firm=True)
-
     def __call__(self, T: SE3, iteration: int, firm: bool = False) -> System:
+        """firm: with a firm prior on depth in the tiles whose intensities agree with it."""
         level, nu = self.current, self.settings.nu
         if self.tiles:
             self.tiles.follow(T)
@@ -184,7 +182,7 @@ def photometric_passes(
             term = PhotometricTerm(reference[n], current[n], s, n, tiles=Tiles())
             # factors that settle, and then their prior, may raise the error for a step
             stop = Stop(s.stop.min_step)
-            passes += [Pass(linearise, iterations, term.pixels, stop) for linearise in (term, term.firm)]
+            passes += [Pass(linearise, iterations, term.pixels, stop) for linearise in (term, partial(term, firm=True))]
         else:
             term = PhotometricTerm(reference[n], current[n], s, n, s.scale_once and not s.tiles and n != schedule[0][0])
             passes.append(Pass(term, iterations, term.pixels, s.stop, rotation_only=s.tiles))

@@ -68,7 +68,10 @@ def pyramid(
             break
         camera = camera.halved()
         grey = _halved(kernels.halve_grey, grey)
-        z = _median_picked(z) if median_depth else _halved(kernels.halve_depth, z)
+        if median_depth:
+            z = np.ascontiguousarray(cv2.medianBlur(z, 3)[: 2 * camera.height : 2, : 2 * camera.width : 2])
+        else:
+            z = _halved(kernels.halve_depth, z)
         result.append(Level(grey, z, camera, normal_step))
     return result
 
@@ -77,8 +80,3 @@ def _halved(kernel: Callable, image: np.ndarray) -> np.ndarray:
     half = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
     kernel(image, half)
     return half
-
-
-def _median_picked(z: np.ndarray) -> np.ndarray:
-    height, width = z.shape
-    return np.ascontiguousarray(cv2.medianBlur(z, 3)[: height // 2 * 2 : 2, : width // 2 * 2 : 2])

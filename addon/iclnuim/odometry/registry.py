@@ -5,13 +5,8 @@ from importlib import import_module
 from ..errors import InputError, WorkError
 from .protocol import Odometer
 
-#: name -> (module, class, what it aligns); importing this list loads neither numba nor OpenCV
-ODOMETERS = {
-    "rgbd": ("rgbd", "Rgbd", "intensities"),
-    "dvo": ("dvo", "Dvo", "intensities, Student-t weights"),
-    "icp": ("icp", "Icp", "points to planes"),
-    "icp_rgbd": ("icp_rgbd", "IcpRgbd", "both"),
-}
+#: name, which is its module's too -> class; importing this list loads neither numba nor OpenCV
+ODOMETERS = {"rgbd": "Rgbd", "dvo": "Dvo", "icp": "Icp", "icp_rgbd": "IcpRgbd"}
 #: third-party odometers: name -> (class in baselines.py, the package's own name, its import name)
 BASELINES = {
     "baseline:opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
@@ -40,11 +35,10 @@ def odometer(name: str, preset: str = "best") -> Odometer:
             raise WorkError(f"{name} needs {package}; try: pip install {PACKAGES[package]}") from None
     if name not in ODOMETERS:
         raise InputError(f"an odometer ({', '.join(NAMES)})", found=name)
-    module, kind, _ = ODOMETERS[name]
     try:
-        found = import_module(f".{module}", __package__)
+        found = import_module(f".{name}", __package__)
     except ModuleNotFoundError as error:
         raise WorkError(f"{name} needs {error.name}; try: pip install {PACKAGES[error.name or '']}") from None
     if preset not in found.PRESETS:
         raise InputError(f"a preset of {name} ({', '.join(found.PRESETS)})", found=preset)
-    return getattr(found, kind)(found.PRESETS[preset])
+    return getattr(found, ODOMETERS[name])(found.PRESETS[preset])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import absolute_error
 from ..evaluation.relative_error import RelativeErrorSettings, relative_error
 from ..formats.png import read_depth16, read_rgb8
-from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
@@ -83,30 +83,22 @@ class Run:
         poses = SE3.from_matrix(np.array([f.T_world_camera.matrix for f in tracked]))
         return Trajectory(np.array([f.stamp_s for f in tracked]), poses)
 
-    def write(self, path: Path) -> None:
-        """As a TUM trajectory."""
-        write_trajectory(path, self.trajectory, "tum")
-
     def losses(self) -> list[str]:
         """One line a lost frame: its stamp and the reason."""
         return [f"{f.stamp_s:.6f} s lost: {f.result.reason}" for f in self.frames if f.lost]
 
-    def ate_rmse_m(self) -> float | None:
-        """After SE(3) alignment; None without ground truth, or where it cannot be aligned."""
-        return self._error(lambda truth, found: absolute_error(truth, found).translation_m.rmse)
-
-    def rpe_rmse_m(self) -> float | None:
-        """Over all pairs a second apart; None where there is none."""
-        return self._error(lambda truth, found: relative_error(truth, found, _SECOND).translation_m.rmse)
-
-    def _error(self, measure: Callable[[Trajectory, Trajectory], float]) -> float | None:
+    def _rmse_m(self, measure: Callable) -> float | None:
+        """None without ground truth, or where nothing can be measured."""
         try:
-            return None if self.truth is None else measure(self.truth, self.trajectory)
+            return None if self.truth is None else measure(self.truth, self.trajectory).translation_m.rmse
         except InputError:
             return None
 
     def to_dict(self) -> dict:
-        """Figures as `odometry --json` prints them; times are those of prepare() and align(), without reading."""
+        """Figures as `odometry --json` prints them; times are those of prepare() and align(), without reading.
+
+        ATE after SE(3) alignment, RPE over all pairs a second apart; None without ground truth, or where there is none.
+        """
         ms = np.array([f.result.seconds for f in self.frames[1:]] or [0.0]) * 1e3
         lost = sum(f.lost for f in self.frames)
         return {
@@ -119,8 +111,8 @@ class Run:
             "ms_median": float(np.median(ms)),
             "ms_95": float(np.percentile(ms, 95)),
             "frames_per_s": 1e3 / max(float(ms.mean()), 1e-6) if len(self.frames) > 1 else None,
-            "ate_rmse_m": self.ate_rmse_m(),
-            "rpe_1s_rmse_m": self.rpe_rmse_m(),
+            "ate_rmse_m": self._rmse_m(absolute_error),
+            "rpe_1s_rmse_m": self._rmse_m(partial(relative_error, settings=_SECOND)),
         }
 
 

@@ -59,11 +59,6 @@ class System:
         weight = 1.0 / (spread * max(self.error, 1e-12))
         return replace(self, A=self.A * weight, b=self.b * weight, informed=True)
 
-    def scaled(self, factor: float, factor_b: float | None = None) -> "System":
-        """All weights times a factor; a second one for b alone only to repeat an old slip."""
-        b = self.b * (factor if factor_b is None else factor_b)
-        return replace(self, A=self.A * factor, b=b, error=self.error * factor)
-
     def without_scale(self, t_m: np.ndarray, sigma: float) -> "System":
         """Where everything that these equations (information) say of a translation t_m (3,) may be off by one factor.
 
@@ -74,9 +69,9 @@ class System:
         stiff = along @ slopes + sigma**-2
         return replace(self, A=self.A - np.outer(slopes, slopes) / stiff, b=self.b - slopes * (along @ self.b) / stiff)
 
-    def plus(self, other: "System") -> "System":
-        """Joint equations; all else stays the first one's."""
-        return replace(self, A=self.A + other.A, b=self.b + other.b)
+    def plus(self, other: "System", factor: float = 1.0, factor_b: float = 1.0) -> "System":
+        """Joint equations, with the other's A and b times a factor each; all else stays the first one's."""
+        return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor_b)
 
     def centred(self) -> tuple[np.ndarray, np.ndarray]:
         """(A, G): A about the points' centre with rotations in lengths, and G with x = G^T x_centred."""
