@@ -250,7 +250,9 @@ def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
     removed = 0
     for block in {block for thing in things if thing is not None for block in _blocks_of(thing)}:
         animation = getattr(block, "animation_data", None)
-        for curve in list(animation.drivers) if animation is not None else []:
+        if animation is None:
+            continue
+        for curve in list(animation.drivers):
             if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression:
                 animation.drivers.remove(curve)
                 removed += 1
