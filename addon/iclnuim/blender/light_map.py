@@ -49,7 +49,7 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
     """
     if np.isnan(light).any():
         raise WorkError(
-            "the light map has values that are not numbers, so it was not stored; try path tracing: {light} path"
+            "the light map has values that are not numbers and is not stored", hint="path tracing: {light} path"
         )
     light = np.minimum(light, np.finfo(np.float16).max)
     folder.parent.mkdir(parents=True, exist_ok=True)

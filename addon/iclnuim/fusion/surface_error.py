@@ -5,7 +5,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, named
 from ..evaluation.statistics import ErrorStatistics
 from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
@@ -51,7 +51,7 @@ class SurfaceError:
             "distance_m": self.statistics.to_dict(),
             "within": within,
             "T_model_mesh": self.T_model_mesh.matrix.tolist(),
-            "warnings": list(self.warnings),
+            "warnings": [named(text) for text in self.warnings],
         }
 
 
