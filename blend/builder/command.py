@@ -83,7 +83,7 @@ def _build(args: argparse.Namespace, console: Console) -> int:
     if not out.parent.is_dir():
         raise InputError("a folder to write into", path=out.parent, found="nothing of that name", hint="--out FILE")
     with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
-        _blender_room("session").reset()
+        _blender_room("scene").open_empty()
         build_scene(args.name, seed=args.seed, detail=args.detail)
         from . import stage
 
