@@ -18,7 +18,7 @@ class OpencvOdometer:
     def __init__(self, name: str, method: str) -> None:
         import cv2
 
-        self.name, self._rgbd = name, cv2.rgbd  # type: ignore[attr-defined]  # a module of opencv-contrib alone
+        self.name, self._rgbd = name, cv2.rgbd  # a module of opencv-contrib alone
         self._create: Any = getattr(self._rgbd, method).create
         self._odometry: Any = None
         self._camera: PinholeCamera | None = None
