@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.odometry.registry import ODOMETERS, odometer
 
 from ..console import Console
@@ -84,7 +83,7 @@ def _keep(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None
     for done in found if args.out else ():
         path = args.out / f"{done.name}.txt" if args.all else args.out
         path.parent.mkdir(exist_ok=True)
-        write_trajectory(path, done.trajectory, "tum")
+        done.write(path)
         console.note(f"{path} written")
     if args.plot or args.show:
         from iclnuim.odometry import drawing

@@ -12,6 +12,7 @@ from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import absolute_error
 from ..evaluation.relative_error import RelativeErrorSettings, relative_error
 from ..formats.png import read_depth16, read_rgb8
+from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
@@ -86,6 +87,10 @@ class Run:
     def losses(self) -> list[str]:
         """One line a lost frame: its stamp and the reason."""
         return [f"{f.stamp_s:.6f} s lost: {f.result.reason}" for f in self.frames if f.lost]
+
+    def write(self, path: str | Path) -> None:
+        """The trajectory as a TUM file."""
+        write_trajectory(path, self.trajectory, "tum")
 
     def _rmse_m(self, measure: Callable) -> float | None:
         """None without ground truth, or where nothing can be measured."""
