@@ -17,7 +17,7 @@ def pages(repository):
     return [
         page
         for page in sorted(repository.rglob("*.md"))
-        if not {".venv", "node_modules", ".pytest_cache"} & set(page.relative_to(repository).parts)
+        if not any(part.startswith(".") or part == "node_modules" for part in page.relative_to(repository).parts)
     ]
 
 
