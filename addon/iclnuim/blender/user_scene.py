@@ -70,7 +70,8 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
     for what, names in hindrances.items():
         if names:
             return f"{what} ({', '.join(names)[:120]})"
-    if not any(baked_materials.kind(m).diffuse or baked_materials.kind(m).translucent for m in _shown_materials(scene)):
+    kinds = map(baked_materials.kind, _shown_materials(scene))
+    if not any(kind.diffuse or kind.translucent for kind in kinds):
         return "no diffuse surface"
     count = surfaces.triangle_count()
     return f"{count} triangles, more than the texels of a light map" if count > MAX_BAKED else None
