@@ -4,6 +4,7 @@ Threads share Python's lock and take it between any two array operations: four m
 processes make it four times as fast.
 """
 
+import contextlib
 import ctypes
 import multiprocessing
 import os
@@ -125,14 +126,17 @@ class _Processes:
     def do(self, number: int) -> Any:
         """Raises what the work raised, WorkError where its process was killed."""
         pipe = self._idle.get()
-        try:
+        answer = None
+        with contextlib.suppress(
+            EOFError, OSError
+        ):  # killed; raised below, for an error kept beside another keeps its half-sent message
             pipe.send(number)
-            result, error = pipe.recv()
-        except (EOFError, OSError):
+            answer = pipe.recv()
+        self._idle.put(pipe)
+        if answer is None:
             reason = "a process that made images was killed, or memory ran out"
-            raise WorkError(f"{reason}; finished frames stay: run the same command again") from None
-        finally:
-            self._idle.put(pipe)
+            raise WorkError(f"{reason}; finished frames stay: run the same command again")
+        result, error = answer
         if error is not None:
             raise error
         return result
