@@ -14,7 +14,7 @@ HEAVY = ("bpy", "numba", "scipy", "matplotlib", "numpy", "cv2", "open3d")
 
 @pytest.mark.parametrize("name", iclnuim.__all__)
 def test_every_public_name_is_found_where_the_package_says(name):
-    """A name that moved: change its line in _MODULES and in the imports below it, both in addon/iclnuim/__init__.py."""
+    """A name that moved: change its line among the imports in addon/iclnuim/__init__.py."""
     assert getattr(iclnuim, name) is not None
 
 

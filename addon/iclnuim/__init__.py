@@ -4,7 +4,9 @@ Importing it loads none of numpy, SciPy, Matplotlib, numba and Blender: a public
 shows the names at work.
 """
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0"
@@ -29,43 +31,6 @@ __all__ = [
     # surfaces
     "fuse_sequence", "FuseSettings", "VolumeSettings", "FusedSurface", "Mesh", "read_mesh", "read_model", "write_ply", "TrueSurface", "SurfaceError",
 ]  # fmt: skip
-
-#: module -> its public names; `name=other` where the module calls it otherwise. The imports below say the same to type checkers.
-_MODULES = {
-    "dataset.frames": "FrameSource image_frames run_frames",
-    "dataset.inspection": "Inspection inspect_sequence",
-    "dataset.sequence": "SequenceSettings WrittenSequence write_sequence",
-    "errors": "IclnuimError InputError WorkError",
-    "evaluation.absolute_error": "AbsoluteError AbsoluteErrorSettings absolute_error",
-    "evaluation.align": "AlignmentSettings",
-    "evaluation.associate": "Association AssociationSettings associate",
-    "evaluation.relative_error": "RelativeError RelativeErrorSettings relative_error",
-    "formats.ply": "write_ply",
-    "formats.trajectories": "LoadedTrajectory read_trajectory write_trajectory",
-    "fusion.from_sequence": "FusedSurface=Surface fuse_sequence",
-    "fusion.mesh": "Mesh",
-    "fusion.models": "read_mesh read_model",
-    "fusion.settings": "FuseSettings VolumeSettings",
-    "fusion.surface_error": "SurfaceError TrueSurface",
-    "geometry.camera": "PinholeCamera",
-    "geometry.se3": "SE3",
-    "geometry.trajectory": "Trajectory TrajectoryStatistics resample trajectory_statistics=statistics",
-    "job": "RenderJob read_recipe shipped_job",
-    "odometry.protocol": "Frame Odometer OdometryResult=Result OdometryStatus=Status",
-    "odometry.registry": "odometer",
-    "odometry.run": "OdometryRun=Run RgbdSequence=Sequence run_odometers=run_together odometry_table=table",
-    "odometry.track": "Tracked Tracker track",
-    "postprocess": "absolute_trajectory_error frames_from make_sequence noisy_depth noisy_rgb relative_pose_error",
-    "render": "RenderedFrame render_frames render_pose",
-    "scenes": "SCENES",
-    "sensor.models": "DEPTH_MODELS RGB_MODELS depth_model rgb_model",
-    "sensor.transfer": "linear_from_srgb8=light_from_srgb8",
-}
-_PLACES = {
-    name.partition("=")[0]: (module, name.partition("=")[2] or name)
-    for module, names in _MODULES.items()
-    for name in names.split()
-}
 
 if TYPE_CHECKING:
     from .dataset.frames import FrameSource, image_frames, run_frames
@@ -120,7 +85,10 @@ else:
         try:
             value = getattr(import_module(f".{module}", __name__), attribute)
         except ModuleNotFoundError as error:
-            raise ImportError(_missing(name, error.name or "")) from None
+            text = f"needs {error.name}; try: pip install {error.name}"
+            if (error.name or "").startswith(f"{__name__}."):
+                text = "is not part of the Blender extension; try: pip install iclnuim, in a Python of its own"
+            raise ImportError(f"iclnuim.{name} {text}") from None
         globals()[name] = value
         return value
 
@@ -128,10 +96,14 @@ else:
         return sorted({*globals(), *_PLACES})
 
 
-def _missing(name: str, module: str) -> str:
-    if module.startswith(f"{__name__}."):
-        return f"iclnuim.{name} is not part of the Blender extension; try: pip install iclnuim, in a Python of its own"
-    return f"iclnuim.{name} needs {module}; try: pip install {module}"
+#: public name -> (module, its name there), read from the imports above
+_PLACES = {
+    alias.asname or alias.name: (node.module, alias.name)
+    for node in ast.walk(ast.parse(Path(__file__).read_text("utf-8")))
+    if isinstance(node, ast.ImportFrom) and node.level
+    for alias in node.names
+    if alias.asname or alias.name in __all__
+}
 
 
 def register() -> None:

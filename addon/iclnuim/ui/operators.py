@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
 
 from .. import shipped
 from ..blender import camera as keyed_camera
@@ -23,226 +24,191 @@ from ..geometry.scene_axes import SceneReading
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from . import image_editor, inputs, pictures, state, trajectory_view
-from .state import reported
+from .state import operator
 
 PREVIEW, PLOT = "ICL-NUIM preview", "ICL-NUIM error"
 
 
-class ICLNUIM_OT_load_scene(bpy.types.Operator):
+@operator("Show the Scene Here", undo=True)
+def load_scene(self, context):
     """Bring the chosen scene into this window, in a collection of its own; replaces the scene brought before"""
-
-    bl_idname, bl_label, bl_options = "iclnuim.load_scene", "Show the Scene Here", {"REGISTER", "UNDO"}
-
-    @reported
-    def execute(self, context):
-        settings = context.scene.iclnuim
-        if settings.scene_source == "OPEN":
-            raise InputError("a built-in scene or a file to show", found="the open file, which is here already")
-        file, reading = _scene_file(settings), settings.reading()
-        scene_paths.refuse_outside(file, reading.textures)
-        collection = _fresh_collection(context.scene)
-        if file.suffix.lower() == ".blend":
-            _append(context.scene, file, collection)
-            if settings.scene_source == "FILE":
-                orient.orient(file, reading, list(collection.all_objects))
-        else:
-            _import(context, file, reading, collection)
-        collection[trajectory_view.SHOWN] = inputs.scene_name(settings)
-        for name in ("Cube", "Light"):  # the start-up file's would stand in the room; they are hidden, not removed
-            thing = context.scene.collection.all_objects.get(name)
-            if thing is not None and thing.name not in collection.all_objects:
-                thing.hide_viewport = thing.hide_render = True
-        for area in state.areas("VIEW_3D"):
-            area.spaces.active.overlay.show_extras = (
-                False  # spot lamps draw wide circles; the panel has the switch that shows them
-            )
-        trajectory_view.refresh(context)
+    settings = context.scene.iclnuim
+    if settings.scene_source == "OPEN":
+        raise InputError("a built-in scene or a file to show", found="the open file, which is here already")
+    file, reading = _scene_file(settings), settings.reading()
+    scene_paths.refuse_outside(file, reading.textures)
+    old = bpy.data.collections.get(trajectory_view.COLLECTION)
+    if old is not None:
+        bpy.data.batch_remove([*old.all_objects, old])
+    collection = bpy.data.collections.new(trajectory_view.COLLECTION)
+    context.scene.collection.children.link(collection)
+    if file.suffix.lower() == ".blend":
+        _append(context.scene, file, collection)
+        if settings.scene_source == "FILE":
+            orient.orient(file, reading, list(collection.all_objects))
+    else:
+        _import(context, file, reading, collection)
+    collection[trajectory_view.SHOWN] = inputs.scene_name(settings)
+    for name in ("Cube", "Light"):  # the start-up file's would stand in the room; they are hidden, not removed
+        thing = context.scene.collection.all_objects.get(name)
+        if thing is not None and thing.name not in collection.all_objects:
+            thing.hide_viewport = thing.hide_render = True
+    for area in state.areas("VIEW_3D"):
+        # spot lamps draw wide circles; the panel has the switch that shows them
+        area.spaces.active.overlay.show_extras = False
+    trajectory_view.refresh(context)
 
 
-class ICLNUIM_OT_keyframe(bpy.types.Operator):
+@operator("Keyframe", undo=True)
+def keyframe(self, context):
     """Keyframe a camera along the trajectory: the timeline plays the poses exactly, pose i at frame i"""
-
-    bl_idname, bl_label, bl_options = "iclnuim.keyframe", "Keyframe", {"REGISTER", "UNDO"}
-
-    @reported
-    def execute(self, context):
-        scene = context.scene
-        chosen, _ = inputs.trajectory(context)
-        lens = scene.iclnuim.camera()
-        if scene.iclnuim.trajectory_source != "CAMERA":
-            _remove_own_camera()
-        keyed_camera.keyframe(chosen.T_world_camera, lens)
-        rate_hz = (len(chosen) - 1) / (chosen.stamps_s[-1] - chosen.stamps_s[0]) if len(chosen) > 1 else 30.0
-        scene.render.fps, scene.render.fps_base = max(round(rate_hz), 1), max(round(rate_hz), 1) / rate_hz
-        scene.frame_set(0)
-        for area in state.areas("VIEW_3D"):
-            area.spaces.active.region_3d.view_perspective = "CAMERA"
-        trajectory_view.refresh(context)
+    scene = context.scene
+    chosen, _ = inputs.trajectory(context)
+    lens = scene.iclnuim.camera()
+    old = bpy.data.objects.get(keyed_camera.NAME)
+    if scene.iclnuim.trajectory_source != "CAMERA" and old is not None:
+        parts = old.data, old.animation_data and old.animation_data.action
+        bpy.data.objects.remove(old)
+        bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
+    keyed_camera.keyframe(chosen.T_world_camera, lens)
+    rate_hz = (len(chosen) - 1) / (chosen.stamps_s[-1] - chosen.stamps_s[0]) if len(chosen) > 1 else 30.0
+    scene.render.fps, scene.render.fps_base = max(round(rate_hz), 1), max(round(rate_hz), 1) / rate_hz
+    scene.frame_set(0)
+    for area in state.areas("VIEW_3D"):
+        area.spaces.active.region_3d.view_perspective = "CAMERA"
+    trajectory_view.refresh(context)
 
 
-class ICLNUIM_OT_refresh(bpy.types.Operator):
+@operator("Read Again")
+def refresh(self, context):
     """Read the trajectory again and check whether it passes through a surface of the open scene"""
-
-    bl_idname, bl_label = "iclnuim.refresh", "Read Again"
-
-    @reported
-    def execute(self, context):
-        trajectory_view.refresh(context)
+    trajectory_view.refresh(context)
 
 
-class ICLNUIM_OT_save_path(bpy.types.Operator):
+def _ask_for_a_file(self, context, event):
+    source = context.scene.iclnuim.trajectory_source
+    name = {"CAMERA": "camera", "FILE": "trajectory"}.get(source, source)
+    self.filepath = str(Path(bpy.data.filepath).with_name(f"{name}.txt")) if bpy.data.filepath else f"{name}.txt"
+    context.window_manager.fileselect_add(self)
+    return {"RUNNING_MODAL"}
+
+
+@operator(
+    "Save as TUM",
+    invoke=_ask_for_a_file,
+    filepath=StringProperty(subtype="FILE_PATH", description="File to write, ending in .txt"),
+    check_existing=BoolProperty(default=True, options={"HIDDEN"}),
+    filter_glob=StringProperty(default="*.txt", options={"HIDDEN"}),
+)
+def save_path(self, context):
     """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y down, z forward"""
-
-    bl_idname, bl_label = "iclnuim.save_path", "Save as TUM"
-
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH", description="File to write, ending in .txt")
-    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-    filter_glob: bpy.props.StringProperty(default="*.txt", options={"HIDDEN"})
-
-    def invoke(self, context, event):
-        source = context.scene.iclnuim.trajectory_source
-        name = {"CAMERA": "camera", "FILE": "trajectory"}.get(source, source)
-        self.filepath = str(Path(bpy.data.filepath).with_name(f"{name}.txt")) if bpy.data.filepath else f"{name}.txt"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    @reported
-    def execute(self, context):
-        if not self.filepath:
-            raise InputError("a file to write", found="none")
-        file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
-        poses, sentence = inputs.trajectory(context)
-        write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
-        state.current().work.message = f"{len(poses)} poses of {sentence} are in {file.name}"
+    if not self.filepath:
+        raise InputError("a file to write", found="none")
+    file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
+    poses, sentence = inputs.trajectory(context)
+    write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
+    state.current().work.message = f"{len(poses)} poses of {sentence} are in {file.name}"
 
 
-class ICLNUIM_OT_bake(bpy.types.Operator):
+@operator("Bake Light")
+def bake(self, context):
     """Bake the scene's light map into the extension's cache, in the background; a render does it too where it is missing"""
-
-    bl_idname, bl_label = "iclnuim.bake", "Bake Light"
-
-    @reported
-    def execute(self, context):
-        folder = _own_folder()
-        job = inputs.job(context, folder).changed(light="baked")
-        finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
-        state.start("bake", job, folder / "raw", {"bake": True}, "the light is baked and is in the cache", finish)
+    folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
+    job = inputs.job(context, folder).changed(light="baked")
+    finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
+    state.start("bake", job, folder / "raw", {"bake": True}, "the light is baked and is in the cache", finish)
 
 
-class ICLNUIM_OT_render(bpy.types.Operator):
+@operator("Render")
+def render(self, context):
     """Render the chosen frames in a second Blender, then write the sequences; finished frames are skipped"""
-
-    bl_idname, bl_label = "iclnuim.render", "Render"
-
-    @reported
-    def execute(self, context):
-        settings = context.scene.iclnuim
-        out = inputs.output_folder(settings)
-        numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context)[0])))
-        _render(inputs.job(context, out), out, numbers, settings.sequences(out))
+    settings = context.scene.iclnuim
+    out = inputs.output_folder(settings)
+    numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context)[0])))
+    _render(inputs.job(context, out), out, numbers, settings.sequences(out))
 
 
-class ICLNUIM_OT_resume(bpy.types.Operator):
+@operator("Resume")
+def resume(self, context):
     """Continue the render in the output folder with the settings it was started with"""
-
-    bl_idname, bl_label = "iclnuim.resume", "Resume"
-
-    @reported
-    def execute(self, context):
-        settings = context.scene.iclnuim
-        out = inputs.output_folder(settings)
-        recipe = out / "raw" / "sequence.json"
-        if not recipe.is_file():
-            raise InputError(
-                "a render to resume", path=recipe.parent, found="none", hint="Render, or the {out} it was started in"
-            )
-        inputs.check_free(out / "raw")
-        job = RenderJob.from_dict(read_json(recipe).get("job", {}))
-        poses = read_trajectory(out / "raw" / "groundtruth.txt", "tum").trajectory
-        _render(job, out, list(frame_slice(settings.frames, len(poses))), settings.sequences(out))
-
-
-class ICLNUIM_OT_cancel(bpy.types.Operator):
-    """Stop after the current frame; finished frames stay, and Resume continues from there"""
-
-    bl_idname, bl_label = "iclnuim.cancel", "Cancel"
-
-    def execute(self, context):
-        state.current().work.cancel()
-        state.redraw()
-        return {"FINISHED"}
-
-
-class ICLNUIM_OT_preview(bpy.types.Operator):
-    """Render the pose of the timeline's current frame, and show colour and depth, clean above and with the sensor's noise below"""
-
-    bl_idname, bl_label = "iclnuim.preview", "Preview Frame"
-
-    @reported
-    def execute(self, context):
-        settings = context.scene.iclnuim
-        folder = _own_folder()
-        chosen = inputs.trajectory(context)[0]
-        number = min(max(context.scene.frame_current, 0), len(chosen) - 1)
-        options = SequenceOptions(**settings.values_of(SequenceOptions))
-        sensor = options.sequence_settings()
-        job = inputs.job(context, folder)
-
-        def finish() -> None:
-            light, depth_z_m = read_frame(folder / "raw" / "exr" / f"{number:06}.exr", job.camera)
-            clean = noisy_images(light, depth_z_m, job.camera, number, options.without_noise())[0]
-            noisy, units, _ = noisy_images(light, depth_z_m, job.camera, number, sensor)
-            shutil.rmtree(folder, ignore_errors=True)
-            picture = pictures.frame_picture(clean, depth_z_m, noisy, units / sensor.depth_units_per_metre)
-            image_editor.show(bpy.context, PREVIEW, picture)
-            state.current().work.message = f"frame {number} is shown in the image editor as “{PREVIEW}”"
-
-        state.start("preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish)
-
-
-class ICLNUIM_OT_evaluate(bpy.types.Operator):
-    """ATE and RPE of the estimate, which is drawn beside the ground truth: blue for no error, red for the largest"""
-
-    bl_idname, bl_label = "iclnuim.evaluate", "Evaluate"
-
-    @reported
-    def execute(self, context):
-        settings, held = context.scene.iclnuim, state.current()
-        if not settings.estimate:
-            raise InputError("an estimated trajectory", found="none", hint="choosing a file as {estimate}")
-        estimate = read_trajectory(bpy.path.abspath(settings.estimate))
-        truth = (
-            read_trajectory(bpy.path.abspath(settings.truth)).trajectory
-            if settings.truth
-            else inputs.trajectory(context)[0]
+    settings = context.scene.iclnuim
+    out = inputs.output_folder(settings)
+    recipe = out / "raw" / "sequence.json"
+    if not recipe.is_file():
+        raise InputError(
+            "a render to resume", path=recipe.parent, found="none", hint="Render, or the {out} it was started in"
         )
-        alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
-        ate = absolute_error(truth, estimate.trajectory, AbsoluteErrorSettings(alignment=alignment))
-        rpe = relative_error(truth, estimate.trajectory, RelativeErrorSettings(*parse_delta(settings.delta)))
-        held.evaluation = ate
-        shift, turn = ate.translation_m, ate.rotation_deg
-        held.evaluation_lines = [
-            f"ATE rmse {shift.rmse:.4f} m, median {shift.median:.4f}, max {shift.max:.4f}",
-            f"rotation rmse {turn.rmse:.3f} deg",
-            f"RPE over {settings.delta}: {rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg",
-            f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
-        ]
-        trajectory_view.show_estimate(ate.aligned.translation, ate.reference.translation, ate.translation_error_m)
-        state.redraw()
+    inputs.check_free(out / "raw")
+    job = RenderJob.from_dict(read_json(recipe).get("job", {}))
+    poses = read_trajectory(out / "raw" / "groundtruth.txt", "tum").trajectory
+    _render(job, out, list(frame_slice(settings.frames, len(poses))), settings.sequences(out))
 
 
-class ICLNUIM_OT_plot(bpy.types.Operator):
+@operator("Cancel")
+def cancel(self, context):
+    """Stop after the current frame; finished frames stay, and Resume continues from there"""
+    state.current().work.cancel()
+    state.redraw()
+
+
+@operator("Preview Frame")
+def preview(self, context):
+    """Render the pose of the timeline's current frame, and show colour and depth, clean above and with the sensor's noise below"""
+    settings = context.scene.iclnuim
+    folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
+    chosen = inputs.trajectory(context)[0]
+    number = min(max(context.scene.frame_current, 0), len(chosen) - 1)
+    options = SequenceOptions(**settings.values_of(SequenceOptions))
+    sensor = options.sequence_settings()
+    job = inputs.job(context, folder)
+
+    def finish() -> None:
+        light, depth_z_m = read_frame(folder / "raw" / "exr" / f"{number:06}.exr", job.camera)
+        clean = noisy_images(light, depth_z_m, job.camera, number, options.without_noise())[0]
+        noisy, units, _ = noisy_images(light, depth_z_m, job.camera, number, sensor)
+        shutil.rmtree(folder, ignore_errors=True)
+        picture = pictures.frame_picture(clean, depth_z_m, noisy, units / sensor.depth_units_per_metre)
+        image_editor.show(bpy.context, PREVIEW, picture)
+        state.current().work.message = f"frame {number} is shown in the image editor as “{PREVIEW}”"
+
+    state.start("preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish)
+
+
+@operator("Evaluate")
+def evaluate(self, context):
+    """ATE and RPE of the estimate, which is drawn beside the ground truth: blue for no error, red for the largest"""
+    settings, held = context.scene.iclnuim, state.current()
+    if not settings.estimate:
+        raise InputError("an estimated trajectory", found="none", hint="choosing a file as {estimate}")
+    estimate = read_trajectory(bpy.path.abspath(settings.estimate))
+    truth = (
+        read_trajectory(bpy.path.abspath(settings.truth)).trajectory
+        if settings.truth
+        else inputs.trajectory(context)[0]
+    )
+    alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
+    ate = absolute_error(truth, estimate.trajectory, AbsoluteErrorSettings(alignment=alignment))
+    rpe = relative_error(truth, estimate.trajectory, RelativeErrorSettings(*parse_delta(settings.delta)))
+    held.evaluation = ate
+    shift, turn = ate.translation_m, ate.rotation_deg
+    held.evaluation_lines = [
+        f"ATE rmse {shift.rmse:.4f} m, median {shift.median:.4f}, max {shift.max:.4f}",
+        f"rotation rmse {turn.rmse:.3f} deg",
+        f"RPE over {settings.delta}: {rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg",
+        f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
+    ]
+    trajectory_view.show_estimate(ate.aligned.translation, ate.reference.translation, ate.translation_error_m)
+    state.redraw()
+
+
+@operator("Show the Plot")
+def plot(self, context):
     """Plot the error over time in the image editor"""
-
-    bl_idname, bl_label = "iclnuim.plot", "Show the Plot"
-
-    @reported
-    def execute(self, context):
-        ate = state.current().evaluation
-        if ate is None:
-            raise InputError("an evaluation to plot", found="none", hint="Evaluate first")
-        plot = pictures.error_plot(ate.stamps_s, ate.translation_error_m, ate.translation_m.rmse)
-        image_editor.show(context, PLOT, plot)
+    ate = state.current().evaluation
+    if ate is None:
+        raise InputError("an evaluation to plot", found="none", hint="Evaluate first")
+    plot = pictures.error_plot(ate.stamps_s, ate.translation_error_m, ate.translation_m.rmse)
+    image_editor.show(context, PLOT, plot)
 
 
 def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
@@ -254,15 +220,6 @@ def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
     if not file.is_file():
         raise InputError("the built-in scene", path=file, found="no such file", hint="installing the extension again")
     return file
-
-
-def _fresh_collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    old = bpy.data.collections.get(trajectory_view.COLLECTION)
-    if old is not None:
-        bpy.data.batch_remove([*old.all_objects, old])
-    collection = bpy.data.collections.new(trajectory_view.COLLECTION)
-    scene.collection.children.link(collection)
-    return collection
 
 
 def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection) -> None:
@@ -291,20 +248,6 @@ def _import(context: bpy.types.Context, file: Path, reading: SceneReading, colle
     state.current().work.message = placed.sentence
 
 
-def _remove_own_camera() -> None:
-    """The camera keyframed before, with its lens and animation where nothing else uses them."""
-    old = bpy.data.objects.get(keyed_camera.NAME)
-    if old is not None:
-        parts = old.data, old.animation_data and old.animation_data.action
-        bpy.data.objects.remove(old)
-        bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
-
-
-def _own_folder() -> Path:
-    """A new temporary folder; all of them are removed when the extension is switched off."""
-    return Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
-
-
 def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | None) -> None:
     when_done = f"{len(numbers)} frames are" if len(numbers) != 1 else "1 frame is"
     when_done += f" in {out / 'raw'}"
@@ -314,5 +257,6 @@ def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | Non
     state.start("render", job, out / "raw", {"frames": numbers, "sequences": sequences}, when_done, on_tick=look)
 
 
-_OPERATORS = [value for name, value in list(vars().items()) if name.startswith("ICLNUIM_OT_")]
-register, unregister = bpy.utils.register_classes_factory(_OPERATORS)
+register, unregister = bpy.utils.register_classes_factory(
+    [made for made in list(vars().values()) if getattr(made, "__module__", "") == __name__ and isinstance(made, type)]
+)

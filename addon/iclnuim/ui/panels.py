@@ -11,7 +11,6 @@ from ..geometry.scene_axes import SceneReading
 from ..job import RenderJob
 from . import inputs, state
 from .properties import settings_of
-from .work import Work
 
 _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
@@ -34,160 +33,139 @@ def _props(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, names:
         layout.prop(settings, name)
 
 
-class _Panel:
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "ICL-NUIM"
+def _panel(label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False) -> Callable[..., type[bpy.types.Panel]]:
+    """Makes the panel ICLNUIM_PT_NAME of a function NAME(layout, settings, context) that draws it."""
+
+    def made(content: Callable[..., None]) -> type[bpy.types.Panel]:
+        def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
+            self.layout.use_property_split, self.layout.use_property_decorate = bool(parent), not parent
+            content(self.layout, context.scene.iclnuim, context)
+
+        members = {"bl_space_type": "VIEW_3D", "bl_region_type": "UI", "bl_category": "ICL-NUIM", "draw": draw}
+        members |= {"bl_label": label, "bl_parent_id": parent, "bl_options": {"DEFAULT_CLOSED"} if closed else set()}
+        return type(f"ICLNUIM_PT_{content.__name__}", (bpy.types.Panel,), members)
+
+    return made
 
 
-class ICLNUIM_PT_main(_Panel, bpy.types.Panel):
-    bl_idname, bl_label = "ICLNUIM_PT_main", "ICL-NUIM Export"
-
-    def draw(self, context):
-        self.layout.menu("ICLNUIM_MT_presets")
+@_panel("ICL-NUIM Export", parent="")
+def main(layout, settings, context):
+    layout.menu("ICLNUIM_MT_presets")
 
 
-class _SubPanel(_Panel):
-    """`content(layout, settings, context)` draws it."""
-
-    bl_parent_id = "ICLNUIM_PT_main"
-    layout: bpy.types.UILayout
-    content: Callable[[bpy.types.UILayout, bpy.types.PropertyGroup, bpy.types.Context], None]
-
-    def draw(self, context):
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        self.content(layout, context.scene.iclnuim, context)
-
-
-class ICLNUIM_PT_scene(_SubPanel, bpy.types.Panel):
-    bl_label = "Scene"
-
-    def content(self, layout, settings, context):
-        layout.prop(settings, "scene_source", text="")
-        if settings.scene_source == "FILE":
-            layout.prop(settings, "scene_file", text="")
-            _props(layout, settings, settings_of(SceneReading))
-        if settings.scene_source != "OPEN":
-            layout.operator("iclnuim.load_scene", icon="IMPORT")
-            if getattr(context.space_data, "overlay", None) is not None:
-                layout.prop(context.space_data.overlay, "show_extras", text="Lamp symbols")
+@_panel("Scene")
+def scene(layout, settings, context):
+    layout.prop(settings, "scene_source", text="")
+    if settings.scene_source == "FILE":
+        layout.prop(settings, "scene_file", text="")
+        _props(layout, settings, settings_of(SceneReading))
+    if settings.scene_source != "OPEN":
+        layout.operator("iclnuim.load_scene", icon="IMPORT")
+        if getattr(context.space_data, "overlay", None) is not None:
+            layout.prop(context.space_data.overlay, "show_extras", text="Lamp symbols")
 
 
-class ICLNUIM_PT_trajectory(_SubPanel, bpy.types.Panel):
-    bl_label = "Trajectory"
-
-    def content(self, layout, settings, context):
-        layout.prop(settings, "trajectory_source", text="")
-        if settings.trajectory_source == "FILE":
-            layout.prop(settings, "trajectory_file", text="")
-        _props(layout, settings, ("scale", "use_start"))
-        if settings.use_start:
-            _props(layout, settings, ("start_location", "start_rotation"))
-        layout.prop(settings, "show_path")
-        held = state.current()
-        for line in held.trajectory_lines:
-            _text(layout, context, line)
-        if held.trajectory_warning:
-            _text(layout, context, held.trajectory_warning, "ERROR")
-        row = layout.row(align=True)
-        row.operator("iclnuim.keyframe", icon="KEY_HLT")
-        row.operator("iclnuim.save_path", text="", icon="EXPORT")
-        row.operator("iclnuim.refresh", text="", icon="FILE_REFRESH")
+@_panel("Trajectory")
+def trajectory(layout, settings, context):
+    layout.prop(settings, "trajectory_source", text="")
+    if settings.trajectory_source == "FILE":
+        layout.prop(settings, "trajectory_file", text="")
+    _props(layout, settings, ("scale", "use_start"))
+    if settings.use_start:
+        _props(layout, settings, ("start_location", "start_rotation"))
+    layout.prop(settings, "show_path")
+    held = state.current()
+    for line in held.trajectory_lines:
+        _text(layout, context, line)
+    if held.trajectory_warning:
+        _text(layout, context, held.trajectory_warning, "ERROR")
+    row = layout.row(align=True)
+    row.operator("iclnuim.keyframe", icon="KEY_HLT")
+    row.operator("iclnuim.save_path", text="", icon="EXPORT")
+    row.operator("iclnuim.refresh", text="", icon="FILE_REFRESH")
 
 
-class ICLNUIM_PT_camera(_SubPanel, bpy.types.Panel):
-    bl_label, bl_options = "Camera", {"DEFAULT_CLOSED"}
-
-    def content(self, layout, settings, context):
-        _props(layout.column(align=True), settings, settings_of(PinholeCamera))
-        made = blender_from_pinhole(settings.camera())
-        lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
-        aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"
-        _text(layout, context, f"In Blender: {lens}, {aspect}")
+@_panel("Camera", closed=True)
+def camera(layout, settings, context):
+    _props(layout.column(align=True), settings, settings_of(PinholeCamera))
+    made = blender_from_pinhole(settings.camera())
+    lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
+    aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"
+    _text(layout, context, f"In Blender: {lens}, {aspect}")
 
 
-class ICLNUIM_PT_light(_SubPanel, bpy.types.Panel):
-    bl_label, bl_options = "Light", {"DEFAULT_CLOSED"}
-
-    def content(self, layout, settings, context):
-        layout.prop(settings, "light", expand=True)
-        names = [name for name in settings_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
-        maps = [name for name in names if name.startswith("map_")]
-        _props(layout, settings, (name for name in names if name not in maps))
-        if settings.light == "baked":
-            _props(layout, settings, maps)
-            layout.operator("iclnuim.bake", icon="LIGHT_SUN")
-            _text(layout, context, inputs.light_map_line(settings))
+@_panel("Light", closed=True)
+def light(layout, settings, context):
+    layout.prop(settings, "light", expand=True)
+    names = [name for name in settings_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
+    maps = [name for name in names if name.startswith("map_")]
+    _props(layout, settings, (name for name in names if name not in maps))
+    if settings.light == "baked":
+        _props(layout, settings, maps)
+        layout.operator("iclnuim.bake", icon="LIGHT_SUN")
+        _text(layout, context, inputs.light_map_line(settings))
 
 
-class ICLNUIM_PT_sensor(_SubPanel, bpy.types.Panel):
-    bl_label, bl_options = "Sensor", {"DEFAULT_CLOSED"}
-
-    def content(self, layout, settings, context):
-        _props(layout, settings, ("depth_noise", "rgb_noise", *_SENSOR))
+@_panel("Sensor", closed=True)
+def sensor(layout, settings, context):
+    _props(layout, settings, ("depth_noise", "rgb_noise", *_SENSOR))
 
 
-class ICLNUIM_PT_output(_SubPanel, bpy.types.Panel):
-    bl_label = "Output"
-
-    def content(self, layout, settings, context):
-        folder = inputs.output_folder(settings)
-        row = layout.row(align=True)
-        row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
-        shown = row.row(align=True)
-        shown.enabled = folder.is_dir()
-        shown.operator("wm.path_open", text="", icon="FILEBROWSER").filepath = str(folder)
-        if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
-            _text(layout, context, f"until this file is saved: {folder}")
-        layout.prop(settings, "frames")
-        row = layout.row(align=True)
-        row.prop(settings, "write_clean", toggle=True)
-        row.prop(settings, "write_noisy", toggle=True)
-        layout.column(align=True).prop(settings, "formats")
-        _props(layout, settings, _OUTPUT)
+@_panel("Output")
+def output(layout, settings, context):
+    folder = inputs.output_folder(settings)
+    row = layout.row(align=True)
+    row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
+    shown = row.row(align=True)
+    shown.enabled = folder.is_dir()
+    shown.operator("wm.path_open", text="", icon="FILEBROWSER").filepath = str(folder)
+    if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
+        _text(layout, context, f"until this file is saved: {folder}")
+    layout.prop(settings, "frames")
+    row = layout.row(align=True)
+    row.prop(settings, "write_clean", toggle=True)
+    row.prop(settings, "write_noisy", toggle=True)
+    layout.column(align=True).prop(settings, "formats")
+    _props(layout, settings, _OUTPUT)
 
 
-class ICLNUIM_PT_render(_SubPanel, bpy.types.Panel):
-    bl_label = "Render"
-
-    def content(self, layout, settings, context):
-        work = state.current().work
-        column = layout.column()
-        column.enabled = not work.busy
-        column.operator("iclnuim.preview", icon="IMAGE_DATA")
-        row = column.row(align=True)
-        row.operator("iclnuim.render", icon="RENDER_ANIMATION")
-        row.operator("iclnuim.resume")
-        if work.busy:
-            self._progress(layout, work)
-            layout.operator("iclnuim.cancel", icon="CANCEL")
-        if work.message:
-            icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
-            _text(layout, context, work.message, icon)
-        for note in work.notes[-_MAX_NOTES:]:
-            if note != work.message:
-                _text(layout, context, note, "DOT")
-
-    def _progress(self, layout: bpy.types.UILayout, work: Work) -> None:
+@_panel("Render")
+def render(layout, settings, context):
+    work = state.current().work
+    column = layout.column()
+    column.enabled = not work.busy
+    column.operator("iclnuim.preview", icon="IMAGE_DATA")
+    row = column.row(align=True)
+    row.operator("iclnuim.render", icon="RENDER_ANIMATION")
+    row.operator("iclnuim.resume")
+    if work.busy:
         share, left_s = work.done / work.total if work.total else 0.0, work.seconds_left()
         layout.progress(factor=share, text=f"{work.done} of {work.total}" if work.total else work.phase)
         if left_s is not None:
             minutes, seconds = divmod(round(left_s), 60)
             left = f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {seconds} s"
             layout.label(text=f"{work.frames_per_second():.2f} frames/s, {left} left, last {work.last_frame}")
+        layout.operator("iclnuim.cancel", icon="CANCEL")
+    if work.message:
+        icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
+        _text(layout, context, work.message, icon)
+    for note in work.notes[-_MAX_NOTES:]:
+        if note != work.message:
+            _text(layout, context, note, "DOT")
 
 
-class ICLNUIM_PT_evaluate(_SubPanel, bpy.types.Panel):
-    bl_label = "Evaluate"
-
-    def content(self, layout, settings, context):
-        unused = () if settings.align_method == "yaw" else ("align_up",)
-        alignment = (name for name in settings_of(AlignmentSettings) if name not in unused)
-        _props(layout, settings, ("estimate", "truth", *alignment, "delta"))
-        row = layout.row(align=True)
-        row.operator("iclnuim.evaluate", icon="VIEWZOOM")
-        row.operator("iclnuim.plot", icon="FCURVE")
-        for line in state.current().evaluation_lines:
-            _text(layout, context, line)
+@_panel("Evaluate")
+def evaluate(layout, settings, context):
+    unused = () if settings.align_method == "yaw" else ("align_up",)
+    alignment = (name for name in settings_of(AlignmentSettings) if name not in unused)
+    _props(layout, settings, ("estimate", "truth", *alignment, "delta"))
+    row = layout.row(align=True)
+    row.operator("iclnuim.evaluate", icon="VIEWZOOM")
+    row.operator("iclnuim.plot", icon="FCURVE")
+    for line in state.current().evaluation_lines:
+        _text(layout, context, line)
 
 
-register, unregister = bpy.utils.register_classes_factory((ICLNUIM_PT_main, *_SubPanel.__subclasses__()))
+register, unregister = bpy.utils.register_classes_factory(
+    (main, scene, trajectory, camera, light, sensor, output, render, evaluate)
+)

@@ -11,7 +11,7 @@ from ..formats.files import read_json, write_json
 from ..geometry.camera import PinholeCamera
 from . import state
 from .properties import properties_of_a_preset
-from .state import reported
+from .state import operator
 
 BUILT_IN: dict[str, dict[str, Any]] = {
     "Benchmark": {},
@@ -54,38 +54,26 @@ def _plain(value: Any) -> Any:
     return sorted(value) if isinstance(value, set) else list(value)
 
 
-class ICLNUIM_OT_preset(bpy.types.Operator):
+@operator("Use Preset", undo=True, preset=StringProperty())
+def preset(self, context):
     """Use the settings of a preset (folder, files, scene and trajectory stay)"""
-
-    bl_idname, bl_label, bl_options = "iclnuim.preset", "Use Preset", {"REGISTER", "UNDO"}
-    preset: StringProperty()
-
-    @reported
-    def execute(self, context):
-        stored = own()
-        if self.preset in BUILT_IN:
-            apply(context.scene.iclnuim, BUILT_IN[self.preset])
-        elif self.preset in stored:
-            apply(context.scene.iclnuim, read_json(stored[self.preset]))
-        else:
-            raise InputError(f"a preset ({', '.join((*BUILT_IN, *stored))})", found=self.preset)
+    stored = own()
+    if self.preset not in (*BUILT_IN, *stored):
+        raise InputError(f"a preset ({', '.join((*BUILT_IN, *stored))})", found=self.preset)
+    apply(context.scene.iclnuim, BUILT_IN[self.preset] if self.preset in BUILT_IN else read_json(stored[self.preset]))
 
 
-class ICLNUIM_OT_preset_save(bpy.types.Operator):
+@operator(
+    "Save Preset",
+    invoke=lambda self, context, event: context.window_manager.invoke_props_dialog(self),
+    preset=StringProperty(name="Name", default="My preset"),
+)
+def preset_save(self, context):
     """Save the settings as a preset of your own, in the extension's folder"""
-
-    bl_idname, bl_label = "iclnuim.preset_save", "Save Preset"
-    preset: StringProperty(name="Name", default="My preset")
-
-    def invoke(self, context, event):
-        return context.window_manager.invoke_props_dialog(self)
-
-    @reported
-    def execute(self, context):
-        name = "".join(c for c in self.preset if c.isalnum() or c in " -_").strip()
-        if not name or name in BUILT_IN:
-            raise InputError("a name of letters and digits that no built-in preset has", found=self.preset)
-        write_json(state.user_folder("presets") / f"{name}.json", values(context.scene.iclnuim))
+    name = "".join(c for c in self.preset if c.isalnum() or c in " -_").strip()
+    if not name or name in BUILT_IN:
+        raise InputError("a name of letters and digits that no built-in preset has", found=self.preset)
+    write_json(state.user_folder("presets") / f"{name}.json", values(context.scene.iclnuim))
 
 
 class ICLNUIM_MT_presets(bpy.types.Menu):
@@ -100,6 +88,4 @@ class ICLNUIM_MT_presets(bpy.types.Menu):
         self.layout.operator("iclnuim.preset_save", text="Save as...")
 
 
-register, unregister = bpy.utils.register_classes_factory(
-    (ICLNUIM_OT_preset, ICLNUIM_OT_preset_save, ICLNUIM_MT_presets)
-)
+register, unregister = bpy.utils.register_classes_factory((preset, preset_save, ICLNUIM_MT_presets))

@@ -1,6 +1,5 @@
 """What the panel holds besides its saved settings, from register() to unregister(): work in a worker process, timers, results, what is drawn."""
 
-import functools
 import os
 import shutil
 import tempfile
@@ -132,25 +131,37 @@ def later(action: Callable[[], None], seconds: float = 0.2) -> None:
     bpy.app.timers.register(act, first_interval=seconds)
 
 
-def reported(execute: Callable[..., None]) -> Callable[..., set[str]]:
-    """An operator's `execute` whose IclnuimError is shown in the panel and the status bar, and cancels the operator."""
+def operator(
+    label: str, undo: bool = False, invoke: Callable[..., set[str]] | None = None, **properties: Any
+) -> Callable[[Callable[..., None]], type[bpy.types.Operator]]:
+    """Makes the operator iclnuim.NAME of a function NAME(self, context) whose docstring is the tooltip.
 
-    @functools.wraps(execute)
-    def wrapped(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
-        work = current().work
-        if work.phase == "failed":  # the message belongs to the step before
-            work.phase, work.message = "idle", ""
-        try:
-            execute(self, context)
-        except IclnuimError as error:
-            text = error.worded(work.name_of)
-            if not work.busy:
-                work.phase, work.message = "failed", text
-            self.report({"WARNING"}, text)
-            return {"CANCELLED"}
-        return {"FINISHED"}
+    An IclnuimError of the function is shown in the panel and the status bar, and cancels the operator.
+    """
 
-    return wrapped
+    def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
+        name = function.__name__
+
+        def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
+            work = current().work
+            if work.phase == "failed":  # the message belongs to the step before
+                work.phase, work.message = "idle", ""
+            try:
+                function(self, context)
+            except IclnuimError as error:
+                text = error.worded(work.name_of)
+                if not work.busy:
+                    work.phase, work.message = "failed", text
+                self.report({"WARNING"}, text)
+                return {"CANCELLED"}
+            return {"FINISHED"}
+
+        members = {"__doc__": function.__doc__, "__module__": function.__module__, "__annotations__": properties}
+        members |= {"bl_idname": f"iclnuim.{name}", "bl_label": label, "execute": execute}
+        members |= {"bl_options": {"REGISTER", "UNDO"}} if undo else {}
+        return type(f"ICLNUIM_OT_{name}", (bpy.types.Operator,), members | ({"invoke": invoke} if invoke else {}))
+
+    return made
 
 
 def areas(kind: str) -> list[bpy.types.Area]:
