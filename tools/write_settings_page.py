@@ -8,12 +8,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from iclnuim.settings import Setting, Settings, declared, plain
+from iclnuim.settings import MISSING, Setting, Settings, declared, plain
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/settings.md"
 #: The modules whose groups are on the page, in its order. What these import counts with them.
 MODULES = (
     "iclnuim.job",
+    "iclnuim.geometry.camera",
     "iclnuim.geometry.scene_axes",
     "iclnuim.dataset.sequence_options",
     "iclnuim.sensor.depth",
@@ -24,6 +25,7 @@ MODULES = (
     "iclnuim.odometry.registry",
     "iclnuim.fusion.settings",
     "iclnuim.geometry.handheld_plan",
+    "iclnuim.geometry.handheld",
     "iclnuim.headless.farm.run_plan",
     "iclnuim.headless.farm.slurm_settings",
 )
@@ -84,7 +86,7 @@ def table(group: type) -> str:
             if s.choices is not None
             else s.range.removeprefix("in ").removeprefix("of ")
         )
-        default = "" if s.default is None else f"`{plain(s.default)}`"
+        default = "" if s.default in (None, MISSING) else f"`{plain(s.default)}`"
         option = f"`{s.option}`" if s.option else ""
         rows.append(f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |")
     return "\n".join(rows)

@@ -65,7 +65,8 @@ class InputError(IclnuimError):
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
     def at(self, path: str | os.PathLike[str]) -> "InputError":
-        """The same error in that file, or part of one."""
+        """The same error in that file, or part of one; a path that it has is a place in there."""
+        path = path if self.path is None else f"{os.fspath(path)}: {os.fspath(self.path)}"
         return InputError(
             self.expected, path=path, line=self.line, setting=self.setting, found=self.found, hint=self.hint
         )

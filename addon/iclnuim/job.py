@@ -12,7 +12,7 @@ from .formats.files import read_json
 from .geometry.camera import PinholeCamera
 from .geometry.scene_axes import SceneReading
 from .sensor.exposure import Exposure
-from .settings import Settings, declared, refuse_unknown, same_as, setting
+from .settings import Settings, declared, same_as, setting
 
 SCHEMA_VERSION = 1
 #: Effective settings where a job names none. Few samples do for baked light: only reflections and glass are sampled.
@@ -85,23 +85,11 @@ class RenderJob(Settings):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "RenderJob":
         """Raises InputError for unknown keys, a newer schema_version, or values out of range."""
-        if not isinstance(content, Mapping):
-            raise InputError("a render job as a JSON object", found=content)
-        content = dict(content)
-        version = content.pop("schema_version", SCHEMA_VERSION)
-        if version != SCHEMA_VERSION:
-            raise InputError(f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim")
-        refuse_unknown(content, [f.name for f in fields(cls)], cls.group)
-        missing = [key for key in ("sequence", "scene", "trajectory") if key not in content]
-        if missing:
-            raise InputError(f"the keys {', '.join(missing)}", found="a recipe without them")
-        if "camera" in content:
-            if not isinstance(content["camera"], dict):
-                raise InputError("camera as an object of width, height, fx, fy, cx, cy", found=content["camera"])
-            content["camera"] = PinholeCamera.from_dict(content["camera"])
-        if "reading" in content:
-            content["reading"] = SceneReading.from_dict(content["reading"])
-        return cls(**content)
+        if isinstance(content, Mapping) and "schema_version" in content:
+            content = dict(content)
+            if (version := content.pop("schema_version")) != SCHEMA_VERSION:
+                raise InputError(f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim")
+        return super().from_dict(content)
 
     def changed(self, **settings: Any) -> "RenderJob":
         """The same job with other settings; None means unchanged. A change of light takes that light's own defaults."""

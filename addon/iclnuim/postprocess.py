@@ -20,7 +20,7 @@ from .formats.trajectories import read_trajectory
 from .geometry.camera import PinholeCamera
 from .geometry.trajectory import Trajectory
 from .sensor.models import depth_model, rgb_model
-from .sensor.randomness import DEPTH, RGB, frame_generator
+from .sensor.noise_model import DEPTH, RGB, frame_generator
 
 Settings = Mapping[str, Any]
 TrajectoryOrFile = Trajectory | str | os.PathLike[str]

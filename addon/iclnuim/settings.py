@@ -11,11 +11,13 @@ the same declarations.
 
 import dataclasses
 import math
+import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
 from .errors import InputError
@@ -92,8 +94,8 @@ class Setting:
     def _fits(self, value: Any) -> bool:
         if self.kind is bool or self.kind is str:
             return isinstance(value, self.kind)
-        number = isinstance(value, int if self.kind is int else int | float) and not isinstance(value, bool)
-        return number and math.isfinite(value) and self.low <= value <= self.high
+        number = isinstance(value, Integral if self.kind is int else Real) and not isinstance(value, bool)
+        return number and abs(value) <= sys.float_info.max and self.low <= value <= self.high
 
 
 def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any) -> Any:
@@ -106,6 +108,11 @@ def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices
     """
     listed = choices if callable(choices) or choices is None else lambda: choices
     return dataclasses.field(default=default, metadata={"setting": {"help": help, "list_choices": listed, **about}})
+
+
+#: A setting without an option of the command line; `setting(MISSING, ...)` is one that must be given.
+parameter = partial(setting, option="")
+MISSING: Any = dataclasses.MISSING
 
 
 def same_as(group: type, name: str) -> Any:
@@ -151,13 +158,26 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, declaration in declared(type(self)).items():
-            object.__setattr__(self, name, declaration.checked(getattr(self, name)))
+            try:
+                object.__setattr__(self, name, declaration.checked(getattr(self, name)))
+            except InputError as error:
+                if declaration.option:
+                    raise
+                expected = f"{name} of {self.group.removeprefix('settings of ')} as {error.expected}"
+                raise InputError(expected, found=error.found) from None
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Settings by name; those left out keep their default. Raises InputError for an unknown name or a value that does not fit."""
-        refuse_unknown(content, [f.name for f in dataclasses.fields(cls)], cls.group)
-        return cls(**content)
+        """Settings by name; those left out keep their default, and a group among them is a mapping too.
+
+        Raises InputError for an unknown or missing name or a value that does not fit; its path is the group's place.
+        """
+        fields, hints = dataclasses.fields(cls), typing.get_type_hints(cls)
+        refuse_unknown(content, [f.name for f in fields], cls.group)
+        needed = [f.name for f in fields if f.default is MISSING and f.default_factory is MISSING]
+        if missing := [name for name in needed if name not in content]:
+            raise InputError(f"{cls.group} with {', '.join(missing)}", found="none")
+        return cls(**{name: _inner(hints[name], value, name) for name, value in content.items()})
 
     def to_dict(self) -> dict[str, Any]:
         """Every setting, for JSON; from_dict takes it back."""
@@ -169,13 +189,28 @@ class Settings:
         return dataclasses.replace(self, **{name: value for name, value in settings.items() if value is not None})
 
 
+def _inner(kind: Any, value: Any, place: str) -> Any:
+    """The value of a field as its type has it, where that is a group of settings or a tuple of them."""
+    group = typing.get_args(kind)[0] if typing.get_origin(kind) is tuple else kind
+    if not (isinstance(group, type) and issubclass(group, Settings)):
+        return value
+    if group is not kind:
+        if not isinstance(value, list):
+            raise InputError(f"a list as {place}", found=value)
+        return tuple(_inner(group, item, f"{place}[{k}]") for k, item in enumerate(value))
+    try:
+        return group.from_dict(value)
+    except InputError as error:
+        raise error.at(place) from None
+
+
 def find(name: str) -> Setting | None:
-    """The declaration of a setting by its name, among the groups that are loaded; None where there is none, or where several differ."""
+    """The declaration of a setting with an option by its name, among the groups that are loaded; None where there is none, or where several differ."""
     groups, found = list(Settings.__subclasses__()), []
     while groups:
         group = groups.pop(0)
         groups += group.__subclasses__()
-        found += [declared(group)[name]] if name in declared(group) else []
+        found += [s for s in declared(group).values() if s.name == name and s.option]
     return found[0] if len({(s.option, s.label) for s in found}) == 1 else None
 
 

@@ -23,7 +23,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png
 from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
-from iclnuim.sensor.randomness import DEPTH, RGB, frame_generator
+from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
 from iclnuim.sensor.transfer import srgb8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg

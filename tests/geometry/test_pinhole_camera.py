@@ -80,7 +80,7 @@ def test_a_plane_has_one_planar_depth_and_many_ray_distances():
     camera = PinholeCamera()
     distance_m = np.linalg.norm(camera.unproject(np.full((480, 640), 2.0)), axis=-1)
     assert distance_m[0, 0] == pytest.approx(2.6, abs=0.1) and distance_m[240, 320] == pytest.approx(2.0, abs=1e-5)
-    np.testing.assert_allclose(camera.planar_from_ray_distance(distance_m), 2.0, rtol=1e-14)
+    np.testing.assert_allclose(distance_m / np.linalg.norm(camera.rays(), axis=-1), 2.0, rtol=1e-14)
 
 
 def test_the_halved_camera_sees_each_pixel_through_the_middle_of_its_four():

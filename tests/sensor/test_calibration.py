@@ -6,7 +6,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.calibration import calibrate_depth, calibrate_rgb
 from iclnuim.sensor.depth import PaperDepthNoise
-from iclnuim.sensor.randomness import frame_generator
+from iclnuim.sensor.noise_model import frame_generator
 from iclnuim.sensor.rgb import PaperRgbNoise
 
 EXPOSURES = (0.25, 0.5, 1.0, 2.0, 4.0)

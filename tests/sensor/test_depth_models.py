@@ -7,7 +7,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.depth import Kinect2012DepthNoise, RedwoodDepthNoise, ReleasedDepthNoise
 from iclnuim.sensor.depth_image import backward_normals, surface_normals
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
-from iclnuim.sensor.randomness import frame_generator
+from iclnuim.sensor.noise_model import frame_generator
 from iclnuim.settings import declared
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.depth import PaperDepthNoise
-from iclnuim.sensor.randomness import frame_generator, gaussian
+from iclnuim.sensor.noise_model import frame_generator, gaussian
 
 STEPS_CM = 35130.0
 #: Parts switched off one by one: no shift, no disparity noise, steps too small to see.

@@ -5,7 +5,7 @@ import pytest
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.models import depth_model, rgb_model
-from iclnuim.sensor.randomness import frame_generator
+from iclnuim.sensor.noise_model import frame_generator
 from iclnuim.sensor.transfer import light_from_srgb8
 
 FRAMES = (30, 60, 104)

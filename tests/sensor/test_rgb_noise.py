@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.sensor.models import RGB_MODELS, rgb_model
-from iclnuim.sensor.randomness import frame_generator, gaussian
+from iclnuim.sensor.noise_model import frame_generator, gaussian
 from iclnuim.sensor.rgb import PaperRgbNoise, ReleasedRgbNoise
 from iclnuim.sensor.transfer import light_from_srgb, light_from_srgb8, srgb8, srgb8_in_place, srgb_from_light
 

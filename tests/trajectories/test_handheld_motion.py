@@ -98,16 +98,32 @@ def changed(recipe, place, value):
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (["speed"], 1, "expected the keys scene, about, .* in recipe, found speed"),
-        (["viewpoints", 2, "lookat_m"], [0, 0, 0], r"in recipe.viewpoints\[2\], found lookat_m"),
-        (["viewpoints", 1, "position_m"], [0, 0], r"expected 3 values as recipe.viewpoints\[1\].position_m, found 2"),
-        (["viewpoints", 1, "hurry"], 99, r"recipe.viewpoints\[1\]: expected a hurry of 0.1..10, found 99"),
-        (["frames"], 12.5, "expected int as recipe.frames, found 12.5"),
-        (["frames"], True, "expected int as recipe.frames, found True"),
-        (["frames"], 1, "expected 2 to 1,000,000 frames, found 1"),
-        (["seed"], "one", "expected int as recipe.seed, found one"),
-        (["pace", "ease_s"], float("nan"), "expected a number within 1e9 as recipe.pace.ease_s, found nan"),
-        (["shakes", 0, "high_hz"], 16, r"recipe.shakes\[0\]: expected a band within 0..15 Hz, found 0.25..16 Hz"),
+        (["speed"], 1, "expected a recipe: scene, about, .*, found speed"),
+        (
+            ["viewpoints", 2, "lookat_m"],
+            [0, 0, 0],
+            r"viewpoints\[2\]: expected a viewpoint: position_m, .*, found lookat_m",
+        ),
+        (
+            ["viewpoints", 1, "position_m"],
+            [0, 0],
+            r"viewpoints\[1\]: expected position_m of a viewpoint as 3 numbers, found \[0, 0\]",
+        ),
+        (
+            ["viewpoints", 1, "hurry"],
+            99,
+            r"viewpoints\[1\]: expected hurry of a viewpoint as a number in 0.1..10, found 99",
+        ),
+        (["frames"], 12.5, "expected frames of a recipe as a whole number in 2..1000000, found 12.5"),
+        (["frames"], True, "expected frames of a recipe as a whole number in 2..1000000, found True"),
+        (["frames"], 1, "expected frames of a recipe as a whole number in 2..1000000, found 1"),
+        (["seed"], "one", "expected seed of a recipe as a whole number in 0..9223372036854775807, found one"),
+        (
+            ["pace", "ease_s"],
+            float("nan"),
+            r"pace: expected ease_s of a pace as a number in 0.001..1e\+09 \(s\), found nan",
+        ),
+        (["shakes", 0, "high_hz"], 16, r"shakes\[0\]: expected a band within 0..15 Hz, found 0.25..16 Hz"),
         (["schema_version"], 2, "expected schema_version 1, found 2"),
         (["length_m"], 99.0, "expected viewpoints on a trajectory of about 99 m, found .* m at scales 0.85..1.15"),
         (["viewpoints", 0, "look_at_m"], [0.3, -2.2, 9.0], ""),
@@ -126,7 +142,7 @@ def test_a_recipe_that_is_wrong_is_refused_in_one_line(recipe_of, place, value, 
 def test_a_missing_key_and_an_ambiguous_turn_are_named(recipe_of):
     recipe = recipe_of("living_room/kt0")
     del recipe["pace"]["turn_deg_s"]
-    with pytest.raises(InputError, match="expected turn_deg_s in recipe.pace, found none"):
+    with pytest.raises(InputError, match="pace: expected a pace with turn_deg_s, found none"):
         Recipe.from_dict(recipe)
     recipe = recipe_of("living_room/kt0")
     recipe["viewpoints"][3]["look_at_m"] = [-0.7, -9.0, 1.5]
@@ -183,7 +199,7 @@ def test_the_command_takes_ones_own_recipe_and_refuses_other_things(recipe_of, t
     assert len((tmp_path / "mine.txt").read_text().splitlines()) == 883
     own.write_text(json.dumps({**recipe_of("office/kt2"), "speed": 9}))
     assert cli.main(["trajectory", "make", str(own)]) == 2
-    assert f"{own}: expected the keys scene" in capsys.readouterr().err
+    assert f"{own}: expected a recipe: scene" in capsys.readouterr().err
     for name, said in (("kt9", "expected one of living_room/kt0"), ("no.json", "found nothing of that name")):
         assert cli.main(["trajectory", "make", name]) == 2
         assert said in capsys.readouterr().err

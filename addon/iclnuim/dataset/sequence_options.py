@@ -11,8 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, DepthNoise, RgbNoise, depth_model, rgb_model
-from ..sensor.noise_model import NoiseModel
-from ..sensor.randomness import DEPTH, RGB, frame_generator
+from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
 from ..settings import Choices, Settings, setting
 from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, invalid_after_noise
 from .sequence_formats import FORMATS

@@ -4,60 +4,47 @@ Camera frame: cv (x right, y down, z forward). Depth is planar: z along the opti
 """
 
 import re
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ..errors import InputError
-from ..settings import declared, setting
+from ..settings import Settings, parameter
 
 _EQUATION_1 = "paper, equation 1"
 _CENTRE = "principal point, from the centre of the {} pixel"
 
 
 @dataclass(frozen=True)
-class PinholeCamera:
+class PinholeCamera(Settings):
     """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; pixel (u, v) is seen through its centre, u < width, v < height.
 
     The defaults are the benchmark's (paper, equation 1), whose printed fy = -480 stands for a y axis pointing up; in cv
     axes it is +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
     """
 
-    width: int = setting(640, "width of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
-    height: int = setting(480, "height of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
-    fx: float = setting(
+    group: ClassVar[str] = "a camera"
+
+    width: int = parameter(640, "width of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
+    height: int = parameter(480, "height of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
+    fx: float = parameter(
         640 / 1.33, "focal length along a row", unit="px", low=1e-3, source="POV-Ray; paper: 481.20", label="fx"
     )
-    fy: float = setting(
+    fy: float = parameter(
         480.0, "focal length along a column", unit="px", low=1e-3, source="-480 in the paper: y up", label="fy"
     )
-    cx: float = setting(319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx")
-    cy: float = setting(239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy")
+    cx: float = parameter(319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx")
+    cy: float = parameter(239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy")
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or int(value) != value or not 1 <= value <= 65536:
-                raise InputError(f"a camera {name} of 1..65536 pixels", found=value)
-            object.__setattr__(self, name, int(value))
-        for name in ("fx", "fy", "cx", "cy"):
-            value = float(getattr(self, name))
-            if not np.isfinite(value) or value < declared(PinholeCamera)[name].low:
-                hint = "the positive value: fy = -480 only says that y points up" if value < 0 else None
-                raise InputError(f"a finite camera {name}{' > 0' if name[0] == 'f' else ''}", found=value, hint=hint)
-            object.__setattr__(self, name, value)
-
-    @classmethod
-    def from_dict(cls, settings: dict) -> "PinholeCamera":
-        """The inverse of to_dict; unknown keys are refused."""
-        known = {f.name for f in fields(cls)}
-        unknown = sorted(set(settings) - known)
-        if unknown:
-            raise InputError(f"camera keys {', '.join(sorted(known))}", found=", ".join(unknown))
-        try:
-            return cls(**settings)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InputError("numbers for every camera key", found=error) from None
+            if isinstance(value := getattr(self, name), float) and value.is_integer():
+                object.__setattr__(self, name, int(value))
+        if isinstance(self.fy, float | int) and self.fy < 0:
+            hint = "the positive value: fy = -480 only says that y points up"
+            raise InputError("a camera's fy > 0", found=self.fy, hint=hint)
+        super().__post_init__()
 
     @classmethod
     def parse(cls, text: str) -> "PinholeCamera":
@@ -74,9 +61,6 @@ class PinholeCamera:
             return cls(width, height, *(float(p) for p in parts[1:]))
         except ValueError:
             raise InputError("numbers for FX,FY,CX,CY", found=text) from None
-
-    def to_dict(self) -> dict:
-        return asdict(self)
 
     @property
     def K(self) -> np.ndarray:
@@ -103,10 +87,6 @@ class PinholeCamera:
         p = np.asarray(points_camera, float)
         z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
         return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], -1)
-
-    def planar_from_ray_distance(self, distance_m: np.ndarray) -> np.ndarray:
-        """(height, width) distance along the ray, as in `.depth` files -> planar depth, Z = d / sqrt(x^2 + y^2 + 1)."""
-        return np.asarray(distance_m) / np.linalg.norm(self.rays(), axis=-1)
 
     def halved(self) -> "PinholeCamera":
         """The camera of the 2x2-mean pyramid's next level: centres keep to pixel centres, cx' = (cx + 0.5)/2 - 0.5."""

@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..settings import Settings, setting
 from . import handheld
 from .free_space import Clearance, FreeSpace
-from .handheld import Pace, Recipe, Shake, Viewpoint
+from .handheld import Pace, Point, Recipe, Shake, Viewpoint
 
 #: What the hands do unless asked otherwise: the amounts of our own kt0..kt3.
 SHAKES = (
@@ -24,8 +24,6 @@ _MARGINS_M = (0.15, 0.05, 0.0)
 #: Spacing of viewpoints on the route: first wide, then so close that the spline cannot leave it.
 _SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
 _MAX_YAW_STEP_RAD = np.radians(80.0)
-
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -169,9 +167,16 @@ def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSetting
         replace(s, position_mm=settings.shake * s.position_mm, rotation_deg=settings.shake * s.rotation_deg)
         for s in SHAKES
     )
-    pace = Pace(settings.speed_m_s, 40.0, 0.9)
-    about = "A walk through viewpoints, clear of the surfaces."
-    recipe = Recipe(scene, about, 1_000_000, 1.0, settings.seed, pace, shakes, viewpoints)
+    recipe = Recipe(
+        scene=scene,
+        about="A walk through viewpoints, clear of the surfaces.",
+        frames=1_000_000,
+        length_m=1.0,
+        seed=settings.seed,
+        pace=Pace(settings.speed_m_s, 40.0, 0.9),
+        shakes=shakes,
+        viewpoints=viewpoints,
+    )
     frames = int(np.ceil(handheld.unhurried_s(recipe) * handheld.FRAME_RATE_HZ)) + 1
     recipe = replace(recipe, frames=max(frames, 240))
     return replace(recipe, length_m=round(handheld.natural_length_m(recipe), 6))

@@ -6,10 +6,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
-from ..settings import same_as
+from ..settings import parameter, same_as
 from . import depth_image as images
-from .noise_model import NoiseModel, parameter
-from .randomness import gaussian
+from .noise_model import NoiseModel, gaussian
 
 #: Paper, equation 3, from the Kinect's baseline (Barron and Malik 2013): disparity = 35130 / Z with Z in centimetres.
 KINECT_CM_PX = 35130.0

@@ -59,13 +59,7 @@ def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str
         return _user_noise(kind, name, settings, _ARGUMENTS[kind])
     if name not in known:
         raise InputError(f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name)
-    try:
-        return known[name].from_dict(settings)
-    except InputError as error:
-        if error.setting is None:
-            raise
-        expected = f"{error.setting} of the noise model {name!r} as {error.expected}"
-        raise InputError(expected, found=error.found) from None
+    return known[name].from_dict(settings)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..settings import parameter
 from .depth_image import bands
-from .noise_model import NoiseModel, parameter
-from .randomness import gaussian
+from .noise_model import NoiseModel, gaussian
 from .transfer import srgb8, srgb8_in_place
 
 _BRIGHTEST = np.float32(65504)  # of half precision; infinite light would have infinite noise

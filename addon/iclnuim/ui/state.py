@@ -156,8 +156,8 @@ def operator(
                 return {"CANCELLED"}
             return {"FINISHED"}
 
-        members = {"__doc__": function.__doc__, "__module__": function.__module__, "__annotations__": properties}
-        members |= {"bl_idname": f"iclnuim.{name}", "bl_label": label, "execute": execute}
+        members: dict[str, Any] = {"__doc__": function.__doc__, "__module__": function.__module__, "execute": execute}
+        members |= {"bl_idname": f"iclnuim.{name}", "bl_label": label, "__annotations__": properties}
         members |= {"bl_options": {"REGISTER", "UNDO"}} if undo else {}
         return type(f"ICLNUIM_OT_{name}", (bpy.types.Operator,), members | ({"invoke": invoke} if invoke else {}))
 
