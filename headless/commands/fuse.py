@@ -8,7 +8,7 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_file, write_json
 from iclnuim.formats.ply import write_ply
-from iclnuim.formats.trajectories import LoadedTrajectory, read_trajectory
+from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory, read_trajectory
 from iclnuim.fusion.settings import PRESETS, FuseSettings, VolumeSettings
 
 from ..console import Console
@@ -85,7 +85,6 @@ def _truth(folder: Path) -> Path:
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:
     """Worlds that are the first camera's frame (y down) are stood upright, as well as its tilt allows."""
-    from iclnuim.formats.columns import ANCHORED_WORLD
     from iclnuim.formats.png import write_png
     from iclnuim.fusion.pictures import picture
     from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN

@@ -9,9 +9,8 @@ import numpy as np
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
 from iclnuim.dataset.frames import image_frames
 from iclnuim.errors import InputError
-from iclnuim.formats.files import read_text
+from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.png import read_depth16, read_rgb8
-from iclnuim.formats.table import data_lines
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
 from ..console import Console

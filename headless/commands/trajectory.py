@@ -213,7 +213,7 @@ def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
     add = parser.add_argument
     if out:
         add("-o", "--out", metavar="OUT", help="default: TUM on standard output")
-    names = ", ".join(name for name, known in files.FORMATS.items() if known.write)
+    names = ", ".join(name for name, known in files.FORMATS.items() if known.line)
     add("--to", dest="out_format", metavar="FORMAT", help=f"instead of the one that OUT's name means: {names}")
     add("--out-unit", type=_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
     add("--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)")
@@ -251,7 +251,7 @@ def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
 
 
 def _write(args: argparse.Namespace, trajectory: Trajectory, console: Console) -> None:
-    options = files.WriteOptions(args.file_rate, args.out_unit, args.start_z)
+    options = files.FileOptions(args.file_rate, args.out_unit, args.start_z)
     if args.out is None:
         console.result({}, files.trajectory_text(trajectory, args.out_format, options).rstrip("\n"))
         return

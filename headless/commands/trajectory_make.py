@@ -13,8 +13,8 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError, blender_missing
-from iclnuim.formats.columns import TUM_HEADER
 from iclnuim.formats.files import atomic_write_text, read_json, read_text
+from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld, trajectory
 from iclnuim.geometry.free_space import FreeSpace
 from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan

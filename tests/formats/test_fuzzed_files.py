@@ -43,7 +43,7 @@ CAMERA = (
 NAMES = {
     name: f"a{known.endings[-1]}" if known.endings else f"a_{known.word}.txt"
     for name, known in FORMATS.items()
-    if known.write
+    if known.line
 } | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt"}
 
 

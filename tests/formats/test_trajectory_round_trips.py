@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import FORMATS, WriteOptions, format_for_name, read_trajectory, write_trajectory
+from iclnuim.formats.trajectories import FORMATS, FileOptions, format_for_name, read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -11,7 +11,7 @@ from iclnuim.geometry.trajectory import Trajectory
 NAMES = {
     name: f"path{known.endings[-1]}" if known.endings else f"path_{known.word}.txt"
     for name, known in FORMATS.items()
-    if known.write
+    if known.line
 }
 KEEPS_THE_WORLD = [name for name in NAMES if name not in ("gt.freiburg", "gt.sim")]
 TOLERANCE = 1e-9
@@ -82,7 +82,7 @@ def test_writing_an_anchored_trajectory_again_leaves_it_where_it_is(tmp_path, fo
 @pytest.mark.parametrize("start_z_m", [-2.25, -2.5])
 def test_the_anchored_start_can_be_the_offices(tmp_path, start_z_m):
     path = tmp_path / "office.gt.freiburg"
-    write_trajectory(path, random_trajectory(3), "gt.freiburg", WriteOptions(start_z_m=start_z_m))
+    write_trajectory(path, random_trajectory(3), "gt.freiburg", FileOptions(start_z_m=start_z_m))
     np.testing.assert_allclose(np.loadtxt(path)[0], [1, 0, 0, start_z_m, 0, 0, 0, 1], atol=1e-12)
 
 
@@ -114,7 +114,7 @@ def test_stamps_of_real_recordings_survive(tmp_path, format):
 @pytest.mark.parametrize("format", KEEPS_THE_WORLD)
 def test_a_unit_of_length_goes_out_and_in(tmp_path, format):
     written, path = random_trajectory(7), tmp_path / NAMES[format]
-    write_trajectory(path, written, format, WriteOptions(unit_m=0.01))
+    write_trajectory(path, written, format, FileOptions(unit_m=0.01))
     assert_same(read_trajectory(path, unit_m=0.01).trajectory.T_world_camera, written.T_world_camera)
     in_metres = read_trajectory(path).trajectory.positions_m
     np.testing.assert_allclose(in_metres, 100 * written.positions_m, atol=1e-7)
@@ -124,7 +124,7 @@ def test_a_unit_of_length_goes_out_and_in(tmp_path, format):
 def test_a_frame_rate_goes_out_and_in(tmp_path, format):
     path = tmp_path / NAMES[format]
     written = Trajectory.at_rate(random_trajectory(8).T_world_camera, 120)
-    write_trajectory(path, written, format, WriteOptions(rate_hz=120))
+    write_trajectory(path, written, format, FileOptions(rate_hz=120))
     back = read_trajectory(path, rate_hz=120).trajectory
     np.testing.assert_allclose(back.stamps_s, written.stamps_s[len(written) - len(back) :], atol=1e-12)
 

@@ -9,9 +9,8 @@ import numpy as np
 from ..errors import InputError
 from ..evaluation.associate import associate
 from ..formats.associations import read_associations, read_image_list
-from ..formats.files import read_json, read_text
+from ..formats.files import data_lines, read_json, read_text
 from ..formats.png import png_header
-from ..formats.table import data_lines
 from ..formats.trajectories import read_trajectory
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera

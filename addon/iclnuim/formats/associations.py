@@ -12,8 +12,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ
-from .files import atomic_write_text, read_text
-from .table import LARGEST_FRAME, LARGEST_STAMP_S, data_lines
+from .files import atomic_write_text, data_lines, read_text
+from .trajectory_file import LARGEST_FRAME, LARGEST_STAMP_S
 
 PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/... (ICL-NUIM)"
 

@@ -105,6 +105,13 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
     return text
 
 
+def data_lines(text: str) -> list[tuple[int, str]]:
+    """(number from 1, content without comment) of each line that holds data."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    stripped = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(lines, 1))
+    return [(number, line) for number, line in stripped if line]
+
+
 def sha256(data: bytes) -> str:
     """Hex digest."""
     return hashlib.sha256(data).hexdigest()

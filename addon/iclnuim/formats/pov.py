@@ -12,24 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import axes
-from ..geometry.trajectory import Trajectory
-from . import trajectory_file
-from .files import read_text
-from .table import Table, data_lines
-from .trajectory_file import LoadedTrajectory, ReadAs, ReadOptions, Source, TrajectoryFormat, WriteOptions
+from .files import data_lines, read_text
+from .trajectory_file import Source, Table
 
 FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
 COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="
-#: Where r00 r01 ... r22 stand among val00 val01 ... val32, and the position.
-_ROTATION, _POSITION = [0, 3, 6, 1, 4, 7, 2, 5, 8], slice(9, 12)
-
 _NAMES = [f"val{row}{column}" for row in range(4) for column in range(3)]
 _DECLARE = re.compile(
     r"Declare\s*=\s*(val[0-3][0-2])\s*=\s*([-+]?[\d.]+(?:e[-+]?\d+)?)(?=[\s+]|$)", re.IGNORECASE | re.ASCII
 )
 _OUTPUT = re.compile(r"\+O\S*?(\d{1,9})\.\w+(?=\s|$)", re.ASCII)
-_LINE = (
+COMMAND_LINE = (
     "povray +Iscene.pov +Oscene_00_%04d.png +W640 +H480 " + " ".join(f"Declare={name}=%.12f" for name in _NAMES) + "\n"
 )
 
@@ -38,42 +31,16 @@ def is_commands(source: Source) -> bool:
     return any(re.search(r"declare\s*=\s*val\d\d", line, re.IGNORECASE) for line in source.first_lines)
 
 
-def read_commands(source: Source, options: ReadOptions) -> LoadedTrajectory:
-    """POV world -> our world; the frame number is the image's (+O) where all lines have one, else the line's from 0."""
+def command_rows(source: Source) -> Table:
+    """(n, 13): the number in the image's name (+O), val00 to val32; (n, 12) unless all lines have such a number."""
     lines = [(number, line) for number, line in data_lines(source.text) if "declare" in line.lower()]
     if not lines:
         raise InputError(COMMAND, path=source.path, found="no line with Declare")
     values = np.array([_declared(source, number, line) for number, line in lines])
-    names = [_OUTPUT.search(line) for _, line in lines]
-    numbers = [float(name[1]) for name in names if name] if all(names) else np.arange(float(len(lines)))
-    counted = "of the image's name" if all(names) else "of the line, from 0"
-    table = Table(values, lambda row: (source.path, lines[row][0]))
-    return _loaded("pov-commands", "in the POV world (y up)", table, np.asarray(numbers), counted, options)
-
-
-def _loaded(
-    format: str, of: str, table: Table, numbers: np.ndarray, counted: str, options: ReadOptions
-) -> LoadedTrajectory:
-    """POV world -> our world, from rows of camera axes and position."""
-    pov = trajectory_file.poses_of(table, table.values[:, _POSITION] * options.unit_m, _ROTATION)
-    poses = axes.world_cv_from_pov(pov)
-    trajectory = trajectory_file.trajectory_of_frames(table, numbers, poses, options.rate_hz)
-    world = trajectory_file.OUR_WORLD
-    sentence = (
-        f"{format}: LEFT-handed poses {of}, turned into {world}, stamps frame/{options.rate_hz:g} s by the number "
-        f"{counted}{trajectory_file.unit_warning(trajectory)}"
-    )
-    return LoadedTrajectory(trajectory, ReadAs(format, "left", world, sentence))
-
-
-def write_commands(trajectory: Trajectory, options: WriteOptions) -> str:
-    """One render command a line; the scene's name is to be filled in by whoever renders."""
-    numbers = trajectory_file.frame_numbers(trajectory, options.rate_hz)
-    pov = axes.pov_from_world_cv(trajectory.T_world_camera)
-    rows = np.concatenate([np.swapaxes(pov.rotation, 1, 2), pov.translation[:, None] / options.unit_m], axis=1) + 0.0
-    return "".join(
-        [_LINE % (number, *row) for number, row in zip(numbers.tolist(), rows.reshape(-1, 12).tolist(), strict=True)]
-    )
+    names = [name[1] for _, line in lines if (name := _OUTPUT.search(line))]
+    if len(names) == len(lines):
+        values = np.column_stack([np.array(names, float), values])
+    return Table(values, lambda row: (source.path, lines[row][0]))
 
 
 def _declared(source: Source, number: int, line: str) -> list[float]:
@@ -97,14 +64,11 @@ def is_cameras(source: Source) -> bool:
     return source.is_folder or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
 
 
-def read_cameras(source: Source, options: ReadOptions) -> LoadedTrajectory:
-    """POV world -> our world; the frame number is the last number in the file's name."""
+def camera_rows(source: Source) -> Table:
+    """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32 of a command."""
     files = _numbered(source.path) if source.is_folder else [(_number(source.path) or 0, source.path)]
-    values = np.array([_camera(path) for _, path in files])
-    table = Table(values, lambda row: (files[row][1], None))
-    numbers = np.array([float(number) for number, _ in files])
-    of = "of POV-Ray camera files (y up)"
-    return _loaded("pov-cameras", of, table, numbers, "in the file's name", options)
+    values = np.array([[float(number), *_camera(path)] for number, path in files])
+    return Table(values, lambda row: (files[row][1], None))
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:
@@ -158,15 +122,3 @@ def _normalised(vector: np.ndarray) -> np.ndarray:
     """Length one; NaN where there is next to no length."""
     length = math.hypot(*vector)
     return vector / length if 1e-9 < length < 1e9 else np.full(3, np.nan)
-
-
-FORMATS = {
-    "pov-cameras": TrajectoryFormat(is_cameras, read_cameras),
-    "pov-commands": TrajectoryFormat(
-        is_commands,
-        read_commands,
-        write_commands,
-        "pov-commands: LEFT-handed poses in the POV world (y up), the frame number in the image's name",
-        word="command",
-    ),
-}

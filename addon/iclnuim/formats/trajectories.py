@@ -1,19 +1,103 @@
-"""The one registry of trajectory formats: recognised by name and content, read, and written where it makes sense."""
+"""The one registry of trajectory formats: recognised by name and content, read, and written where it makes sense.
+
+All have one pose a line or block and are described by their columns. A new format is one entry of FORMATS; the command line, the panel
+and the pages list what stands there.
+"""
 
 import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from ..errors import InputError
+from ..geometry import axes
+from ..geometry.se3 import SE3
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from . import pov, trajectory_file
-from .columns import COLUMNS
-from .files import atomic_write_text
-from .trajectory_file import LoadedTrajectory, ReadAs, ReadOptions, Source, WriteOptions, check_writable
+from .files import atomic_write_text, data_lines
+from .trajectory_file import OUR_WORLD, OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source, Table, read_table
 
-__all__ = ["FORMATS", "LoadedTrajectory", "ReadAs", "ReadOptions", "WriteOptions"]
+__all__ = ["ANCHORED_WORLD", "FORMATS", "TUM_HEADER", "FileOptions", "LoadedTrajectory", "ReadAs"]
 __all__ += ["format_for_name", "read_trajectory", "trajectory_text", "write_trajectory"]
 
-#: name -> format, in the order in which they are asked whether a file is theirs
-FORMATS = {**pov.FORMATS, **{columns.name: columns.format for columns in COLUMNS}}
+ANCHORED_WORLD = "the original's anchored frame made right-handed (the first camera's axes: x right, y down, z forward)"
+#: Where the official files start: living room, office. Office kt0, whose first image is missing, is 9 mm off.
+OFFICIAL_STARTS_Z_M = (-2.25, -2.5)
+START_TOLERANCE_M = 0.02
+
+#: Stamps or numbers, None where a format has none, and poses.
+Given = tuple[Iterable | None, SE3]
+#: Of the position, and of the orientation.
+Columns = tuple[Sequence[int], Sequence[int]]
+
+
+@dataclass(frozen=True)
+class TrajectoryFormat:
+    """A format: its columns, and what stamps and poses in them mean.
+
+    sniff: whether a file is of it. sentence: how a file was read, with {rate} for the frame rate and {how} for what `how` says.
+    expected: what a line is, for errors. counts: how many columns a line may have; of 13, where 12 would do, the first is the frame's
+    number. columns: those of x y z, and of qx qy qz qw or r00 r01 ... r22; a column before them has stamps, `ticks` a second, or the
+    frames' numbers where `ticks` is None; without it lines are counted, from `first`. hint: where they are no numbers.
+    frame: what makes the file's left-handed poses right-handed cv camera poses, None where they are, and the world of the trajectory.
+    rows: the columns of a file whose lines are no rows.
+    line: for printf, all columns in order; "" where the format is only read. given: what is written of a trajectory: stamps or numbers
+    (None where the format has none), and poses. header: with {unit}. goes_to: the same in a sentence. endings, word: names of files that
+    mean this format: endings, or a word in the name of a file that ends in `texts`.
+    """
+
+    name: str
+    sniff: Callable[[Source], bool]
+    sentence: str
+    expected: str = "8 columns: timestamp tx ty tz qx qy qz qw"
+    counts: tuple[int, ...] = (8,)
+    columns: Columns = ((1, 2, 3), (4, 5, 6, 7))
+    ticks: float | None = None
+    first: int = 0
+    hint: str | None = None
+    frame: tuple[Callable[[SE3], SE3] | None, str] = (None, OWN_WORLD)
+    delimiter: str | None = None
+    rows: Callable[[Source], Table] | None = None
+    how: Callable[[Source, Table, Trajectory], str] = lambda source, table, trajectory: ""
+    line: str = ""
+    given: Callable[[Trajectory, FileOptions], Given] = lambda t, options: (None, t.T_world_camera)
+    header: str = ""
+    parted: str = ""
+    goes_to: str = ""
+    endings: tuple[str, ...] = ()
+    word: str = ""
+    texts: tuple[str, ...] = (".txt",)
+
+    def read(self, source: Source, options: FileOptions) -> LoadedTrajectory:
+        """Raises InputError, naming the line, for what is not of this format."""
+        table = self.rows(source) if self.rows else read_table(source, self.counts, self.expected, self.delimiter)
+        numbered = table.values.shape[1] == 13
+        position, orientation = ([c + numbered for c in columns] for columns in self.columns)
+        poses = trajectory_file.poses_of(table, table.values[:, position] * options.unit_m, orientation)
+        right, world = self.frame
+        counted = np.arange(len(poses)) + float(self.first)
+        stamps = counted if 0 in (*position, *orientation) else table.values[:, 0]
+        stamps_s = trajectory_file.seconds_of(table, stamps, self.ticks, options.rate_hz, self.hint)
+        trajectory = Trajectory(stamps_s, right(poses) if right else poses)
+        sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, table, trajectory))
+        return LoadedTrajectory(trajectory, ReadAs(self.name, "left" if right else "right", world, sentence))
+
+    def write(self, trajectory: Trajectory, options: FileOptions) -> str:
+        """The text of a file. Raises InputError where the format cannot hold the trajectory."""
+        stamps, poses = self.given(trajectory, options)
+        position, orientation = self.columns
+        quaternions = len(orientation) == 4
+        columns = np.zeros((len(poses), max(*position, *orientation) + 1))
+        columns[:, orientation] = poses.quat_xyzw if quaternions else poses.rotation.reshape(-1, 9)
+        columns[:, position] = poses.translation / options.unit_m
+        rows = (columns[:, 1 if quaternions else 0 :] + 0.0).tolist()  # adding 0.0 turns -0.0 into 0.0
+        if stamps is None:
+            lines = [self.line % tuple(row) for row in rows]
+        else:
+            lines = [self.line % (stamp, *row) for stamp, row in zip(stamps, rows, strict=True)]
+        unit = {1.0: "metres", 0.01: "centimetres"}.get(options.unit_m, f"units of {options.unit_m:g} m")
+        return self.header.format(unit=unit) + self.parted.join(lines)
 
 
 def read_trajectory(
@@ -26,54 +110,279 @@ def read_trajectory(
 
     Raises InputError, naming file and line, for what cannot be read.
     """
-    options, source = ReadOptions(rate_hz, unit_m), Source(path)
-    return _known(format or sniffed(source)).read(source, options)
+    options, source = FileOptions(rate_hz, unit_m), Source(path)
+    return (_known(format) if format else _sniffed(source)).read(source, options)
 
 
 def write_trajectory(
-    path: str | os.PathLike[str], trajectory: Trajectory, format: str, options: WriteOptions | None = None
+    path: str | os.PathLike[str], trajectory: Trajectory, format: str, options: FileOptions | None = None
 ) -> None:
     """Write a trajectory file, whole or not at all. Raises InputError where the format cannot hold the trajectory."""
     atomic_write_text(path, trajectory_text(trajectory, format, options))
 
 
-def trajectory_text(trajectory: Trajectory, format: str, options: WriteOptions | None = None) -> str:
+def trajectory_text(trajectory: Trajectory, format: str, options: FileOptions | None = None) -> str:
     """The text that write_trajectory writes."""
-    write = _known(format).write
-    if write is None:
-        writable = ", ".join(name for name, known in FORMATS.items() if known.write)
+    if not _known(format).line:
+        writable = ", ".join(name for name, known in FORMATS.items() if known.line)
         raise InputError(f"a format that can be written ({writable})", found=format)
-    check_writable(trajectory)
-    return write(trajectory, options or WriteOptions())
+    trajectory_file.check_writable(trajectory)
+    return FORMATS[format].write(trajectory, options or FileOptions())
 
 
-def sniffed(source: Source) -> str:
-    """The name of the format that a file or folder is in. Raises InputError where it is in none."""
-    for name, format in FORMATS.items():
+def _sniffed(source: Source) -> TrajectoryFormat:
+    """The format that a file or folder is in. Raises InputError where it is in none."""
+    for format in FORMATS.values():
         if format.sniff(source):
-            return name
+            return format
     expected = (
         "a trajectory: 8 columns (TUM), 12 or 13 (matrix rows), blocks of 3 lines with 4, POV-Ray commands or CSV"
     )
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")
-    found = f"{source.columns} columns"
-    raise InputError(expected, path=source.path, line=source.first_line_number, found=found, hint="{from} FORMAT")
+    found, line = f"{source.columns} columns", source.first_line_number
+    raise InputError(expected, path=source.path, line=line, found=found, hint="{from} FORMAT")
 
 
 def format_for_name(path: str | os.PathLike[str]) -> str:
     """The format that a file to be written has by its name. Raises InputError where the name says nothing."""
     name = os.path.basename(os.fspath(path)).lower()
     for format, known in FORMATS.items():
-        texts = (".txt", ".sh") if format == "pov-commands" else (".txt",)
-        if name.endswith(known.endings) or (known.word and known.word in name and name.endswith(texts)):
+        if name.endswith(known.endings) or (known.word and known.word in name and name.endswith(known.texts)):
             return format
     endings = ".tum, .txt, .csv, .kitti, .gt.freiburg or .gt.sim"
     found = os.path.splitext(name)[1] or "no ending"
     raise InputError(f"a name ending in {endings}", path=path, found=found, hint="{to} FORMAT")
 
 
-def _known(format: str) -> trajectory_file.TrajectoryFormat:
+def _known(format: str) -> TrajectoryFormat:
     if format not in FORMATS:
         raise InputError(f"a trajectory format ({', '.join(FORMATS)})", found=format)
     return FORMATS[format]
+
+
+def is_freiburg(source: Source) -> bool:
+    """Named `*.gt.freiburg`, or frame ids and a start as in the official files, unless a header says right-handed.
+
+    Nothing else makes a file left-handed: handedness cannot be seen in poses; whole-number stamps alone decide nothing.
+    """
+    if source.name.endswith(".gt.freiburg"):
+        return True
+    if source.columns != 8 or "right-handed" in source.header:
+        return False
+    try:
+        rows = [[float(field) for field in line.split()[:4]] for line in source.first_lines]
+    except ValueError:
+        return False
+    return all(row[0].is_integer() for row in rows) and starts_as_official(np.array(rows[0][1:]))
+
+
+def starts_as_official(position_m: np.ndarray) -> bool:
+    """Whether a first position (3,) is that of the official living-room or office files, each axis to 2 cm."""
+    return any(np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M)
+
+
+def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tuple[list[int], SE3]:
+    """n frame numbers from 1 on and their left-handed poses, with the pose of image `anchor` at (0, 0, start_z_m).
+
+    T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). Without that image the first one written serves. Poses that already start as the
+    official files do stay as they are.
+    """
+    numbers = trajectory_file.frame_numbers(trajectory, options.rate_hz)
+    kept = numbers >= 1
+    if not kept.any():
+        raise InputError("poses of image 1 or later (image 0 has none in this format)", found="image 0 alone")
+    T = trajectory.T_world_camera
+    shown = T[kept]
+    if not starts_as_official(shown.translation[0]):
+        at_anchor = np.flatnonzero(numbers == anchor)
+        reference = T[int(at_anchor[0])] if at_anchor.size else shown[0]
+        shown = SE3(np.eye(3), np.array([0.0, 0.0, options.start_z_m])) @ reference.inverse() @ shown
+    return numbers[kept].tolist(), axes.mirrored_y(shown)
+
+
+def _given_sim(trajectory: Trajectory, options: FileOptions) -> Given:
+    """Raises InputError where frames are missing, since blocks carry no number."""
+    numbers, left = _anchored(trajectory, 0, options)
+    if numbers[-1] != len(numbers):
+        found = f"{len(numbers)} frames up to {numbers[-1]}"
+        raise InputError("frames 1, 2, 3, ... without a gap to write gt.sim", found=found)
+    return None, left
+
+
+def _given_pov(trajectory: Trajectory, options: FileOptions) -> Given:
+    poses = axes.pov_from_world_cv(trajectory.T_world_camera)
+    return trajectory_file.frame_numbers(trajectory, options.rate_hz).tolist(), poses
+
+
+def _blocks(source: Source) -> Table:
+    """(n, 12). Raises InputError for the first block that does not stand on three lines one below the other."""
+    lines = read_table(source, (4,), _BLOCKS)
+    numbers = [number for number, _ in data_lines(source.text)]
+    for k in range(0, len(numbers), 3):
+        if numbers[k : k + 3] != [numbers[k], numbers[k] + 1, numbers[k] + 2]:
+            raise InputError(_BLOCKS, path=source.path, line=numbers[k], found="a block of another length")
+    return Table(lines.values.reshape(-1, 12), lambda k: (source.path, numbers[3 * k]))
+
+
+def _whole_seconds(source: Source, table: Table, trajectory: Trajectory) -> str:
+    stamps_s = trajectory.stamps_s
+    if len(stamps_s) > 1 and (stamps_s == np.rint(stamps_s)).all():
+        return "; its whole numbers are taken as seconds (the format tum-ids takes them as frame numbers)"
+    return ""
+
+
+def _why_freiburg(source: Source, table: Table, trajectory: Trajectory) -> str:
+    named = source.name.endswith(".gt.freiburg")
+    return "by its name" if named else "by its start" if is_freiburg(source) else "as told"
+
+
+def _unit_warning(source: Source, table: Table, trajectory: Trajectory) -> str:
+    """Of a POV-world file whose positions look like centimetres."""
+    far_m = np.abs(trajectory.positions_m).max()
+    far = far_m > trajectory_file.FAR_M
+    return f"; positions reach {far_m:.0f} m: they may be centimetres (unit cm)" if far else ""
+
+
+def _counted(source: Source, table: Table, trajectory: Trajectory) -> str:
+    """What the numbers of commands are."""
+    counted = "of the image's name" if table.values.shape[1] == 13 else "of the line, from 0"
+    return counted + _unit_warning(source, table, trajectory)
+
+
+TUM_HEADER = (
+    "# timestamp tx ty tz qx qy qz qw; seconds, metres, right-handed, camera (x right, y down, z forward) to world\n"
+)
+_EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+_POV_HEADER = (
+    "# frame r00 r01 r02 tx r10 r11 r12 ty r20 r21 r22 tz ; T_pov_cam, LEFT-handed POV-Ray world (y up), "
+    "camera x right y up z forward, {unit}\n"
+)
+#: Where the position and r00 r01 ... r22 stand in the rows of a 3x4 matrix, and among val00 val01 ... val32 of POV-Ray.
+_MATRIX_COLUMNS: Columns = (3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10)
+_POV_COLUMNS: Columns = (9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8)
+_ANCHORED, _POV = (axes.mirrored_y, ANCHORED_WORLD), (axes.world_cv_from_pov, OUR_WORLD)
+_MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
+_MATRIX_ROW = "12 columns of a 3x4 matrix, or 13 with the frame number first"
+_BLOCKS = "blocks of 3 lines with 4 columns: r00 r01 r02 tx"
+_FROM_POV = f"turned into {OUR_WORLD}, stamps frame/{{rate}} s"
+
+_ALL = (
+    TrajectoryFormat(  # ICL-NUIM's own, a file a frame
+        name="pov-cameras",
+        sniff=pov.is_cameras,
+        rows=pov.camera_rows,
+        columns=_POV_COLUMNS,
+        sentence="pov-cameras: LEFT-handed poses of POV-Ray camera files (y up), "
+        + _FROM_POV
+        + " by the number in the file's name{how}",
+        how=_unit_warning,
+        frame=_POV,
+    ),
+    TrajectoryFormat(
+        name="pov-commands",
+        sniff=pov.is_commands,
+        rows=pov.command_rows,
+        columns=_POV_COLUMNS,
+        sentence="pov-commands: LEFT-handed poses in the POV world (y up), " + _FROM_POV + " by the number {how}",
+        how=_counted,
+        frame=_POV,
+        line=pov.COMMAND_LINE,
+        given=_given_pov,
+        goes_to="pov-commands: LEFT-handed poses in the POV world (y up), the frame number in the image's name",
+        word="command",
+        texts=(".txt", ".sh"),
+    ),
+    TrajectoryFormat(  # ICL-NUIM's own, anchored at image 1; image 0 has no pose
+        name="gt.freiburg",
+        sniff=is_freiburg,
+        expected="8 columns: id tx ty tz qx qy qz qw",
+        hint="{from} tum if these are seconds",
+        sentence="gt.freiburg ({how}): LEFT-handed y-up poses made right-handed by mirroring y, stamps id/{rate} s, "
+        f"in {ANCHORED_WORLD}",
+        how=_why_freiburg,
+        frame=_ANCHORED,
+        line="%d %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+        given=lambda t, options: _anchored(t, 1, options),
+        goes_to="gt.freiburg: frame ids, LEFT-handed y-up poses, moved to the original's start, image 0 left out",
+        endings=(".gt.freiburg",),
+    ),
+    TrajectoryFormat(  # ICL-NUIM's own, anchored at image 0, without an index: block k, from 0, belongs to image k + 1
+        name="gt.sim",
+        sniff=lambda source: source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers),
+        rows=_blocks,
+        columns=_MATRIX_COLUMNS,
+        first=1,
+        sentence="gt.sim: LEFT-handed y-up poses made right-handed by mirroring y, block k taken as image k+1, "
+        f"stamps (k+1)/{{rate}} s, in {ANCHORED_WORLD}; anchored at image 0, up to 8 mm off gt.freiburg",
+        frame=_ANCHORED,
+        line="%.12f %.12f %.12f %.9f\n" * 3,
+        parted="\n",
+        given=_given_sim,
+        goes_to="gt.sim: blocks for images 1, 2, ..., LEFT-handed y-up poses, placed so that image 0 is the original's start",
+        endings=(".gt.sim",),
+    ),
+    TrajectoryFormat(  # quaternion scalar FIRST; more columns (velocity, biases) may follow
+        name="euroc",
+        sniff=lambda source: any("," in line for line in source.first_lines),
+        expected="8 or 17 columns parted by commas: stamp in ns, x, y, z, qw, qx, qy, qz",
+        counts=(8, 17),
+        delimiter=",",
+        columns=((1, 2, 3), (5, 6, 7, 4)),
+        ticks=1e9,
+        sentence="EuRoC: stamps in nanoseconds, world <- body taken as right-handed camera-to-world poses in "
+        + OWN_WORLD,
+        line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
+        given=lambda t, options: (np.rint(t.stamps_s * 1e9).astype(np.int64).tolist(), t.T_world_camera),
+        header=_EUROC_HEADER,
+        goes_to="EuRoC: nanoseconds, right-handed camera-to-world poses (as world <- body), world as it was",
+        endings=(".csv",),
+    ),
+    TrajectoryFormat(
+        name="pov-matrix",
+        sniff=lambda source: source.columns in (12, 13) and ("pov" in source.name or "pov" in source.header),
+        expected=_MATRIX_ROW,
+        counts=(12, 13),
+        columns=_MATRIX_COLUMNS,
+        sentence="pov-matrix: LEFT-handed poses in the POV world (y up), " + _FROM_POV + "{how}",
+        how=_unit_warning,
+        frame=_POV,
+        line="%d " + _MATRIX_LINE,
+        given=_given_pov,
+        header=_POV_HEADER,
+        goes_to="pov-matrix: frame numbers, LEFT-handed poses in the POV world (y up)",
+        word="pov",
+    ),
+    TrajectoryFormat(
+        name="kitti",
+        sniff=lambda source: source.columns in (12, 13),
+        expected=_MATRIX_ROW,
+        counts=(12, 13),
+        columns=_MATRIX_COLUMNS,
+        sentence=f"KITTI rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps frame/{{rate}} s",
+        line=_MATRIX_LINE,
+        goes_to="KITTI: 12 columns, right-handed camera-to-world poses, world as it was; stamps are not kept",
+        endings=(".kitti",),
+        word="kitti",
+    ),
+    TrajectoryFormat(
+        name="tum",
+        sniff=lambda source: source.columns == 8,
+        ticks=1.0,
+        sentence=f"TUM: stamps in seconds, right-handed camera-to-world poses in {OWN_WORLD}{{how}}",
+        how=_whole_seconds,
+        line="%.9f %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+        given=lambda t, options: (t.stamps_s.tolist(), t.T_world_camera),
+        header=TUM_HEADER,
+        goes_to="TUM: seconds, right-handed camera-to-world poses, world as it was",
+        endings=(".tum", ".txt"),
+    ),
+    TrajectoryFormat(  # frame numbers for stamps, as odometers run on ICL-NUIM write them; only where it is named
+        name="tum-ids",
+        sniff=lambda source: False,
+        hint="{from} tum",
+        sentence=f"TUM with frame numbers: stamps number/{{rate}} s, right-handed poses in {OWN_WORLD}",
+    ),
+)
+#: name -> format, in the order in which they are asked whether a file is theirs
+FORMATS = {format.name: format for format in _ALL}

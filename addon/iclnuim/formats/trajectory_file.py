@@ -1,5 +1,8 @@
-"""What the readers and writers of trajectory files share: the file, the options, the result, and checks blamed on their line."""
+"""What the readers and writers of trajectory files share: the file, its numbers in columns, the options, the result, and checks blamed
+on their line. Numbers are read at the speed of C, and only when something is wrong is the offending line looked for.
+"""
 
+import io
 import os
 import re
 from collections.abc import Callable
@@ -13,11 +16,14 @@ from ..errors import InputError
 from ..geometry import so3
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
-from .files import read_text
-from .table import LARGEST_FRAME, LARGEST_POSITION_M, LARGEST_STAMP_S, Table, blamed, data_lines, is_number
+from .files import data_lines, read_text
 
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
+#: Beyond a thousand kilometres, three thousand years or a thousand million frames a number stands for damage.
+LARGEST_POSITION_M = 1e6
+LARGEST_STAMP_S = 1e11
+LARGEST_FRAME = 10**9
 #: Rooms are a few metres wide; a POV-world trajectory this far from the origin was most likely written in centimetres.
 FAR_M = 50.0
 #: A stamp may be off its frame's time by this share of a frame.
@@ -43,42 +49,21 @@ class LoadedTrajectory:
 
 
 @dataclass(frozen=True)
-class ReadOptions:
-    """What a file does not say: frames per second where it numbers its frames, and its unit of length in metres."""
+class FileOptions:
+    """What a file does not say: frames per second where it numbers its frames, and its unit of length in metres; and where the anchored
+    formats start when they are written.
+    """
 
     rate_hz: float = FRAME_RATE_HZ
     unit_m: float = 1.0
+    start_z_m: float = -2.25
 
     def __post_init__(self) -> None:
         for name in ("rate_hz", "unit_m"):
             if not 1e-6 <= getattr(self, name) <= 1e6:
                 raise InputError(f"{name} of 1e-6 to 1e6", found=getattr(self, name))
-
-
-@dataclass(frozen=True)
-class WriteOptions(ReadOptions):
-    """Frames per second where frames are numbered, the unit of length in metres, and where the anchored formats start."""
-
-    start_z_m: float = -2.25
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
         if not abs(self.start_z_m) <= 1e3:
             raise InputError("start_z_m of at most 1000 m", found=self.start_z_m)
-
-
-@dataclass(frozen=True)
-class TrajectoryFormat:
-    """One format: whether a file is of it (by name and content), how it is read, how it is written (None: not), and by which names of files
-    to be written it is meant: endings, or a word in the name of a .txt.
-    """
-
-    sniff: "Callable[[Source], bool]"
-    read: "Callable[[Source, ReadOptions], LoadedTrajectory]"
-    write: Callable[[Trajectory, WriteOptions], str] | None = None
-    goes_to: str = ""
-    endings: tuple[str, ...] = ()
-    word: str = ""
 
 
 class Source:
@@ -132,31 +117,87 @@ class Source:
         return found.start() if found else len(self.text)
 
 
-def unit_warning(trajectory: Trajectory) -> str:
-    """What to add to the sentence of a POV-world file whose positions look like centimetres; '' elsewhere."""
-    far_m = np.abs(trajectory.positions_m).max()
-    return f"; positions reach {far_m:.0f} m: they may be centimetres (unit cm)" if far_m > FAR_M else ""
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Values (n, columns), and the file and line (from 1) where a row stands."""
+
+    values: np.ndarray
+    place: Callable[[int], tuple[str | os.PathLike[str], int | None]]
+
+    def error(self, row: int, expected: str, found: object, hint: str | None = None) -> InputError:
+        path, line = self.place(int(row))
+        return InputError(expected, path=path, line=line, found=found, hint=hint)
 
 
-def trajectory_at(table: Table, stamps_s: np.ndarray, poses: SE3) -> Trajectory:
-    """The trajectory with stamps in seconds. Raises InputError for one that is absurd, repeats or runs backwards."""
-    absurd = np.flatnonzero(~(np.abs(stamps_s) <= LARGEST_STAMP_S))
-    if absurd.size:
+def read_table(source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None) -> Table:
+    """All lines that are neither blank nor comments (#), with one of the given numbers of columns, all finite.
+
+    Raises InputError naming the first line that is not so; `expected` says what a line should be.
+    """
+    if not source.first_lines:
+        raise InputError(expected, path=source.path, found="comments alone")
+    text = io.StringIO(source.text, newline=None)
+    try:
+        values = np.loadtxt(text, dtype=float, comments="#", delimiter=delimiter, ndmin=2)
+    except (ValueError, OverflowError):
+        raise _first_bad_line(source, columns, expected, delimiter) from None
+    table = Table(values, lambda row: (source.path, data_lines(source.text)[row][0]))
+    if values.shape[1] not in columns:
+        raise table.error(0, expected, f"{values.shape[1]} columns")
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        raise table.error(row, "finite numbers", f"{values[row, column]} in column {column + 1}", "removing the line")
+    return table
+
+
+def _first_bad_line(source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None) -> InputError:
+    usual = None
+    for number, line in data_lines(source.text):
+        fields = line.split(delimiter)
+        bad = next((field for field in fields if not is_number(field)), None)
+        if bad is not None:
+            return InputError(expected, path=source.path, line=number, found=repr(bad.strip()[:40]))
+        usual = usual or len(fields)
+        if len(fields) not in columns or len(fields) != usual:
+            return InputError(expected, path=source.path, line=number, found=f"{len(fields)} columns")
+    return InputError(expected, path=source.path, found="lines that cannot be read as numbers")
+
+
+def is_number(field: str) -> bool:
+    """Whether a field is what loadtxt takes for a number."""
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return field.isascii() and "_" not in field
+
+
+def seconds_of(
+    table: Table, values: np.ndarray, ticks: float | None, rate_hz: float, hint: str | None = None
+) -> np.ndarray:
+    """(n,) seconds of a file's stamps, `ticks` a second, or of the numbers of its frames where `ticks` is None. Raises InputError for one
+    that is absurd, repeats or runs backwards; `hint`: where a frame's number is none.
+    """
+    if ticks:
+        what, values = "stamp", values / ticks
+        good = np.abs(values) <= LARGEST_STAMP_S
         expected = f"a stamp in seconds, at most {LARGEST_STAMP_S:g}"
-        raise table.error(absurd[0], expected, f"{stamps_s[absurd[0]]:.10g}", "dividing stamps in nanoseconds by 1e9")
-    _check_increasing(table, stamps_s, "stamp")
-    return Trajectory(stamps_s, poses)
-
-
-def trajectory_of_frames(
-    table: Table, numbers: np.ndarray, poses: SE3, rate_hz: float, hint: str | None = None
-) -> Trajectory:
-    """The trajectory with stamps number / rate. Raises InputError for one that is none, repeats or runs backwards."""
-    bad = np.flatnonzero(~((numbers == np.rint(numbers)) & (numbers >= 0) & (numbers <= LARGEST_FRAME)))
-    if bad.size:
-        raise table.error(bad[0], f"a frame number, 0 to {LARGEST_FRAME}", f"{numbers[bad[0]]:.10g}", hint)
-    _check_increasing(table, numbers, "frame number")
-    return Trajectory(numbers / rate_hz, poses)
+        hint = "dividing stamps in nanoseconds by 1e9"
+    else:
+        what, good = "frame number", (values == np.rint(values)) & (values >= 0) & (values <= LARGEST_FRAME)
+        expected = f"a frame number, 0 to {LARGEST_FRAME}"
+    if not good.all():
+        row = int(good.argmin())
+        raise table.error(row, expected, f"{values[row]:.10g}", hint)
+    late = np.flatnonzero(np.diff(values) <= 0)
+    if late.size:
+        row = int(late[0]) + 1
+        before, here = values[row - 1], values[row]
+        found, hint = f"{here:.15g}", "sorting the lines"
+        if here == before:
+            found, hint = f"{here:.15g} again", "removing one of the two lines"
+        raise table.error(row, f"a {what} above the {before:.15g} of line {table.place(row - 1)[1]}", found, hint)
+    return values if ticks else values / rate_hz
 
 
 def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> SE3:
@@ -166,22 +207,27 @@ def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> S
     if absurd.size:
         expected = f"a position of at most {LARGEST_POSITION_M:g} m"
         raise table.error(absurd[0], expected, f"{largest[absurd[0]]:g} m", "another unit or another format")
-    if len(orientation) == 4:
-        return SE3(blamed(table, lambda values: so3.matrix_from_quat_xyzw(values[:, orientation])), positions_m)
-    return SE3(
-        blamed(table, lambda values: so3.nearest_rotation(values[:, orientation].reshape(-1, 3, 3))), positions_m
-    )
+    return SE3(_rotations(table, table.values[:, orientation]), positions_m)
 
 
-def _check_increasing(table: Table, values: np.ndarray, what: str) -> None:
-    late = np.flatnonzero(np.diff(values) <= 0)
-    if late.size:
-        row = int(late[0]) + 1
-        before, here = values[row - 1], values[row]
-        found, hint = f"{here:.15g}", "sorting the lines"
-        if here == before:
-            found, hint = f"{here:.15g} again", "removing one of the two lines"
-        raise table.error(row, f"a {what} above the {before:.15g} of line {table.place(row - 1)[1]}", found, hint)
+def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22; an error is given the line of the first row that causes it (by bisection)."""
+
+    def build(rows: np.ndarray) -> np.ndarray:
+        return so3.matrix_from_quat_xyzw(rows) if rows.shape[1] == 4 else so3.nearest_rotation(rows.reshape(-1, 3, 3))
+
+    try:
+        return build(values)
+    except InputError as error:
+        good, bad, found = 0, len(values), error
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        try:
+            build(values[good:middle])
+            good = middle
+        except InputError as error:
+            bad, found = middle, error
+    raise table.error(good, found.expected, found.found, found.hint)
 
 
 def check_writable(trajectory: Trajectory) -> None:

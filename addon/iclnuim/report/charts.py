@@ -11,9 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..evaluation.relative_error import RelativeError
-from ..formats.columns import ANCHORED_WORLD
 from ..formats.files import atomic_write, check_picture
-from ..formats.trajectories import LoadedTrajectory
+from ..formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
 from .trajectory_report import AbsoluteReport, Report, title
