@@ -14,14 +14,17 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextvars import ContextVar
 from typing import Any
 
 from ..errors import IclnuimError, WorkError
 
 _PR_SET_PDEATHSIG = 1
+#: In a forked process, what it does for each frame; it comes with the fork, and need not be pickled.
+_WORK: ContextVar[Callable[[int], Any]] = ContextVar("work")
 
 
 class FramePool:
@@ -34,10 +37,10 @@ class FramePool:
     """
 
     def __init__(self, work: Callable[[int], Any], workers: int, finish: Callable[[Any], object]) -> None:
-        self._processes = _Processes(work, workers) if _can_fork() else None
-        self._work = work if self._processes is None else self._processes.do
+        self._work, self._executor = work, _forked(work, workers) if _can_fork() else ThreadPoolExecutor(workers)
+        if isinstance(self._executor, ProcessPoolExecutor):
+            self._work = _in_fork
         self._finish = finish
-        self._threads = ThreadPoolExecutor(workers)
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self._open: set[Future] = set()
         self.stopped = False  # whether an error or `stop` has ended it
@@ -53,10 +56,11 @@ class FramePool:
 
     def add(self, number: int) -> None:
         """Begin a frame; finish those that are done."""
-        if not self.stopped:
-            future = self._threads.submit(self._work, number)
-            self._open.add(future)
-            future.add_done_callback(self._done.put)
+        with self._ending():
+            if not self.stopped:
+                future = self._executor.submit(self._work, number)
+                self._open.add(future)
+                future.add_done_callback(self._done.put)
         self.collect()
 
     def collect(self) -> None:
@@ -79,21 +83,31 @@ class FramePool:
         """Wait for all frames. Raises the first error. Safe to call twice."""
         while self._open:
             self._take()
-        self._threads.shutdown()
-        if self._processes is not None:
-            self._processes.close()
+        self._executor.shutdown()
         if self._error is not None:
             raise self._error
 
     def _take(self) -> None:
-        try:
+        with self._ending():
             future = self._done.get()
             self._open.discard(future)
             if not future.cancelled():
                 self._finish(future.result())
-        except BaseException as error:  # Ctrl-C too: what is in work is finished first
-            self._error = self._error or error
-            self.stop()
+
+    @contextlib.contextmanager
+    def _ending(self) -> Iterator[None]:
+        """An error ends the pool, Ctrl-C too: what is in work is finished first."""
+        try:
+            yield
+        except BrokenProcessPool:
+            reason = "a process that made images was killed, or memory ran out"
+            self._fail(WorkError(f"{reason}; finished frames stay: run the same command again"))
+        except BaseException as error:
+            self._fail(error)
+
+    def _fail(self, error: BaseException) -> None:
+        self._error = self._error or error
+        self.stop()
 
 
 def cores() -> int:
@@ -106,62 +120,30 @@ def _can_fork() -> bool:
     return sys.platform == "linux" and "bpy" not in sys.modules and threading.active_count() == 1
 
 
-class _Processes:
-    """Forked processes that do the same work; `do(number)` waits for one that is idle and for its result, on any thread."""
-
-    def __init__(self, work: Callable[[int], Any], count: int) -> None:
-        context = multiprocessing.get_context("fork")
-        self._idle: queue.SimpleQueue[Connection] = queue.SimpleQueue()
-        self._all: list[tuple[multiprocessing.process.BaseProcess, Connection]] = []
-        for _ in range(count):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_serve, args=(work, theirs, os.getpid()), daemon=True)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DeprecationWarning)  # a fork beside threads of numpy's own library
-                process.start()
-            theirs.close()
-            self._idle.put(ours)
-            self._all.append((process, ours))
-
-    def do(self, number: int) -> Any:
-        """Raises what the work raised, WorkError where its process was killed."""
-        pipe = self._idle.get()
-        answer = None
-        with contextlib.suppress(
-            EOFError, OSError
-        ):  # killed; raised below, for an error kept beside another keeps its half-sent message
-            pipe.send(number)
-            answer = pipe.recv()
-        self._idle.put(pipe)
-        if answer is None:
-            reason = "a process that made images was killed, or memory ran out"
-            raise WorkError(f"{reason}; finished frames stay: run the same command again")
-        result, error = answer
-        if error is not None:
-            raise error
-        return result
-
-    def close(self) -> None:
-        for process, pipe in self._all:
-            pipe.close()
-            process.terminate()
-            process.join()
+def _forked(work: Callable[[int], Any], workers: int) -> Executor:
+    context = multiprocessing.get_context("fork")
+    executor = ProcessPoolExecutor(workers, context, _begin, (work, os.getpid()))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # a fork beside threads of numpy's own library
+        executor.submit(os.getpid)  # all processes are made now, while there is no other thread
+    return executor
 
 
-def _serve(work: Callable[[int], Any], pipe: Connection, parent: int) -> None:
+def _begin(work: Callable[[int], Any], parent: int) -> None:
     """In a new process: Ctrl-C is the parent's to hear, and its end is ours."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if os.getppid() != parent:
         os._exit(130)
-    while True:
-        number = pipe.recv()
-        answer: tuple[Any, Exception | None]
-        try:
-            answer = (work(number), None)
-        except IclnuimError as error:
-            answer = (None, error)
-        except Exception as error:
-            answer = (None, RuntimeError(f"{error!r}\n{traceback.format_exc()}"))
-        pipe.send(answer)
+    _WORK.set(work)
+
+
+def _in_fork(number: int) -> Any:
+    """Raises what the work raised, or RuntimeError with its text, as not all errors can be pickled."""
+    try:
+        return _WORK.get()(number)
+    except IclnuimError:
+        raise
+    except Exception as error:
+        raise RuntimeError(f"{error!r}\n{traceback.format_exc()}") from None

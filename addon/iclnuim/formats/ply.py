@@ -4,9 +4,8 @@ numpy alone, because this runs inside Blender too: Blender's own PLY reader foll
 checking them, so `check_ply` looks at a file first.
 """
 
-import itertools
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -45,10 +44,7 @@ class _Element:
 
     name: str
     count: int
-    properties: list[tuple[str, str, str | None]]
-
-    def is_plain(self) -> bool:
-        return all(length is None for _, _, length in self.properties)
+    properties: list[tuple[str, str, str | None]] = field(default_factory=list)
 
 
 def read_ply(path: Path) -> PlyModel:
@@ -56,7 +52,7 @@ def read_ply(path: Path) -> PlyModel:
 
     Raises InputError for a file that is no PLY, ends too early, or whose faces name vertices that are not there.
     """
-    vertices, polygons = _checked(path, True)
+    vertices, polygons = _checked(path)
     if any(name not in vertices for name in "xyz"):
         raise InputError("vertices with x, y and z", path=path, found=", ".join(vertices) or "none")
     fans = [
@@ -74,7 +70,7 @@ def read_ply(path: Path) -> PlyModel:
 
 def check_ply(path: Path) -> None:
     """Raises InputError where a face names a vertex that is not there, or the file ends too early."""
-    _checked(path, False)
+    _checked(path)
 
 
 def write_ply(
@@ -116,22 +112,25 @@ def _rows(count: int, columns: list[tuple]) -> bytes:
     return rows.tobytes()
 
 
-def _checked(path: Path, with_vertices: bool) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Columns of the vertices by name ({} unless asked for), and the faces: arrays (k, corners) of vertex numbers."""
+def _checked(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """Columns of the vertices by name, and the faces: arrays (k, corners) of vertex numbers."""
     data = read_bytes(path, "a PLY file")
-    order, elements, start = _header(path, data)
+    order, elements, at = _header(path, data)
+    if not order:
+        data, at = _doubles(path, data[at:].splitlines(), elements), 0
     count = next((e.count for e in elements if e.name == "vertex"), 0)
     vertices: dict[str, np.ndarray] = {}
     faces: list[np.ndarray] = []
-    for element, groups in (_ascii if order == "" else _binary)(path, data, start, order, elements):
-        if element.name == "vertex" and with_vertices:
-            rows, names = list(groups), [name for name, _, length in element.properties if length is None]
-            vertices = {name: np.concatenate([row[name] for row in rows] or [np.zeros(0)]) for name in names}
+    for element in elements:
+        at, groups = _rows_of(path, data, at, order or "=", element)
+        if element.name == "vertex":
+            names = [name for name, _, length in element.properties if length is None]
+            vertices = {name: np.concatenate([rows[name] for rows in groups] or [np.zeros(0)]) for name in names}
         elif element.name == "face":
-            faces += [group[name] for group in groups for name, _, _ in element.properties if name in _INDICES]
+            faces += [rows[name] for rows in groups for name, _, _ in element.properties if name in _INDICES]
     for corners in faces:
-        if corners.size and not (corners.min() >= 0 and corners.max() < count):
-            raise InputError(f"faces of vertices 0..{count - 1}", path=path, found=f"vertex {int(corners.max())}")
+        if corners.size and not (corners.min() >= 0 and corners.max() < count and not (corners % 1).any()):
+            raise InputError(f"faces of vertices 0..{count - 1}", path=path, found=f"vertex {corners.max()}")
     return vertices, faces
 
 
@@ -157,30 +156,42 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
             raise InputError("a line of a PLY header", path=path, line=number, found=line) from None
     if any(e.name == "face" and not {name for name, _, _ in e.properties} & set(_INDICES) for e in elements):
         raise InputError(f"faces with a list of {_INDICES[0]}", path=path, found="a header without it")
-    if order is None or any(not 0 <= e.count < 1 << 31 for e in elements):
-        raise InputError("a format and counts in the PLY header", path=path)
+    twice = any(len({name for name, _, _ in e.properties}) < len(e.properties) for e in elements)
+    if order is None or twice or any(not 0 <= e.count < 1 << 31 for e in elements):
+        raise InputError("a format, counts and different properties in the PLY header", path=path)
     after = data.find(b"\n", end)
     return order, elements, after + 1 if after >= 0 else len(data)
 
 
-def _binary(path: Path, data: bytes, at: int, order: str, elements: list[_Element]) -> Iterator[tuple[_Element, list]]:
-    """Each element with its rows: structured arrays, a new one where the lists change their length."""
+def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
+    """The numbers of an ASCII file as a binary one would have them, were all of them doubles; the elements then say so."""
+    found: list[np.ndarray] = []
     for element in elements:
-        if element.is_plain():
-            row = np.dtype([(name, order + kind) for name, kind, _ in element.properties])
-            if at + element.count * row.itemsize > len(data):
-                raise _cut(path, element)
-            groups = [np.frombuffer(data, row, element.count, at)] if element.count and row.itemsize else []
-            at += element.count * row.itemsize
-        else:
-            at, groups = _lists(path, data, at, order, element)
-        yield element, groups
+        if len(lines) < element.count:
+            raise _cut(path, element)
+        rows, lines = lines[: element.count], lines[element.count :]
+        numbers: list[float] = []
+        try:
+            for row in rows:
+                here = len(numbers)
+                numbers += map(float, row.split())
+                for _, _, length in element.properties:
+                    here += 1 if length is None else 1 + int(numbers[here])
+                if here != len(numbers):
+                    raise ValueError
+        except (ValueError, IndexError, OverflowError):
+            raise InputError(f"{element.name} lines of numbers as the header has them", path=path) from None
+        found.append(np.array(numbers))
+        element.properties = [(name, "f8", length and "f8") for name, _, length in element.properties]
+    return b"".join(array.tobytes() for array in found)
 
 
-def _lists(path: Path, data: bytes, at: int, order: str, element: _Element) -> tuple[int, list[np.ndarray]]:
-    """All rows at once while their lists are as long as the first row's; row by row from where they are not."""
+def _rows_of(path: Path, data: bytes, at: int, order: str, element: _Element) -> tuple[int, list[np.ndarray]]:
+    """Where the element ends, and its rows: structured arrays, a new one where lists change their length. All rows at once while their
+    lists are as long as the first row's; row by row from where they are not.
+    """
     found, done, ahead = [], 0, 64
-    while done < element.count:
+    while done < element.count and element.properties:
         row = _row_type(path, data, at, order, element)
         rows = np.frombuffer(data, row, min(ahead, element.count - done, (len(data) - at) // row.itemsize), at)
         same = np.ones(len(rows), bool)
@@ -214,51 +225,6 @@ def _row_type(path: Path, data: bytes, at: int, order: str, element: _Element) -
         fields += [(f"count of {name}", order + length), (name, order + kind, (count,))]
         here += size + count * np.dtype(kind).itemsize
     return np.dtype(fields)
-
-
-def _ascii(
-    path: Path, data: bytes, at: int, order: str, elements: list[_Element]
-) -> Iterator[tuple[_Element, Iterator]]:
-    """Each element with its rows, read when they are asked for: columns by name, anew where the lists change their length."""
-    lines = data[at:].splitlines()
-    done = 0
-    for element in elements:
-        rows = lines[done : done + element.count]
-        if len(rows) < element.count:
-            raise _cut(path, element)
-        done += element.count
-        yield element, _ascii_groups(path, element, rows)
-
-
-def _ascii_groups(path: Path, element: _Element, rows: list[bytes]) -> Iterator[dict[str, np.ndarray]]:
-    try:
-        if element.is_plain() and rows:
-            table = np.loadtxt(rows, ndmin=2, comments=None)
-            names = [name for name, _, _ in element.properties]
-            if table.shape != (len(rows), len(names)):
-                raise ValueError
-            yield dict(zip(names, table.T, strict=True))
-            return
-        split = [_ascii_row(element, row.split()) for row in rows]
-        for _, group in itertools.groupby(split, lambda row: [len(column) for column in row]):
-            columns = zip(*group, strict=True)
-            arrays = zip(element.properties, map(np.array, columns), strict=True)
-            yield {name: values[:, 0] if length is None else values for (name, _, length), values in arrays}
-    except (ValueError, IndexError, OverflowError):
-        raise InputError(f"{element.name} lines of numbers as the header has them", path=path) from None
-
-
-def _ascii_row(element: _Element, words: list[bytes]) -> list[list]:
-    """One list a property."""
-    columns, place = [], 0
-    for _, kind, length in element.properties:
-        count = int(words[place]) if length else 1
-        place += length is not None
-        if not 0 <= count <= len(words) - place:
-            raise IndexError
-        columns.append([(float if kind[0] == "f" else int)(word) for word in words[place : place + count]])
-        place += count
-    return columns
 
 
 def _cut(path: Path, element: _Element) -> InputError:
