@@ -20,8 +20,8 @@ from .. import __version__, shipped
 from .. import worker_events as events
 from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
-from ..errors import InputError, WorkError
-from ..formats.files import process_lives, read_bytes, sha256, write_json, writer_died
+from ..errors import InputError
+from ..formats.files import make_folder, process_lives, read_bytes, sha256, write_json, writer_died
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
@@ -269,10 +269,7 @@ def _work_folder(run: RunFolder) -> Path:
         if writer_died(leftover):
             leftover.unlink(missing_ok=True)
     work = place / f".work-{host}-{os.getpid()}"
-    try:
-        work.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{work}: cannot make the folder: {error.strerror or error}") from None
+    make_folder(work)
     return work
 
 

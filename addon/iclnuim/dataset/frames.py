@@ -18,7 +18,7 @@ from .depth_units import metres_from_depth16
 from .ground_truth import TruthImages
 from .images import EUROC, NERF, ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
 from .run_folder import RunFolder
-from .sequence_formats import PairNames
+from .sequence_formats import SequenceFrame
 
 LoadFrame = Callable[[int], tuple[np.ndarray, np.ndarray]]
 
@@ -40,7 +40,7 @@ class FrameSource:
     truth_of: Callable[[tuple[int, ...]], Trajectory | None]
     origin: dict
     truth_images: TruthImages | None = None
-    names: Mapping[int, PairNames] = field(default_factory=dict)
+    names: Mapping[int, SequenceFrame] = field(default_factory=dict)
     truth_file: tuple[str, bytes] | None = None
 
 
@@ -140,7 +140,7 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     )
 
 
-def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, PairNames]:
+def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, SequenceFrame]:
     """The names of a sequence's images and stamps by frame number; {} for EuRoC's and NeRF's layouts, and where the names could not
     stand in another folder: outside of the sequence, not unique, or with blanks.
     """
@@ -154,7 +154,8 @@ def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, PairNames]:
     plain = all(path.endswith(".png") and path.split() == [path] and "#" not in path for path in every)
     if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
         return {}
-    return {p.number: PairNames(rgb, depth, *p.written) for p, (rgb, depth) in zip(pairs, paths, strict=True)}
+    named = zip(pairs, paths, strict=True)
+    return {p.number: SequenceFrame(p.number, p.stamp_s, rgb, depth, p.written) for p, (rgb, depth) in named}
 
 
 def _run_origin(folder: Path) -> dict:

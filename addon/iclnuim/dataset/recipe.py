@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError, WorkError
-from ..formats.files import read_json, sha256, write_json
+from ..errors import InputError
+from ..formats.files import make_folder, read_json, sha256, write_json
 from ..formats.libraries import first_library
 from ..formats.png import BACKENDS
 from ..geometry.camera import PinholeCamera
@@ -43,10 +43,7 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, format
     elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
         found = "other files" if out.is_dir() else "a file"
         raise InputError("an empty folder, or a sequence begun there", path=out, found=found, hint="another folder")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{out}: cannot make the folder: {error.strerror or error}") from None
+    make_folder(out)
     write_json(file, recipe)
     return recipe
 

@@ -18,7 +18,7 @@ import numpy as np
 from .. import shipped
 from ..errors import InputError, WorkError
 from ..formats import exr
-from ..formats.files import read_json, write_json
+from ..formats.files import make_folder, read_json, write_json
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
@@ -60,7 +60,7 @@ class RunFolder:
         if not file.is_file():
             return False
         try:
-            if exr.read_attributes(file).get("recipe") != self.key:
+            if exr.exr_header(file).parts[0].attributes.get("recipe") != self.key:
                 return False
             channels = exr.read_exr(file)
         except InputError:
@@ -122,10 +122,7 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
             raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another {out}")
     elif path.exists() and not path.is_dir():
         raise InputError("a folder", path=path, found="a file", hint="another {out}")
-    try:
-        (path / "exr").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{path}: cannot make the folder: {error.strerror or error}", hint="another {out}") from None
+    make_folder(path / "exr", hint="another {out}")
     run = RunFolder(path, recipe)
     if not existing.is_file():
         write_trajectory(path / "groundtruth.txt", trajectory, "tum")

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import WorkError
-from ..formats.files import read_bytes, sha256, writer_died
+from ..formats.files import make_folder, read_bytes, sha256, writer_died
 from ..formats.png import write_png
-from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..sensor.models import depth_model, rgb_model
 from . import ground_truth
@@ -64,7 +62,7 @@ class SequenceWriter:
         keep_freed_memory()
         chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
         self.source = source
-        self.targets = [_target(source, Path(out), settings, chosen) for out, settings in sequences.items()]
+        self.targets = [_Target(source, Path(out), settings, chosen) for out, settings in sequences.items()]
         self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
 
     def write(
@@ -95,7 +93,7 @@ class SequenceWriter:
         """
         rgb, depth_z_m = self.source.load(number)
         truth = self.source.truth_images.images(number) if self.source.truth_images else {}
-        return [t.make(number, rgb, depth_z_m, self.source.camera, truth) for t in self.targets]
+        return [t.make(number, rgb, depth_z_m, truth) for t in self.targets]
 
     def note(self, entries: list[JournalEntry | None]) -> int:
         """Into the journals; the frame's number."""
@@ -110,21 +108,16 @@ class SequenceWriter:
 
     def complete(self) -> list[WrittenSequence]:
         """Lists and recipe of all frames, once they are made."""
-        return [target.completed(self.source) for target in self.targets]
+        return [target.completed() for target in self.targets]
 
 
 def standing_frames(source: FrameSource, folders: Iterable[Path], formats: Iterable[str]) -> set[int]:
     """Frames of the source whose images, read back, are in every folder what its journal says. Nothing is written."""
     chosen = [sequence_format(name) for name in formats]
-    journals = {out: read_entries(out / "frames.jsonl") for out in folders}
-    kinds = ground_truth.KINDS if source.truth_images else ()
+    there = [(read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen))) for out in folders]
 
     def stands(number: int) -> bool:
-        frame = _frame(source, number)
-        return all(
-            _stands(entries, number, _image_files(chosen, _folders(out, chosen), frame, kinds))
-            for out, entries in journals.items()
-        )
+        return all(_stands(entries, number, places[number]) for entries, places in there)
 
     with ThreadPoolExecutor(4) as pool:
         return {n for n, good in zip(source.numbers, pool.map(stands, source.numbers), strict=True) if good}
@@ -150,67 +143,77 @@ def keep_freed_memory() -> None:
     np.empty(30 << 20, np.uint8)
 
 
-@dataclass(frozen=True, eq=False)
 class _Target:
     """One sequence being written: where its images go, what is there already."""
 
-    out: Path
-    settings: SequenceSettings
-    formats: list[SequenceFormat]
-    recipe: dict
-    journal: Journal
-    places: dict[int, Places]
-    finished: frozenset[int]
+    def __init__(
+        self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
+    ) -> None:
+        self.source, self.out, self.settings, self.layout = source, out, settings, _layout(out, formats)
+        for format in formats:
+            format.check(self._contents(source.numbers))
+        self.recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in formats])
+        self.journal = Journal(out / "frames.jsonl")
+        self.places = _places(source, self.layout)
+        self.finished = frozenset(n for n, files in self.places.items() if _stands(self.journal.entries, n, files))
+        images = (path for n in source.numbers for paths in self.places[n].values() for path in paths)
+        for folder in sorted({out, *(path.parent for path in images)}):
+            make_folder(folder)
+            for leftover in folder.glob(".*.tmp.*"):
+                if writer_died(leftover):
+                    leftover.unlink(missing_ok=True)
 
     def make(
-        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, truth: dict[str, np.ndarray]
+        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, truth: dict[str, np.ndarray]
     ) -> JournalEntry | None:
         if number in self.finished:
             return None
-        image, units, invalid = noisy_images(rgb, depth_z_m, camera, number, self.settings)
+        image, units, invalid = noisy_images(rgb, depth_z_m, self.source.camera, number, self.settings)
         images = {"rgb": image, "depth": units, **truth}
         digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
         return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)
 
-    def completed(self, source: FrameSource) -> WrittenSequence:
+    def completed(self) -> WrittenSequence:
         """Text files and recipe, once all frames asked for are there."""
-        numbers = tuple(sorted(self.finished.union(source.numbers)))
-        contents = _contents(source, numbers, self.settings)
-        folders = _folders(self.out, self.formats)
-        for format, folder in zip(self.formats, folders, strict=True):
-            format.write_texts(folder, contents, format)
-            if source.truth_images:
-                source.truth_images.write_tables(folder)
+        numbers = tuple(sorted(self.finished.union(self.source.numbers)))
+        for format, folder in self.layout:
+            format.write_texts(folder, self._contents(numbers), format)
+            if self.source.truth_images:
+                self.source.truth_images.write_tables(folder)
+        folders = tuple(folder for _, folder in self.layout)
         counts = total(self.journal.entries[n].invalid_depth for n in numbers)
         self.journal.sort()
         finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
-        found = len(self.finished.intersection(source.numbers))
-        return WrittenSequence(folders, len(source.numbers) - found, found, counts)
+        found = len(self.finished.intersection(self.source.numbers))
+        return WrittenSequence(folders, len(self.source.numbers) - found, found, counts)
+
+    def _contents(self, numbers: tuple[int, ...]) -> Contents:
+        frames, truth = tuple(_frame(self.source, n) for n in numbers), self.source.truth_of(numbers)
+        return Contents(self.source.camera, frames, truth, self.settings.depth_units_per_metre, self.source.truth_file)
 
 
-def _target(source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]) -> _Target:
-    for format in formats:
-        format.check(_contents(source, source.numbers, settings))
-    recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in formats])
-    journal = Journal(out / "frames.jsonl")
-    folders = _folders(out, formats)
-    kinds = ground_truth.KINDS if source.truth_images else ()
-    places = {n: _image_files(formats, folders, _frame(source, n), kinds) for n in source.stamps_s}
-    finished = frozenset(n for n in places if _stands(journal.entries, n, places[n]))
-    _clear(out)
-    images = (path for n in source.numbers for paths in places[n].values() for path in paths)
-    for folder in sorted({path.parent for path in images}):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            _clear(folder)
-        except OSError as error:
-            raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
-    return _Target(out, settings, formats, recipe, journal, places, finished)
-
-
-def _folders(out: Path, formats: list[SequenceFormat]) -> tuple[Path, ...]:
+def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceFormat, Path]]:
     """One format lies in `out` itself, several in a folder each."""
-    return (out,) if len(formats) == 1 else tuple(out / format.name for format in formats)
+    return [(format, out if len(formats) == 1 else out / format.name) for format in formats]
+
+
+def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]]) -> dict[int, Places]:
+    """Colour, depth and ground-truth files of every frame, one a format."""
+    kinds = ground_truth.KINDS if source.truth_images else ()
+    places = {}
+    for number in source.stamps_s:
+        frame = _frame(source, number)
+        depth = [(folder, format.depth(frame)) for format, folder in layout]
+        places[number] = {
+            "rgb": [folder / format.rgb(frame) for format, folder in layout],
+            "depth": [folder / path for folder, path in depth],
+            **{kind: [folder / ground_truth.image_path(path, kind) for folder, path in depth] for kind in kinds},
+        }
+    return places
+
+
+def _frame(source: FrameSource, number: int) -> SequenceFrame:
+    return source.names.get(number) or SequenceFrame(number, source.stamps_s[number])
 
 
 def _write_image(files: list[Path], image: np.ndarray) -> str:
@@ -225,23 +228,6 @@ def _write_image(files: list[Path], image: np.ndarray) -> str:
     return sha256(read_bytes(files[0]))
 
 
-def _frame(source: FrameSource, number: int) -> SequenceFrame:
-    return SequenceFrame(number, source.stamps_s[number], source.names.get(number))
-
-
-def _image_files(
-    formats: list[SequenceFormat], folders: tuple[Path, ...], frame: SequenceFrame, kinds: Iterable[str]
-) -> Places:
-    """Colour, depth and ground-truth files of a frame, one a format."""
-    both = list(zip(formats, folders, strict=True))
-    depth = [(folder, format.depth(frame)) for format, folder in both]
-    return {
-        "rgb": [folder / format.rgb(frame) for format, folder in both],
-        "depth": [folder / path for folder, path in depth],
-        **{kind: [folder / ground_truth.image_path(path, kind) for folder, path in depth] for kind in kinds},
-    }
-
-
 def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places) -> bool:
     """Whether all images of a frame are there as the journal has them."""
     entry = entries.get(number)
@@ -252,16 +238,3 @@ def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places) -> 
         return all(sha256(path.read_bytes()) == digests.get(kind) for kind, paths in files.items() for path in paths)
     except OSError:
         return False
-
-
-def _clear(folder: Path) -> None:
-    """Remove what processes that were killed while writing have left."""
-    for leftover in folder.glob(".*.tmp.*"):
-        if writer_died(leftover):
-            leftover.unlink(missing_ok=True)
-
-
-def _contents(source: FrameSource, numbers: tuple[int, ...], settings: SequenceSettings) -> Contents:
-    frames = tuple(_frame(source, n) for n in numbers)
-    truth = source.truth_of(numbers)
-    return Contents(source.camera, frames, truth, settings.depth_units_per_metre, source.truth_file)

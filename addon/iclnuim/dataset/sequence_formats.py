@@ -4,7 +4,7 @@ A new format is one entry of FORMATS; the command line, the panel and the pages 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -25,24 +25,16 @@ _BASELINE_M, _NEAR_M = 0.08, 3.0
 
 
 @dataclass(frozen=True)
-class PairNames:
-    """What a sequence that somebody has calls a pair: paths of both images in its folder, and their stamps as its lists write them
-    ("" where a list has none).
-    """
-
-    rgb: str
-    depth: str
-    rgb_stamp: str = ""
-    depth_stamp: str = ""
-
-
-@dataclass(frozen=True)
 class SequenceFrame:
-    """One pair to be written: the frame's number, its stamp in seconds, and its names where they are to be kept."""
+    """One pair to be written: the frame's number and its stamp in seconds; and what the format tum keeps of a sequence that somebody has:
+    paths of both images in its folder, and their stamps as its lists write them ("" where there is none).
+    """
 
     number: int
     stamp_s: float
-    names: PairNames | None = None
+    rgb: str = ""
+    depth: str = ""
+    written: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +75,12 @@ class SequenceFormat:
 
     def lists(self, contents: Contents) -> tuple[ImageList, ImageList]:
         """Colour and depth images with their stamps."""
-        stamps_s = tuple(frame.stamp_s for frame in contents.frames)
-        rgb, depth = (tuple(map(path, contents.frames)) for path in (self.rgb, self.depth))
-        return ImageList(stamps_s, rgb), ImageList(stamps_s, depth)
+        frames, stamps_s = contents.frames, tuple(frame.stamp_s for frame in contents.frames)
+        rgb, depth = (
+            ImageList(stamps_s, tuple(map(path, frames)), tuple(frame.written[i] for frame in frames))
+            for i, path in enumerate((self.rgb, self.depth))
+        )
+        return rgb, depth
 
 
 def sequence_format(name: str) -> SequenceFormat:
@@ -99,10 +94,7 @@ def _write_tum(folder: Path, contents: Contents, format: SequenceFormat) -> None
     """rgb.txt, depth.txt, associations.txt, groundtruth.txt, camera.json; settings for ORB-SLAM3. Stamps that are to be kept are written
     as they were, to the character.
     """
-    names = [frame.names or PairNames("", "") for frame in contents.frames]
     rgb, depth = format.lists(contents)
-    rgb = replace(rgb, written=tuple(n.rgb_stamp for n in names))
-    depth = replace(depth, written=tuple(n.depth_stamp for n in names))
     write_image_list(folder / "rgb.txt", rgb)
     write_image_list(folder / "depth.txt", depth)
     write_associations(folder / "associations.txt", Associations(rgb, depth))
@@ -190,8 +182,8 @@ def _check_icl_nuim(contents: Contents) -> None:
 def _write_euroc(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     """mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml, and state_groundtruth_estimate0; stamps in ns."""
     for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
-        names = [(_nanoseconds(frame), f"{_nanoseconds(frame)}.png") for frame in contents.frames]
-        table = "#timestamp [ns],filename\n" + "".join(f"{ns},{name}\n" for ns, name in names)
+        rows = [f"{ns},{ns}.png\n" for ns in map(_nanoseconds, contents.frames)]
+        table = "#timestamp [ns],filename\n" + "".join(rows)
         atomic_write_text(folder / "mav0" / sensor / "data.csv", table)
         atomic_write_text(folder / "mav0" / sensor / "sensor.yaml", _euroc_sensor(contents, what))
     if contents.truth is not None:
@@ -253,35 +245,37 @@ def _nanoseconds(frame: SequenceFrame) -> int:
     return round(Decimal(repr(frame.stamp_s)) * 10**9)
 
 
-_TUM = SequenceFormat(
-    "tum",
-    "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml",
-    lambda f: f.names.rgb if f.names else f"rgb/{f.number:06}.png",
-    lambda f: f.names.depth if f.names else f"depth/{f.number:06}.png",
-    _write_tum,
-)
-_ICL_NUIM = SequenceFormat(
-    "icl-nuim",
-    "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt",
-    lambda f: f"rgb/{f.number}.png",
-    lambda f: f"depth/{f.number}.png",
-    _write_icl_nuim,
-    _check_icl_nuim,
-)
-_EUROC = SequenceFormat(
-    "euroc",
-    "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
-    lambda f: f"mav0/cam0/data/{_nanoseconds(f)}.png",
-    lambda f: f"mav0/depth0/data/{_nanoseconds(f)}.png",
-    _write_euroc,
-)
-_NERF = SequenceFormat(
-    "nerf",
-    "images/, depth/ and transforms.json, for nerfstudio and instant-ngp",
-    lambda f: f"images/{f.number:06}.png",
-    lambda f: f"depth/{f.number:06}.png",
-    _write_nerf,
-    _truth_for_nerf,
+_ALL = (
+    SequenceFormat(
+        "tum",
+        "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml",
+        lambda f: f.rgb or f"rgb/{f.number:06}.png",
+        lambda f: f.depth or f"depth/{f.number:06}.png",
+        _write_tum,
+    ),
+    SequenceFormat(
+        "icl-nuim",
+        "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt",
+        lambda f: f"rgb/{f.number}.png",
+        lambda f: f"depth/{f.number}.png",
+        _write_icl_nuim,
+        _check_icl_nuim,
+    ),
+    SequenceFormat(
+        "euroc",
+        "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
+        lambda f: f"mav0/cam0/data/{_nanoseconds(f)}.png",
+        lambda f: f"mav0/depth0/data/{_nanoseconds(f)}.png",
+        _write_euroc,
+    ),
+    SequenceFormat(
+        "nerf",
+        "images/, depth/ and transforms.json, for nerfstudio and instant-ngp",
+        lambda f: f"images/{f.number:06}.png",
+        lambda f: f"depth/{f.number:06}.png",
+        _write_nerf,
+        _truth_for_nerf,
+    ),
 )
 #: name -> format
-FORMATS = {format.name: format for format in (_TUM, _ICL_NUIM, _EUROC, _NERF)}
+FORMATS = {format.name: format for format in _ALL}

@@ -45,21 +45,12 @@ class ExrPart:
 
 @dataclass(frozen=True)
 class ExrHeader:
-    """All parts of a file; one, unless the writer splits passes into parts, as Blender 5 does."""
+    """All parts of a file, with their size and all of their channels; one, unless the writer splits passes into parts, as Blender 5 does."""
 
     parts: tuple[ExrPart, ...]
-
-    @property
-    def channels(self) -> dict[str, str]:
-        return {name: kind for part in self.parts for name, kind in part.channels.items()}
-
-    @property
-    def width(self) -> int:
-        return self.parts[0].width
-
-    @property
-    def height(self) -> int:
-        return self.parts[0].height
+    width: int
+    height: int
+    channels: dict[str, str]
 
 
 def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[str, np.ndarray]:
@@ -70,18 +61,17 @@ def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[s
     header = exr_header(path, whole=True)
     name, module = first_library("EXR", *([backend] if backend else BACKENDS))
     try:
-        channels = (_read_openexr if name == "OpenEXR" else _read_oiio)(module, os.fspath(path), header)
+        if name == "OpenEXR":
+            with module.File(os.fspath(path), separate_channels=True) as file:
+                channels = {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+        else:
+            channels = _read_oiio(module, os.fspath(path), header)
     except (RuntimeError, ValueError, UnicodeDecodeError) as error:
         raise InputError("a whole EXR image", path=path, found=error, hint=_AGAIN) from None
     lacking = [c for c in header.channels if c not in channels or channels[c].shape != (header.height, header.width)]
     if lacking:
         raise InputError("a whole EXR image", path=path, found=f"no pixels for {', '.join(lacking)}")
     return channels
-
-
-def read_attributes(path: str | os.PathLike[str]) -> dict[str, str]:
-    """The text attributes of the header, without reading pixels. Raises InputError where `path` is no EXR."""
-    return dict(exr_header(path).parts[0].attributes)
 
 
 def write_exr(
@@ -104,28 +94,21 @@ def write_exr(
         if values.dtype not in (np.float16, np.float32):
             raise InputError(f"channel {name} as float16 or float32", path=path, found=values.dtype)
     name, module = first_library("EXR", *([backend] if backend else BACKENDS))
-    write = _write_openexr if name == "OpenEXR" else _write_oiio
 
     def write_and_check(temporary: Path) -> None:
         try:
-            write(module, str(temporary), channels, dict(attributes or {}))
+            if name == "OpenEXR":
+                settings = {**(attributes or {}), "compression": module.ZIP_COMPRESSION, "type": module.scanlineimage}
+                with module.File(settings, channels) as file:
+                    file.write(str(temporary))
+            else:
+                _write_oiio(module, str(temporary), channels, attributes or {})
             exr_header(temporary, whole=True)  # a full disk is not always reported by the libraries
         except (RuntimeError, ValueError, InputError) as error:
             reason = " ".join(str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split())
             raise WorkError(f"{os.fspath(path)}: cannot write: {reason or 'the disk may be full'}") from None
 
     atomic_write(path, write_and_check)
-
-
-def _read_openexr(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
-    with module.File(path, separate_channels=True) as file:
-        return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
-
-
-def _write_openexr(module: ModuleType, path: str, channels: dict[str, np.ndarray], attributes: dict[str, str]) -> None:
-    settings = {**attributes, "compression": module.ZIP_COMPRESSION, "type": module.scanlineimage}
-    with module.File(settings, channels) as file:
-        file.write(path)
 
 
 def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
@@ -147,7 +130,7 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
     return channels
 
 
-def _write_oiio(module: ModuleType, path: str, channels: dict[str, np.ndarray], attributes: dict[str, str]) -> None:
+def _write_oiio(module: ModuleType, path: str, channels: dict[str, np.ndarray], attributes: Mapping[str, str]) -> None:
     height, width = next(iter(channels.values())).shape
     spec = module.ImageSpec(width, height, len(channels), module.FLOAT)
     spec.channelnames = tuple(channels)
@@ -230,7 +213,8 @@ def _parse(data: bytes) -> tuple[ExrHeader, int, bool]:
     sizes = {(p.width, p.height) for p in parts}
     if len(sizes) > 1:
         raise InputError("parts of one size", found=sorted(sizes))
-    return ExrHeader(tuple(parts)), cursor.place, multipart
+    channels = {name: kind for part in parts for name, kind in part.channels.items()}
+    return ExrHeader(tuple(parts), *sizes.pop(), channels), cursor.place, multipart
 
 
 def _part(cursor: _Cursor) -> ExrPart:
@@ -251,7 +235,12 @@ def _part(cursor: _Cursor) -> ExrPart:
     if code >= len(_COMPRESSIONS):
         raise InputError(f"a compression among {', '.join(_COMPRESSIONS)}", found=f"number {code}")
     channels = _channels(raw["channels"])
-    width, height = _size(raw["dataWindow"], channels)
+    left, top, right, bottom = struct.unpack("<4i", raw["dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
+    if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES):
+        expected = f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
+        raise InputError(expected, found=f"a header that claims {width} x {height} ({total_bytes / 1e9:.3g} GB)")
     return ExrPart(channels, width, height, _COMPRESSIONS[code], text)
 
 
@@ -266,16 +255,6 @@ def _channels(raw: bytes) -> dict[str, str]:
     if not channels:
         raise InputError("an EXR with channels", found="none")
     return channels
-
-
-def _size(window: bytes, channels: dict[str, str]) -> tuple[int, int]:
-    left, top, right, bottom = struct.unpack("<4i", window)
-    width, height = right - left + 1, bottom - top + 1
-    total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
-    if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES):
-        expected = f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
-        raise InputError(expected, found=f"a header that claims {width} x {height} ({total_bytes / 1e9:.3g} GB)")
-    return width, height
 
 
 def _check_chunks(file: BinaryIO, header: ExrHeader, table: int, multipart: bool) -> None:

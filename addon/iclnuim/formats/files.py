@@ -30,6 +30,14 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         temporary.unlink(missing_ok=True)
 
 
+def make_folder(folder: Path, hint: str | None = None) -> None:
+    """With its parents. Raises WorkError where it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}", hint=hint) from None
+
+
 def process_lives(process: int) -> bool:
     """Whether a process of this host runs; on Windows, where asking would end it, supposed to."""
     if os.name == "nt":

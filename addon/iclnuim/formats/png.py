@@ -76,8 +76,13 @@ def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | No
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
         raise InputError("(h, w, 3) uint8 or uint16, or (h, w) uint16", path=path, found=f"{image.shape} {image.dtype}")
     name, module = first_library("PNG", *([backend] if backend else BACKENDS))
-    write = _write_cv2 if name == "cv2" else _write_oiio
-    atomic_write(path, lambda temporary: write(module, temporary, image))
+    if name == "cv2":
+        settings = [module.IMWRITE_PNG_COMPRESSION, 1, module.IMWRITE_PNG_STRATEGY, module.IMWRITE_PNG_STRATEGY_RLE]
+        bgr = module.cvtColor(image, module.COLOR_RGB2BGR) if image.ndim == 3 else image
+        data = module.imencode(".png", bgr, settings)[1]
+        atomic_write(path, lambda temporary: temporary.write_bytes(data))
+    else:
+        atomic_write(path, lambda temporary: _write_oiio(module, temporary, image))
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
@@ -117,26 +122,15 @@ def _read(
         raise InputError(expected, path=path, found=str(header))
     name, module = first_library("PNG", *([backend] if backend else BACKENDS))
     if name == "cv2":
-        image = _read_cv2(module, data, header, channels)
+        mode = module.IMREAD_COLOR if channels == 3 and bits == 8 else module.IMREAD_UNCHANGED
+        image = module.imdecode(np.frombuffer(data, np.uint8), mode)
+        if image is not None:
+            image = module.cvtColor(image, module.COLOR_BGR2RGB) if channels == 3 else image[..., None]
     else:
         image = _read_oiio(module, os.fspath(path), header, channels)
     if image is None or image.shape != (header.height, header.width, channels):
         raise InputError("a whole PNG image", path=path, found="pixels that cannot be decoded", hint=_AGAIN)
     return image
-
-
-def _read_cv2(cv2: ModuleType, data: bytes, header: PngHeader, channels: int) -> np.ndarray | None:
-    mode = cv2.IMREAD_COLOR if channels == 3 and header.bits == 8 else cv2.IMREAD_UNCHANGED
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    if image is None:
-        return None
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if channels == 3 else image[..., None]
-
-
-def _write_cv2(cv2: ModuleType, temporary: Path, image: np.ndarray) -> None:
-    settings = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
-    temporary.write_bytes(cv2.imencode(".png", bgr, settings)[1])
 
 
 def _read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) -> np.ndarray | None:
@@ -155,9 +149,8 @@ def _read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) 
 
 def _write_oiio(module: ModuleType, temporary: Path, image: np.ndarray) -> None:
     height, width = image.shape[:2]
-    spec = module.ImageSpec(
-        width, height, image.size // (height * width), module.UINT8 if image.dtype == np.uint8 else module.UINT16
-    )
+    kind = module.UINT8 if image.dtype == np.uint8 else module.UINT16
+    spec = module.ImageSpec(width, height, image.size // (height * width), kind)
     spec.attribute("png:compressionLevel", 1)
     spec.attribute("DateTime", "")
     spec.attribute("Software", "")

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import WorkError
 from . import ply
-from .files import atomic_write_text
+from .files import atomic_write_text, make_folder
 from .png import write_png
 
 #: Corners are one vertex where place and normal agree to these digits.
@@ -112,10 +111,7 @@ def write_obj(path: Path, model: SceneModel) -> None:
     path = Path(path)
     files = _file_names(model)
     folder = path.with_name(f"{path.stem}_textures")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}") from None
+    make_folder(folder)
     for look, name in zip(model.looks, files, strict=True):
         plain = np.full((2, 2, 3), np.rint(np.array(look.colour) * 255), np.uint8)
         write_png(folder / f"{name}.png", plain if look.texture is None else look.texture)

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
 from ..dataset.inspection import carried_residual
-from ..errors import InputError, WorkError
-from ..formats.files import atomic_write
+from ..errors import InputError
+from ..formats.files import atomic_write, make_folder
 from ..formats.png import read_depth16, read_rgb8, write_png
 from ..geometry.trajectory import Trajectory, sample
 
@@ -29,10 +29,7 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
     # near and far end of the colours, the same for all frames
     reach_m = tuple(np.percentile(seen, (1, 99)).tolist()) if seen.size else (0.0, 1.0)
     rows = [_row(pair, pairs, camera, truth, reach_m) for pair in spread]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{out}: cannot make the folder: {error.strerror or error}") from None
+    make_folder(out)
     write_png(out / "preview.png", np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], reach_m), *rows])))
     step = max(1, -(-len(pairs) // _FILM_FRAMES))
     bar = progress(len(pairs[::step]), "film")
