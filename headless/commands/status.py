@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from iclnuim.dataset.journal import read_entries
 from iclnuim.dataset.run_folder import load_trajectory, read_run
+from iclnuim.dataset.sequence import read_entries
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Iterable
 
 from iclnuim.dataset.frame_pool import FramePool
-from iclnuim.dataset.journal import JournalEntry
 from iclnuim.dataset.run_folder import RunFolder
-from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.dataset.sequence import JournalEntry, SequenceWriter
 
 
 class SequenceStage:

@@ -1,7 +1,5 @@
 """Depth in metres to the 16-bit units of a depth image, and counts of what cannot be stored in them."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from ..errors import InputError
@@ -60,9 +58,3 @@ def invalid_after_noise(
     found = count_invalid(noisy_z_m[good], units_per_metre)
     lost = sum(found.get(kind, 0) for kind in ("nan", "infinite", "negative"))
     return {kind: n for kind, n in zip(_AFTER_NOISE, (found.get("beyond_range", 0), lost), strict=True) if n}
-
-
-def total(counts: Iterable[dict[str, int]]) -> dict[str, int]:
-    """Sums by kind, every kind named."""
-    counts = list(counts)
-    return {kind: sum(c.get(kind, 0) for c in counts) for kind in KINDS}

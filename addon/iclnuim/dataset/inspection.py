@@ -1,6 +1,7 @@
 """What is wrong with a sequence that somebody has, in plain words."""
 
 import contextlib
+import itertools
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -106,10 +107,10 @@ def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
     """Headers of all images that are whole; every file is read and its checksums compared."""
     kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if path.is_file()]
     with ThreadPoolExecutor(4) as pool:
-        checked = list(pool.map(lambda row: _whole(row[1]), kinds))
-    broken = [str(error) for error in checked if isinstance(error, InputError)]
+        checked = [(kind, pool.submit(check_png, path)) for kind, path in kinds]
+    broken = [str(work.exception()) for _, work in checked if work.exception()]
     result.wrong += broken[:5] + ([f"{len(broken) - 5} more broken images"] if len(broken) > 5 else [])
-    headers = [(kind, c) for (kind, _), c in zip(kinds, checked, strict=True) if isinstance(c, PngHeader)]
+    headers = [(kind, work.result()) for kind, work in checked if not work.exception()]
     for kind, expected in (("rgb", "8-bit RGB"), ("depth", "16-bit grey")):
         found = Counter(str(h) for k, h in headers if k == kind)
         result.figures[f"{kind}_form"] = ", ".join(found)
@@ -119,13 +120,6 @@ def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
             where = result.wrong if kind == "depth" else result.odd
             where.append(f"{kind} images are {wrong[0]}, not {expected}")
     return [h for _, h in headers]
-
-
-def _whole(path: Path) -> PngHeader | InputError:
-    try:
-        return check_png(path)
-    except InputError as error:
-        return error
 
 
 def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]) -> None:
@@ -142,7 +136,7 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
 
 def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -> list[tuple[float, np.ndarray]]:
     """Range and gaps of depth in some frames; those frames with their stamps."""
-    depths = []
+    depths, per_metre = [], camera.depth_units_per_metre
     for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
         with contextlib.suppress(InputError):  # reported already
             depths.append((pairs[i].stamp_s, read_depth16(pairs[i].depth)))
@@ -150,23 +144,19 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
     if not seen.size:
         result.wrong.append("no depth at all in the images looked into")
         return []
-    low, middle, high = np.percentile(seen, (0.1, 50, 99.9)) / camera.depth_units_per_metre
+    low, middle, high = (np.percentile(seen, (0.1, 50, 99.9)) / per_metre).tolist()
     missing = 1 - seen.size / sum(units.size for _, units in depths)
     result.figures["depth_m"] = {"nearest": round(low, 3), "median": round(middle, 3), "farthest": round(high, 3)}
     result.figures["depth_missing_share"] = round(missing, 4)
-    _depth_findings(result, float(middle), float((seen == LARGEST_UNIT).mean()), missing, camera.depth_units_per_metre)
-    return [(stamp_s, units / camera.depth_units_per_metre) for stamp_s, units in depths]
-
-
-def _depth_findings(result: Inspection, median_m: float, at_end: float, missing: float, units: float) -> None:
-    if not 0.25 <= median_m <= 25:
-        likely = [u for u in (1000.0, 5000.0) if 0.25 <= median_m * units / u <= 25 and u != units]
-        guess = f": {likely[0]:g} units a metre would give {median_m * units / likely[0]:.2f} m" if likely else ""
-        result.wrong.append(f"median depth of {median_m:.3f} m with {units:g} units a metre{guess}")
-    if at_end > 1e-4:
+    if not 0.25 <= middle <= 25:
+        likely = [u for u in (1000.0, 5000.0) if 0.25 <= middle * per_metre / u <= 25 and u != per_metre]
+        guess = f": {likely[0]:g} units a metre would give {middle * per_metre / likely[0]:.2f} m" if likely else ""
+        result.wrong.append(f"median depth of {middle:.3f} m with {per_metre:g} units a metre{guess}")
+    if (at_end := float((seen == LARGEST_UNIT).mean())) > 1e-4:
         result.wrong.append(f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range")
     if missing > 0.5:
         result.odd.append(f"{missing:.0%} of the depth is missing")
+    return [(stamp_s, units / per_metre) for stamp_s, units in depths]
 
 
 def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> None:
@@ -202,7 +192,7 @@ def _handedness(
     if len(depths) < 2 or len(truth) < 2:
         return
     poses = sample(truth, np.array([stamp_s for stamp_s, _ in depths]))
-    as_read_m, mirrored_m = pose_fit([depth for _, depth in depths], poses, camera.pinhole)
+    as_read_m, mirrored_m = (_fit_m(depths, T, camera.pinhole) for T in (poses, axes.mirrored_y(poses)))
     if not np.isfinite([as_read_m, mirrored_m]).all():
         return
     result.figures["depth_fits_poses_mm"] = round(1000 * as_read_m, 2)
@@ -215,20 +205,15 @@ def _handedness(
         result.wrong.append(f"{measured}: poses, depth or camera do not belong together")
 
 
-def pose_fit(depths_z_m: list[np.ndarray], poses: SE3, camera: PinholeCamera) -> tuple[float, float]:
-    """Median distance along z between carried and measured depth, metres: by (n,) poses as read, and mirrored in y; of each of n depth
-    images against the next. NaN where nothing overlaps.
-    """
-    fits = []
-    for T in (poses, axes.mirrored_y(poses)):
-        found = [
-            carried_residual(depths_z_m[i], depths_z_m[i + 1], T[i + 1].inverse() @ T[i], camera, _STEP_PX).ravel()
-            for i in range(len(depths_z_m) - 1)
-        ]
-        every = np.abs(np.concatenate(found)) if found else np.zeros(0)
-        every = every[every < _SAME_SURFACE_M]  # NaN is not
-        fits.append(float(np.median(every)) if every.size > 100 else float("nan"))
-    return fits[0], fits[1]
+def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera) -> float:
+    """Median distance along z between each of n depth images, carried by the poses (n,), and the next, metres; NaN where nothing overlaps."""
+    found = [
+        carried_residual(a, b, T[i + 1].inverse() @ T[i], camera, _STEP_PX).ravel()
+        for i, ((_, a), (_, b)) in enumerate(itertools.pairwise(depths))
+    ]
+    every = np.abs(np.concatenate(found))
+    every = every[every < _SAME_SURFACE_M]  # NaN is not
+    return float(np.median(every)) if every.size > 100 else float("nan")
 
 
 def carried_residual(

@@ -1,22 +1,27 @@
-"""Frames -> noise -> a sequence on disk: in any order, on any number of cores, resumable, with its recipe."""
+"""Frames -> noise -> a sequence on disk: in any order, on any number of cores, resumable, with its recipe.
 
+`frames.jsonl` has one line a finished frame, with the hashes of its images, so that a stopped sequence can go on.
+"""
+
+import contextlib
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from ..formats.files import make_folder, read_bytes, sha256, writer_died
+from ..errors import WorkError
+from ..formats.files import atomic_write_text, make_folder, read_bytes, sha256, writer_died
 from ..formats.png import write_png
 from ..geometry.trajectory import Trajectory
 from ..sensor.models import depth_model, rgb_model
 from . import ground_truth
-from .depth_units import UNITS_PER_METRE, total
+from .depth_units import KINDS, UNITS_PER_METRE
 from .frame_pool import FramePool, cores
 from .frames import FrameSource, frames_of_run
-from .journal import Journal, JournalEntry, read_entries
 from .recipe import begin, finish
 from .run_folder import RunFolder
 from .sequence_formats import Contents, SequenceFormat, SequenceFrame, sequence_format
@@ -34,6 +39,59 @@ class WrittenSequence:
     made: int
     found: int
     invalid_depth: dict[str, int]
+
+
+@dataclass(frozen=True)
+class JournalEntry:
+    """Frame number, SHA-256 of both images, how many pixels of rendered depth became 0, by kind, and SHA-256 of ground-truth images, by kind."""
+
+    frame: int
+    rgb_sha256: str = ""
+    depth_sha256: str = ""
+    invalid_depth: dict[str, int] = field(default_factory=dict)
+    truth_sha256: dict[str, str] = field(default_factory=dict)
+
+    def to_line(self) -> str:
+        """JSON; the last item only where there is any."""
+        content = asdict(self)
+        if not self.truth_sha256:
+            del content["truth_sha256"]
+        return json.dumps(content) + "\n"
+
+
+def read_entries(path: Path) -> dict[int, JournalEntry]:
+    """The entries of a journal's whole lines, latest of each frame. The file is left as it is: a process may be writing it."""
+    whole = path.read_bytes().rpartition(b"\n")[0] if path.is_file() else b""
+    found = {}
+    for line in whole.decode("utf-8", "replace").split("\n"):
+        with contextlib.suppress(ValueError, TypeError):
+            entry = JournalEntry(**json.loads(line))
+            found[entry.frame] = entry
+    return found
+
+
+class Journal:
+    """The entries of a file, latest of each frame; a line cut short by a crash is dropped."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.entries = path, read_entries(path)
+        data = path.read_bytes() if path.is_file() else b""
+        if not data.endswith(b"\n") and data:
+            # in place: a kill in the middle of writing anew would lose all entries
+            os.truncate(path, data.rfind(b"\n") + 1)
+
+    def add(self, entry: JournalEntry) -> None:
+        """Append one line. Raises WorkError where it cannot be written."""
+        try:
+            with open(self.path, "a", encoding="utf-8") as file:
+                file.write(entry.to_line())
+        except OSError as error:
+            raise WorkError(f"{self.path}: cannot write: {error.strerror or error}") from None
+        self.entries[entry.frame] = entry
+
+    def sort(self) -> None:
+        """One line a frame, in order: the same frames leave the same file, however often the work was broken off."""
+        atomic_write_text(self.path, "".join(self.entries[number].to_line() for number in sorted(self.entries)))
 
 
 def write_sequence(
@@ -181,7 +239,8 @@ class _Target:
             if self.source.truth_images:
                 self.source.truth_images.write_tables(folder)
         folders = tuple(folder for _, folder in self.layout)
-        counts = total(self.journal.entries[n].invalid_depth for n in numbers)
+        every = [self.journal.entries[n].invalid_depth for n in numbers]
+        counts = {kind: sum(counts.get(kind, 0) for counts in every) for kind in KINDS}
         self.journal.sort()
         finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
         found = len(self.finished.intersection(self.source.numbers))

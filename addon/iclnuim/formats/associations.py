@@ -38,6 +38,15 @@ class ImageList:
         written = self.written or ("",) * len(self)
         return [text or f"{Decimal(repr(stamp_s)):.9f}" for stamp_s, text in zip(self.stamps_s, written, strict=True)]
 
+    def frame_numbers(self, rate_hz: float) -> list[int]:
+        """Raises InputError for stamps between frames."""
+        numbers = [round(stamp_s * rate_hz) for stamp_s in self.stamps_s]
+        for number, stamp_s in zip(numbers, self.stamps_s, strict=True):
+            if abs(stamp_s * rate_hz - number) > 0.01 or not 0 <= number <= LARGEST_FRAME:
+                expected = f"stamps at frame numbers / {rate_hz:g} s to write ICL-NUIM's order"
+                raise InputError(expected, found=f"{stamp_s:.9g} s")
+        return numbers
+
     def __len__(self) -> int:
         return len(self.paths)
 
@@ -76,18 +85,11 @@ def write_associations(
     path: str | os.PathLike[str], pairs: Associations, order: str = "tum", rate_hz: float = FRAME_RATE_HZ
 ) -> None:
     """In TUM's order with seconds, or in ICL-NUIM's with frame numbers; whole or not at all."""
-    if order == "tum":
-        first, second = pairs.rgb, pairs.depth
-        stamps = zip(first.stamp_texts(), second.stamp_texts(), strict=True)
-    elif order == "icl-nuim":
-        first, second = pairs.depth, pairs.rgb
-        ids = ([_frame_number(stamp_s, rate_hz) for stamp_s in images.stamps_s] for images in (first, second))
-        stamps = zip(*ids, strict=True)
-    else:
-        raise InputError("the order tum or icl-nuim", found=order)
-    rows = zip(stamps, first.paths, second.paths, strict=True)
-    lines = [f"{a} {_plain(one)} {b} {_plain(other)}\n" for (a, b), one, other in rows]
-    atomic_write_text(path, "".join(lines))
+    numbered = order == "icl-nuim"
+    first, second = (pairs.depth, pairs.rgb) if numbered else (pairs.rgb, pairs.depth)
+    stamps = (images.frame_numbers(rate_hz) if numbered else images.stamp_texts() for images in (first, second))
+    rows = zip(*stamps, first.paths, second.paths, strict=True)
+    atomic_write_text(path, "".join(f"{a} {_plain(one)} {b} {_plain(other)}\n" for a, b, one, other in rows))
 
 
 def read_image_list(path: str | os.PathLike[str]) -> ImageList:
@@ -141,13 +143,6 @@ def _depth_first(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]]
             expected = "one path of each line, always the same, that says depth"
             raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
     return firsts[0]
-
-
-def _frame_number(stamp_s: float, rate_hz: float) -> str:
-    number = round(stamp_s * rate_hz)
-    if abs(stamp_s * rate_hz - number) > 0.01 or not 0 <= number <= LARGEST_FRAME:
-        raise InputError(f"stamps at frame numbers / {rate_hz:g} s to write ICL-NUIM's order", found=f"{stamp_s:.9g} s")
-    return str(number)
 
 
 def _plain(image: str) -> str:
