@@ -47,7 +47,7 @@ def test_events_arrive_typed_and_other_lines_are_left_out(client):
     assert until(client, Note) == [Note("hello")]
     client.send({"frames": [7]})
     assert until(client, FrameDone) == [FrameDone(7)]
-    assert client.running and client.silent_s < 20 and client.exit_code is None
+    assert client.running and client.silent_s < 20 and client.poll() is None
     client.stop()
     assert until(client, Exited) == [Exited(0)]
     assert client.asked_to_stop and not client.running

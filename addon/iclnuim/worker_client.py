@@ -40,8 +40,10 @@ def worker_command() -> list[str]:
     return [blender, *_BLENDER]
 
 
-class WorkerClient:
+class WorkerClient(subprocess.Popen[bytes]):
     """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client, event); the last is Exited.
+
+    terminate() and kill() end it at once, kill() also where it is stopped or hangs; the frame in work is lost.
 
     `options`: {"job": {...}, "cores": [...], ...} as child.py describes them, written beside `log`, which takes standard error.
     """
@@ -63,7 +65,7 @@ class WorkerClient:
         write_json(self._options_file, dict(options))
         try:
             with open(log, "wb") as errors:
-                self._process = subprocess.Popen(
+                super().__init__(
                     [*command, str(self._options_file), str(out)],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
@@ -78,17 +80,8 @@ class WorkerClient:
         threading.Thread(target=self._listen, daemon=True).start()
 
     @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    @property
     def running(self) -> bool:
-        return self._process.poll() is None
-
-    @property
-    def exit_code(self) -> int | None:
-        """None while it runs; below 0 for the number of a signal."""
-        return self._process.poll()
+        return self.poll() is None
 
     @property
     def silent_s(self) -> float:
@@ -98,10 +91,10 @@ class WorkerClient:
     def send(self, command: Mapping[str, Any]) -> None:
         """Never fails: where the process has ended, its Exited event has the exit code."""
         self._last_s = time.monotonic()
-        assert self._process.stdin is not None
+        assert self.stdin is not None
         with suppress(OSError, ValueError):
-            self._process.stdin.write(json.dumps(command).encode() + b"\n")
-            self._process.stdin.flush()
+            self.stdin.write(json.dumps(command).encode() + b"\n")
+            self.stdin.flush()
 
     def events(self) -> list[Event]:
         """What has arrived since the last call, where no inbox was given."""
@@ -117,20 +110,12 @@ class WorkerClient:
             self.asked_to_stop = True
             self.send({"stop": True})
 
-    def terminate(self) -> None:
-        """End it now; the frame in work is lost."""
-        self._process.terminate()
-
-    def kill(self) -> None:
-        """End it now, also where it is stopped or hangs."""
-        self._process.kill()
-
     def close(self, keep_log: bool = True) -> None:
         """Wait for its end, and remove its options file."""
-        self._process.wait()
-        assert self._process.stdin is not None
+        self.wait()
+        assert self.stdin is not None
         with suppress(OSError):  # what it did not live to read
-            self._process.stdin.close()
+            self.stdin.close()
         self._options_file.unlink(missing_ok=True)
         if not keep_log:
             self.log.unlink(missing_ok=True)
@@ -145,14 +130,14 @@ class WorkerClient:
         return " | ".join(kept[-lines:])[:400]
 
     def _listen(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        assert self.stdout is not None
+        for line in self.stdout:
             with suppress(ValueError, InputError):  # a line of Blender's own, before the stream was ours
                 content = json.loads(line)
                 event = from_dict(content) if isinstance(content, dict) else None
                 if event is not None:
                     self._last_s = time.monotonic()
                     self._inbox.put((self, event))
-        self._process.stdout.close()
-        code = self._process.wait()
+        self.stdout.close()
+        code = self.wait()
         self._inbox.put((self, Exited(code, self.log_end(1) if code else None)))

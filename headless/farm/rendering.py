@@ -112,7 +112,7 @@ class Opener:
         end = time.monotonic() + 2.0
         while client.running and time.monotonic() < end:
             time.sleep(0.02)
-        clean = client.exit_code == 0
+        clean = client.returncode == 0
         client.kill()
         client.close(keep_log=not clean)
 

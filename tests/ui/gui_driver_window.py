@@ -219,8 +219,8 @@ def switch_off_during_a_render():
     found["timers_meanwhile"] = timers()
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 1.0
-    yield from ticking("switched off", lambda: child.exit_code is not None, 10.0)
-    found["child_after_switching_off"] = child.exit_code
+    yield from ticking("switched off", lambda: child.poll() is not None, 10.0)
+    found["child_after_switching_off"] = child.poll()
     found["left"] = {
         "timers": timers(),
         "classes": [name for name in dir(bpy.types) if name.startswith("ICLNUIM")],

@@ -52,7 +52,7 @@ def test_when_the_window_is_gone_the_worker_stops_by_itself(tmp_path):
     out = tmp_path / "run"
     work, worker = begin(out, list(range(800)))
     wait(work, lambda: work.done >= 1)
-    worker._process.stdin.close()
+    worker.stdin.close()
     wait(work, lambda: not work.busy)
     assert work.phase == "stopped"
     assert len(finished(out)) < 800

@@ -63,8 +63,11 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     # the free exponent fits its own family best; a named curve that is hardly worse is the simpler word
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
     light, variance = _noise_points(images, curves[best](np.arange(256.0)))
-    sigma_c2, sigma_s2 = _line(light, variance)
-    return RgbCalibration(best, gamma, spreads, float(np.sqrt(sigma_c2)), float(np.sqrt(sigma_s2)))
+    line = _line(light, variance, np.ones_like(light))
+    for _ in range(4):
+        line = _line(light, variance, 1 / np.maximum(line[0] + line[1] * light, 1e-12))
+    sigma_c, sigma_s = np.sqrt(np.maximum(line, 0))
+    return RgbCalibration(best, gamma, spreads, float(sigma_c), float(sigma_s))
 
 
 def calibrate_depth(
@@ -82,9 +85,7 @@ def calibrate_depth(
     variance = variance - 1 / 12
     apart = len(rows) > 1 and slope2.max() > 4 * slope2.min() + 0.02
     if apart:
-        design = np.column_stack([np.ones_like(slope2), slope2])
-        weights = 1 / np.maximum(variance + 1 / 12, 1e-6)
-        sigma_d2, sigma_s2 = np.linalg.lstsq(design * weights[:, None], variance * weights, rcond=None)[0]
+        sigma_d2, sigma_s2 = _line(slope2, variance, 1 / np.maximum(variance + 1 / 12, 1e-6))
     else:
         sigma_s2 = sigma_s_px**2
         sigma_d2 = float(np.mean(variance - sigma_s2 * slope2))
@@ -136,14 +137,10 @@ def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> t
     return light[whole], variance[whole]
 
 
-def _line(light: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
-    """(sigma_c^2, sigma_s^2) of variance = sigma_c^2 + light sigma_s^2; weighted by 1/variance."""
-    design = np.column_stack([np.ones_like(light), light])
-    weights = np.ones_like(light)
-    for _ in range(5):
-        line = np.linalg.lstsq(design * weights[:, None], variance * weights, rcond=None)[0]
-        weights = 1 / np.maximum(design @ line, 1e-12)
-    return max(float(line[0]), 0.0), max(float(line[1]), 0.0)
+def _line(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(2,): a and b of y = a + b x by weighted least squares."""
+    design = np.column_stack([np.ones_like(x), x])
+    return np.linalg.lstsq(design * weights[:, None], y * weights, rcond=None)[0]
 
 
 def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:

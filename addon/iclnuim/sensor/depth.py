@@ -49,18 +49,15 @@ class PaperDepthNoise(NoiseModel):
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_true_m = images.as_depth(depth_z_m)
-        depth_z_m = quantised(self.shifted(depth_true_m, rng), self.disparity_cm, self.sigma_d, rng)
+        u, v = shifted_grid(depth_true_m, np.float32(self.sigma_s_px), rng)  # Z(x + n_x, y + n_y) of equation 3
+        depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
+        depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng)
         if not self.lateral:
             return depth_z_m
         normals = images.surface_normals(depth_true_m, camera)
         depth_z_m = self.moved_along_normals(depth_z_m, normals, camera, rng)
         depth_z_m[normals.secant > 1 / np.cos(np.radians(self.missing_angle_deg))] = 0
         return depth_z_m
-
-    def shifted(self, depth_z_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Z(x + n_x, y + n_y) of equation 3, with (n_x, n_y) ~ N(0, sigma_s^2 I)."""
-        u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
-        return images.sample_within_surface(depth_z_m, u, v, self.edge_share)
 
     def sigma_theta(self, angle_rad: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
         """Metres, (h, w)."""
@@ -112,12 +109,11 @@ class ReleasedDepthNoise(NoiseModel):
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_z_m = images.as_depth(depth_z_m)
-        normals = images.backward_normals(depth_z_m, camera)  # none in the first row and column, which go missing
+        normals = images.surface_normals(
+            depth_z_m, camera, backward=True
+        )  # none in the first row and column, which go missing
         depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
-        u, v = images.pixel_grid(depth_z_m)
-        sigma, offset = np.float32(self.sigma_s_px), np.float32(self.offset_px)
-        u = u + (offset + sigma * gaussian(rng, depth_z_m.shape))
-        v = v + (offset + sigma * gaussian(rng, depth_z_m.shape))
+        u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng, self.offset_px)
         depth_z_m = images.sample_with_zeros(depth_z_m, u, v)
         depth_z_m = np.rint(depth_z_m / np.float32(self.input_step_m)) * np.float32(self.input_step_m)
         depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng, self.disparity_bias)
@@ -244,11 +240,13 @@ class RedwoodDepthNoise(NoiseModel):
 
 
 def shifted_grid(
-    depth_z_m: np.ndarray, sigma_px: np.ndarray | np.float32, rng: np.random.Generator
+    depth_z_m: np.ndarray, sigma_px: np.ndarray | np.float32, rng: np.random.Generator, offset_px: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """u and v (h, w) of the pixel centres, each plus N(0, sigma_px^2)."""
-    u, v = images.pixel_grid(depth_z_m)
-    return u + sigma_px * gaussian(rng, depth_z_m.shape), v + sigma_px * gaussian(rng, depth_z_m.shape)
+    """u and v (h, w) of the pixel centres, each plus N(offset_px, sigma_px^2)."""
+    height, width = depth_z_m.shape
+    u, v = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
+    u = u + (np.float32(offset_px) + sigma_px * gaussian(rng, depth_z_m.shape))
+    return u, v + (np.float32(offset_px) + sigma_px * gaussian(rng, depth_z_m.shape))
 
 
 def quantised(

@@ -5,7 +5,7 @@ Normals take the form that costs least. With w = 1/Z, A = -fx Z dw/du and B = -f
 and ray is 1 / (|N| |r|). Exact on planes, whose w is linear in u and v.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +28,6 @@ def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
     if depth_z_m.ndim != 2 or min(depth_z_m.shape) < 2:
         raise InputError("a depth image of at least 2 x 2 pixels", found=depth_z_m.shape)
     return np.where((depth_z_m > 0) & (depth_z_m < np.inf), depth_z_m, np.float32(0))
-
-
-def pixel_grid(depth_z_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """u (1, w) and v (h, 1) of the pixel centres."""
-    height, width = depth_z_m.shape
-    return np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
 
 
 def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float) -> np.ndarray:
@@ -129,21 +123,13 @@ def ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
     return x.astype(np.float32)[None], y.astype(np.float32)[:, None]
 
 
-def backward_normals(depth_z_m: np.ndarray, camera: PinholeCamera) -> Normals:
-    """From each pixel's left and upper neighbour; where one of the three is missing or outside there is none."""
-    return _normals(depth_z_m, camera, lambda before, after: before)
+def surface_normals(depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool = False) -> Normals:
+    """From the neighbours on either side, whichever differs less: at an edge that of the pixel's own surface.
 
-
-def surface_normals(depth_z_m: np.ndarray, camera: PinholeCamera) -> Normals:
-    """From the neighbours on either side, whichever differs less: at an edge that of the pixel's own surface."""
-    return _normals(depth_z_m, camera, _smaller)
-
-
-def _normals(
-    depth_z_m: np.ndarray, camera: PinholeCamera, choose: Callable[[np.ndarray, np.ndarray], np.ndarray]
-) -> Normals:
-    """`choose` picks of the steps of 1/Z from the pixel before and to the pixel after."""
+    backward: from the left and upper neighbours, whatever they show; none where one is missing or outside.
+    """
     height, width = depth_z_m.shape
+    choose = (lambda before, after: before) if backward else _smaller
     # 1/Z is infinite where missing or outside: every difference with it is infinite or NaN and gives no normal
     inverse = np.full((height + 2, width + 2), np.inf, np.float32)
     normals = Normals(*(np.empty_like(depth_z_m) for _ in range(4)))
