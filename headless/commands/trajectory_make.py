@@ -16,8 +16,7 @@ from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write_text, read_json, read_text
 from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld, trajectory
-from iclnuim.geometry.free_space import FreeSpace
-from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan
+from iclnuim.geometry.handheld_plan import FreeSpace, PlanSettings, Waypoint, plan
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.viewpoints import chosen
 

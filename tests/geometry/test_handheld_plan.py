@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry import handheld
-from iclnuim.geometry.free_space import FreeSpace
-from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan
+from iclnuim.geometry.handheld_plan import FreeSpace, PlanSettings, Waypoint, plan
 
 LOW, HIGH = np.array([0.0, 0.0, 0.0]), np.array([6.0, 4.0, 2.5])
 

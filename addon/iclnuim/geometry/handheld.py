@@ -129,14 +129,18 @@ def unhurried_s(recipe: Recipe) -> float:
 
 
 def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stamps (n,), the smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres, (n, 3) radians."""
+    """Stamps (n,), the smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres in the world, (n, 3) radians about the camera's axes."""
     rng = np.random.default_rng(recipe.seed)
     times_s = np.arange(recipe.frames) / FRAME_RATE_HZ
     knots, values = _knots(recipe)
     dwells_s = np.array([v.dwell_s for v in recipe.viewpoints])
     progress = eased_progress(np.diff(knots), dwells_s, recipe.pace.ease_s, times_s)
-    smooth = natural_spline(knots, values, progress)
-    return times_s, smooth, *_shake(recipe.shakes, recipe.frames, rng)
+    shake_m, shake_rad = np.zeros((recipe.frames, 3)), np.zeros((recipe.frames, 3))
+    for s in recipe.shakes:  # amounts are RMS over the three axes together
+        band = recipe.frames, FRAME_RATE_HZ, s.low_hz, s.high_hz
+        shake_m += band_noise(*band, s.position_slope, 3, rng) * (s.position_mm / 1000.0 / np.sqrt(3.0))
+        shake_rad += band_noise(*band, s.rotation_slope, 3, rng) * (np.radians(s.rotation_deg) / np.sqrt(3.0))
+    return times_s, natural_spline(knots, values, progress), shake_m, shake_rad
 
 
 def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
@@ -161,21 +165,8 @@ def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
     looks_s = np.degrees(np.hypot(yaw_steps[1:], np.diff(pitches))) / recipe.pace.turn_deg_s
     hurries = np.array([v.hurry for v in recipe.viewpoints[1:]])
     legs_s = np.maximum(np.hypot(moves_s, looks_s), 0.1) / hurries
-    return np.concatenate([[0.0], np.cumsum(legs_s)]), np.column_stack(
-        [positions, np.cumsum(yaw_steps), pitches, rolls]
-    )
-
-
-def _shake(shakes: tuple[Shake, ...], frames: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of all bands: (frames, 3) metres in the world, (frames, 3) radians about the camera's axes."""
-    shake_m, shake_rad = np.zeros((frames, 3)), np.zeros((frames, 3))
-    for s in shakes:
-        # amounts are RMS over the three axes together
-        position = band_noise(frames, FRAME_RATE_HZ, s.low_hz, s.high_hz, s.position_slope, 3, rng)
-        rotation = band_noise(frames, FRAME_RATE_HZ, s.low_hz, s.high_hz, s.rotation_slope, 3, rng)
-        shake_m += position * (s.position_mm / 1000.0 / np.sqrt(3.0))
-        shake_rad += rotation * (np.radians(s.rotation_deg) / np.sqrt(3.0))
-    return shake_m, shake_rad
+    values = np.column_stack([positions, np.cumsum(yaw_steps), pitches, rolls])
+    return np.concatenate([[0.0], np.cumsum(legs_s)]), values
 
 
 def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float) -> float:

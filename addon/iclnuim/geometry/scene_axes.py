@@ -20,7 +20,6 @@ UP = {
     "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
 }
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-MIRRORS = ("none", "x", "y", "z")
 #: Metres are believed while the scene's largest extent stays within these; else the unit that makes it about a room high.
 PLAUSIBLE_M, ROOM_HEIGHT_M = (0.2, 60.0), 2.5
 #: The other axis is taken for up where level surfaces speak for it this much more clearly than for the usual one.
@@ -59,7 +58,7 @@ class SceneReading(Settings):
     mirror: str = setting(
         "none",
         "axis of the scene's file to mirror before all else",
-        choices={axis: "nothing is mirrored" if axis == "none" else f"the {axis} axis is mirrored" for axis in MIRRORS},
+        choices={"none": "nothing is mirrored", **{axis: f"the {axis} axis is mirrored" for axis in "xyz"}},
     )
     textures: str | None = setting(
         None,

@@ -86,9 +86,13 @@ class SE3:
     def log(self) -> np.ndarray:
         """(..., 6), the inverse of exp; the rotation vector has a length of at most pi."""
         w = so3.log(self.rotation)
-        angle = np.linalg.norm(w, axis=-1)[..., None, None]
-        k = so3.hat(w)
-        inverse_jacobian = np.eye(3) - 0.5 * k + _inverse_jacobian_coefficient(angle) * (k @ k)
+        t = np.linalg.norm(w, axis=-1)[..., None, None]
+        k, t2, small = so3.hat(w), t * t, t < 0.05
+        s = np.where(small, 1.0, t)
+        # 1/t^2 - cot(t/2)/(2 t), by series for small t, stable up to pi
+        exact = 1.0 / (s * s) - np.cos(s / 2) / (2.0 * s * np.sin(s / 2))
+        coefficient = np.where(small, 1.0 / 12.0 + t2 / 720.0 + t2 * t2 / 30240.0, exact)
+        inverse_jacobian = np.eye(3) - 0.5 * k + coefficient * (k @ k)
         return np.concatenate([(inverse_jacobian @ self.translation[..., None])[..., 0], w], axis=-1)
 
     def inverse(self) -> "SE3":
@@ -130,13 +134,3 @@ class SE3:
 
     def __repr__(self) -> str:
         return f"SE3(shape={self.shape})" if self.shape else f"SE3(t={self.translation}, quat_xyzw={self.quat_xyzw})"
-
-
-def _inverse_jacobian_coefficient(angle: np.ndarray) -> np.ndarray:
-    """1/t^2 - cot(t/2)/(2 t), by series for small t, stable up to pi."""
-    t = np.asarray(angle, float)
-    small = t < 0.05
-    s = np.where(small, 1.0, t)
-    t2 = t * t
-    series = 1.0 / 12.0 + t2 / 720.0 + t2 * t2 / 30240.0
-    return np.where(small, series, 1.0 / (s * s) - np.cos(s / 2) / (2.0 * s * np.sin(s / 2)))

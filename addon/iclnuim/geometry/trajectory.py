@@ -83,13 +83,13 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     usual_s = float(np.median(steps_s))
     speeds = trajectory.step_lengths_m() / steps_s
     rates = np.degrees(trajectory.step_angles_rad()) / steps_s
-    duration_s = float(steps_s.sum())
+    length_m, duration_s = trajectory.length_m(), float(steps_s.sum())
     return TrajectoryStatistics(
-        frames=len(trajectory),
-        length_m=trajectory.length_m(),
-        duration_s=duration_s,
+        len(trajectory),
+        length_m,
+        duration_s,
         rate_hz=1.0 / usual_s,
-        mean_speed=trajectory.length_m() / duration_s,
+        mean_speed=length_m / duration_s,
         max_speed=float(speeds.max()),
         mean_rotation_rate=float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s),
         max_rotation_rate=float(rates.max()),

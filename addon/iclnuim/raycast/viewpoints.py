@@ -3,8 +3,7 @@
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.free_space import FreeSpace
-from ..geometry.handheld_plan import Waypoint, rounded
+from ..geometry.handheld_plan import FreeSpace, Waypoint, rounded
 from ..geometry.points import farthest_points
 from .caster import RayCaster
 
