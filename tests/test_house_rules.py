@@ -24,14 +24,13 @@ CORE = "errors settings geometry formats"
 #: room -> rooms it may import from, besides itself. A room is a folder or a file of the library; `api` is iclnuim itself.
 MAY_IMPORT = {
     "errors": "",
-    "scenes": "",
     "scene_classes": "",
     "settings": "errors",
     "checkout": "errors",
     "worker_events": "errors",
     "worker_client": "errors formats worker_events",
     "__main__": "checkout headless headless.cli",
-    "shipped": "errors scenes",
+    "shipped": "errors",
     "geometry": "errors settings",
     "formats": "errors geometry",
     "sensor": "errors settings geometry",
@@ -41,12 +40,12 @@ MAY_IMPORT = {
     "postprocess": f"{CORE} sensor evaluation dataset",
     "render": f"{CORE} job dataset worker_client worker_events",
     "lightmap": "errors geometry",
-    "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset scenes scene_classes lightmap",
+    "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset scene_classes lightmap",
     "report": f"{CORE} api evaluation dataset",
     "raycast": f"{CORE} api dataset",
     "odometry": f"{CORE} api evaluation dataset report",
     "fusion": f"{CORE} api evaluation dataset report odometry raycast blender shipped",
-    "ui": f"{CORE} api job worker_client worker_events shipped sensor evaluation dataset scenes blender postprocess",
+    "ui": f"{CORE} api job worker_client worker_events shipped sensor evaluation dataset blender postprocess",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"}) + " api"
 MAY_IMPORT |= {

@@ -72,9 +72,9 @@ if TYPE_CHECKING:
         relative_pose_error,
     )
     from .render import RenderedFrame, render_frames, render_pose
-    from .scenes import SCENES
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
     from .sensor.transfer import light_from_srgb8 as linear_from_srgb8
+    from .shipped import SCENES
 else:
 
     def __getattr__(name: str) -> Any:

@@ -1,13 +1,39 @@
-"""Where the shipped scenes and trajectories lie (the installed package, or the checkout's top level), and the cache."""
+"""The built-in scenes and trajectories, where they lie (the installed package, or the checkout's top level), and the cache.
+
+The code that builds the scenes lies in blend/builder/ of the repository.
+"""
 
 import os
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import InputError
-from .scenes import SCENES, TRAJECTORIES
 
 _PACKAGE = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and `description` are for people."""
+
+    name: str
+    title: str
+    description: str
+
+
+SCENES = {
+    "living_room": SceneEntry("living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
+    "office": SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
+}
+
+#: name -> description; each is there for every scene
+TRAJECTORIES: dict[str, str] = {
+    "kt0": "1510 frames (paper, Table I); passes a bare wall",
+    "kt1": "967 frames (paper, Table I)",
+    "kt2": "882 frames (paper, Table I)",
+    "kt3": "1242 frames (paper, Table I); closes a small loop",
+}
 SCENE_NAMES = tuple(SCENES)
 TRAJECTORY_NAMES = tuple(TRAJECTORIES)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from iclnuim.scenes import SCENES
+from iclnuim.shipped import SCENES
 
 
 def build_scene(name: str, seed: int = 0, detail: float = 1.0) -> None:

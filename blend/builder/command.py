@@ -18,8 +18,8 @@ from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
 from iclnuim.headless.console import Console
 from iclnuim.headless.options import action, subcommands
-from iclnuim.scenes import SCENES
 from iclnuim.sensor.transfer import srgb8
+from iclnuim.shipped import SCENES
 
 from . import build_scene
 

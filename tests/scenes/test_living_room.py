@@ -8,7 +8,7 @@ import pytest
 from iclnuim.blend.builder import build_scene
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.scenes import SCENES
+from iclnuim.shipped import SCENES
 
 OFFICIAL = {"kt0": (0, 1, 50), "kt2": range(180, 190, 3)}
 SINGLE_SHEETS = {

@@ -12,7 +12,7 @@ from iclnuim.settings import declared
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim import scenes, ui  # noqa: E402
+from iclnuim import shipped, ui  # noqa: E402
 from iclnuim.dataset import sequence_formats  # noqa: E402
 from iclnuim.dataset.sequence_options import SequenceOptions  # noqa: E402
 from iclnuim.sensor import models  # noqa: E402
@@ -47,8 +47,8 @@ def test_new_entries_of_the_registries_appear_in_the_panel(register, monkeypatch
     tum = sequence_formats.FORMATS["tum"]
     fake = dataclasses.replace(tum, name="fake", description="like TUM")
     monkeypatch.setitem(sequence_formats.FORMATS, "fake", fake)
-    monkeypatch.setitem(scenes.SCENES, "cellar", scenes.SceneEntry("cellar", "Cellar", "dark"))
-    monkeypatch.setitem(scenes.TRAJECTORIES, "kt4", "a fifth")
+    monkeypatch.setitem(shipped.SCENES, "cellar", shipped.SceneEntry("cellar", "Cellar", "dark"))
+    monkeypatch.setitem(shipped.TRAJECTORIES, "kt4", "a fifth")
     monkeypatch.setitem(METHODS, "fake", "no alignment")
     settings = register()
     assert items(settings, "depth_noise")["fake"] == items(settings, "rgb_noise")["fake"] == "No noise at all"

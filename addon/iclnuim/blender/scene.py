@@ -8,7 +8,7 @@ import bpy
 from .. import shipped
 from ..errors import InputError
 from ..geometry.scene_axes import SceneReading
-from ..scenes import SCENES
+from ..shipped import SCENES
 from . import compat, scene_paths, user_scene
 
 

@@ -6,9 +6,11 @@ from types import ModuleType
 
 def register() -> None:
     """Every class, property and handler."""
+    import bpy
+
     from . import properties, state, trajectory_view, work
 
-    state.begin(state.PanelState(work.Work(properties.label_of), trajectory_view.refresh))
+    bpy.types.WindowManager.iclnuim_state = state.PanelState(work.Work(properties.label_of), trajectory_view.refresh)
     for module in _modules():
         module.register()
     atexit.register(unregister)

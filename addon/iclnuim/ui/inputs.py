@@ -20,7 +20,7 @@ from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, adopt
 from ..job import RenderJob
-from ..scenes import SCENES, TRAJECTORIES
+from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
 DEFAULT_OUT = "//iclnuim"
@@ -34,7 +34,11 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     loaded, sentence = _chosen(context, settings)
     if settings.scale == 1.0 and not settings.use_start:
         return loaded, sentence
-    start = _start_pose(settings) if settings.use_start else loaded.T_world_camera[0]
+    start = loaded.T_world_camera[0]
+    if settings.use_start:
+        rotation = mathutils.Euler(settings.start_rotation).to_matrix()
+        pose = SE3.from_matrix(np.c_[np.array(rotation, float), np.array(settings.start_location, float)])
+        start = axes.world_cv_from_world_blender(pose)
     return adopt(loaded, start, round(settings.scale, 6)), sentence
 
 
@@ -84,18 +88,15 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
     asked = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
     known = held.light_map
     if known is None or known[0] != asked or time.monotonic() - known[1] > _FRESH_S:
-        known = held.light_map = asked, time.monotonic(), _light_map_line(settings, name)
+        line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
+        try:
+            if found := light_map.find(state.cache_folder(), settings.to_job(name, "kt2")):
+                size = f"{found.size_bytes / 1e6:.1f} MB"
+                line = f"this scene's light is in the cache: {size}, baked {_age(found.age_s)} ago"
+        except (IclnuimError, OSError):
+            line = "no scene file is chosen yet"
+        known = held.light_map = asked, time.monotonic(), line
     return known[2]
-
-
-def _light_map_line(settings: bpy.types.PropertyGroup, name: str) -> str:
-    try:
-        found = light_map.find(state.cache_folder(), settings.to_job(name, "kt2"))
-    except (IclnuimError, OSError):
-        return "no scene file is chosen yet"
-    if found is None:
-        return "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
-    return f"this scene's light is in the cache: {found.size_bytes / 1e6:.1f} MB, baked {_age(found.age_s)} ago"
 
 
 def _age(seconds: float) -> str:
@@ -120,12 +121,6 @@ def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tu
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
     scene = settings.scene_source if settings.scene_source in SCENES else next(iter(SCENES))
     return f"{scene}/{settings.trajectory_source}"
-
-
-def _start_pose(settings: bpy.types.PropertyGroup) -> SE3:
-    rotation = mathutils.Euler(settings.start_rotation).to_matrix()
-    pose = SE3.from_matrix(np.c_[np.array(rotation, float), np.array(settings.start_location, float)])
-    return axes.world_cv_from_world_blender(pose)
 
 
 def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path) -> str:

@@ -15,14 +15,15 @@ from ..dataset.frames import read_frame
 from ..dataset.sequence import noisy_images
 from ..dataset.sequence_options import SequenceOptions
 from ..errors import InputError
-from ..evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from ..evaluation.absolute_error import AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
-from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, relative_error
+from ..evaluation.relative_error import RelativeErrorSettings, parse_delta
 from ..formats.files import read_json
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.scene_axes import SceneReading
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
+from ..postprocess import absolute_trajectory_error, relative_pose_error
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 
@@ -180,15 +181,11 @@ def evaluate(self, context):
     settings, held = context.scene.iclnuim, state.current()
     if not settings.estimate:
         raise InputError("an estimated trajectory", found="none", hint="choosing a file as {estimate}")
-    estimate = read_trajectory(bpy.path.abspath(settings.estimate))
-    truth = (
-        read_trajectory(bpy.path.abspath(settings.truth)).trajectory
-        if settings.truth
-        else inputs.trajectory(context)[0]
-    )
+    estimate = read_trajectory(bpy.path.abspath(settings.estimate)).trajectory
+    truth = bpy.path.abspath(settings.truth) if settings.truth else inputs.trajectory(context)[0]
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
-    ate = absolute_error(truth, estimate.trajectory, AbsoluteErrorSettings(alignment=alignment))
-    rpe = relative_error(truth, estimate.trajectory, RelativeErrorSettings(*parse_delta(settings.delta)))
+    ate = absolute_trajectory_error(truth, estimate, AbsoluteErrorSettings(alignment=alignment))
+    rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
     held.evaluation = ate
     shift, turn = ate.translation_m, ate.rotation_deg
     held.evaluation_lines = [

@@ -16,8 +16,8 @@ from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera
 from ..geometry.scene_axes import UNITS_M, SceneReading
 from ..job import RenderJob
-from ..scenes import SCENES, TRAJECTORIES
 from ..settings import Setting, Settings, declared, setting
+from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
 #: What is no built-in scene or trajectory, by the number that a saved .blend keeps: (value, name, tooltip).

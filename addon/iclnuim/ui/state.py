@@ -46,11 +46,6 @@ class PanelState:
     waiting: set[Callable[[], None]] = field(default_factory=set)
 
 
-def begin(state: PanelState) -> None:
-    """Called first when the panel is registered."""
-    bpy.types.WindowManager.iclnuim_state = state
-
-
 def current() -> PanelState:
     """The state of the registered panel."""
     return bpy.types.WindowManager.iclnuim_state
