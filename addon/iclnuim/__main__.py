@@ -1,14 +1,13 @@
 """`python -m iclnuim` is the command `iclnuim`."""
 
+import importlib
 from types import ModuleType
+
+from . import checkout
 
 
 def load_command_line() -> ModuleType:
     """The module iclnuim.headless.cli, installed or from the checkout."""
-    import importlib
-
-    from . import checkout
-
     checkout.load("iclnuim.headless", "the command line")
     return importlib.import_module("iclnuim.headless.cli")
 

@@ -60,8 +60,9 @@ class InputError(IclnuimError):
         place = "" if self.path is None else f"{os.fspath(self.path)}{'' if self.line is None else f':{self.line}'}: "
         what = "" if self.setting is None else f"{name_of(self.setting)}: "
         text = f"{place}{what}expected {named(self.expected, name_of)}"
-        if self.found is not None:
-            text += f", found {_shortened(self.found)}"
+        if self.found is not None:  # as one printable line of at most 200 characters
+            found = "".join(c if c.isprintable() else "?" for c in " ".join(str(self.found).split()))
+            text += f", found {found if len(found) <= 200 else found[:197] + '...'}"
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
     def at(self, path: str | os.PathLike[str]) -> "InputError":
@@ -100,10 +101,3 @@ def how_to_get_bpy() -> str:
 def named(text: str, name_of: Callable[[str], str] = str) -> str:
     """The text with every `{name}` of a setting replaced by what `name_of` calls it."""
     return re.sub(r"\{([a-z_]+)\}", lambda found: name_of(found[1]), text)
-
-
-def _shortened(found: object, limit: int = 200) -> str:
-    """One printable line of at most `limit` characters."""
-    text = " ".join(str(found).split())
-    text = "".join(c if c.isprintable() else "?" for c in text)
-    return text if len(text) <= limit else text[: limit - 3] + "..."

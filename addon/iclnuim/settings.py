@@ -85,17 +85,16 @@ class Setting:
             if value not in choices:
                 raise InputError(f"one of {', '.join(choices)}", setting=self.name, found=value)
             return value
-        if not self._fits(value):
+        if self.kind is bool or self.kind is str:
+            fits = isinstance(value, self.kind)
+        else:
+            number = isinstance(value, Integral if self.kind is int else Real) and not isinstance(value, bool)
+            fits = number and abs(value) <= sys.float_info.max and self.low <= value <= self.high
+        if not fits:
             unit = f" ({self.unit})" if self.unit else ""
             words = " ".join(filter(None, (_KINDS[self.kind], self.range)))
             raise InputError(f"{words}{unit}", setting=self.name, found=value)
         return self.kind(value)
-
-    def _fits(self, value: Any) -> bool:
-        if self.kind is bool or self.kind is str:
-            return isinstance(value, self.kind)
-        number = isinstance(value, Integral if self.kind is int else Real) and not isinstance(value, bool)
-        return number and abs(value) <= sys.float_info.max and self.low <= value <= self.high
 
 
 def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
-from ..sensor.models import DEPTH_MODELS, RGB_MODELS, DepthNoise, RgbNoise, depth_model, rgb_model
+from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
 from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
 from ..settings import Choices, Settings, setting
 from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, invalid_after_noise
@@ -25,8 +25,8 @@ def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
 class SequenceSettings:
     """What decides the pixels of a sequence, given its frames. The seed also of a user's own noise."""
 
-    depth: DepthNoise = field(default_factory=lambda: depth_model("none"))
-    rgb: RgbNoise = field(default_factory=lambda: rgb_model("none"))
+    depth: Noise = field(default_factory=lambda: depth_model("none"))
+    rgb: Noise = field(default_factory=lambda: rgb_model("none"))
     seed: int = 0
     depth_units_per_metre: float = UNITS_PER_METRE
 

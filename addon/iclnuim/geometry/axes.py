@@ -45,14 +45,12 @@ def mirrored_y(T: SE3) -> SE3:
     return _change_axes(T, CV_FROM_POV_CAMERA, CV_FROM_POV_CAMERA)
 
 
-def world_blender_from_world_cv(T_world_cv: SE3) -> SE3:
-    """T_world_cv -> pose of Blender's camera object, T_world_blender."""
-    return SE3(T_world_cv.rotation @ CV_FROM_BLENDER_CAMERA, T_world_cv.translation)
+def world_blender_from_world_cv(T_world_camera: SE3) -> SE3:
+    """T_world_cv <-> pose of Blender's camera object, T_world_blender. Its own inverse."""
+    return SE3(T_world_camera.rotation @ CV_FROM_BLENDER_CAMERA, T_world_camera.translation)
 
 
-def world_cv_from_world_blender(T_world_blender: SE3) -> SE3:
-    """Pose of Blender's camera object -> T_world_cv."""
-    return SE3(T_world_blender.rotation @ CV_FROM_BLENDER_CAMERA, T_world_blender.translation)
+world_cv_from_world_blender = world_blender_from_world_cv
 
 
 def _change_axes(T: SE3, to_world: np.ndarray, camera: np.ndarray) -> SE3:

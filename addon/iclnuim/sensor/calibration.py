@@ -53,13 +53,17 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
         raise InputError("two or more 8-bit images of each exposure", found="fewer")
     means = np.stack([stack.mean(0, dtype=np.float64).ravel() for stack in images])
-    gamma = _gamma(gains, means)
+    use = (means > _DARKEST) & (means < _BRIGHTEST)
+    use &= use.sum(0) >= 2
+    if not use.any():
+        raise InputError("pixels that are neither black nor white under two exposures", found="none")
+    gamma = _gamma(gains, means, use)
     curves = {
         "linear": lambda v: v / 255,
         "srgb": lambda v: light_from_srgb(v / 255),
         "gamma": lambda v: (v / 255) ** gamma,
     }
-    spreads = {name: _spread(gains, curve(means), means) for name, curve in curves.items()}
+    spreads = {name: _spread(gains, curve(means), use) for name, curve in curves.items()}
     # the free exponent fits its own family best; a named curve that is hardly worse is the simpler word
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
     light, variance = _noise_points(images, curves[best](np.arange(256.0)))
@@ -93,12 +97,8 @@ def calibrate_depth(
     return DepthCalibration(sigma_d, sigma_s, not apart, frames)
 
 
-def _gamma(exposures: np.ndarray, means: np.ndarray) -> float:
+def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
     """Of value = light^(1/gamma): the slope of log exposure over log value, all pixels pooled about their own mean."""
-    use = (means > _DARKEST) & (means < _BRIGHTEST)
-    use &= use.sum(0) >= 2
-    if not use.any():
-        raise InputError("pixels that are neither black nor white under two exposures", found="none")
     weights = use.astype(float)
     log_v, log_e = np.log(np.where(use, means, 1)), np.broadcast_to(np.log(exposures)[:, None], means.shape)
     count = np.maximum(weights.sum(0), 1)
@@ -109,10 +109,8 @@ def _gamma(exposures: np.ndarray, means: np.ndarray) -> float:
     return float(1 / slope)
 
 
-def _spread(exposures: np.ndarray, light: np.ndarray, means: np.ndarray) -> float:
+def _spread(exposures: np.ndarray, light: np.ndarray, use: np.ndarray) -> float:
     """How far light / exposure of a pixel differs between exposures, as a share: 0 for the true response."""
-    use = (means > _DARKEST) & (means < _BRIGHTEST)
-    use &= use.sum(0) >= 2
     scene = np.where(use, light / exposures[:, None], np.nan)[:, use.any(0)]
     return float(np.mean(np.nanstd(scene, 0) / np.nanmean(scene, 0)))
 

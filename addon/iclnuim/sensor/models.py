@@ -10,7 +10,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.camera import PinholeCamera
 from .depth import Kinect2012DepthNoise, NoDepthNoise, PaperDepthNoise, RedwoodDepthNoise, ReleasedDepthNoise
 from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
@@ -24,32 +23,22 @@ RGB_MODELS: dict[str, type[NoiseModel]] = {m.name: m for m in (NoRgbNoise, Relea
 _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 
 
-class DepthNoise(Protocol):
-    """A depth noise model: (h, w) planar metres, 0 = missing -> the same with noise."""
+class Noise(Protocol):
+    """A noise model, of depth: apply(depth_z_m, camera, rng), or of RGB: apply(light, rng), as in depth.py and rgb.py."""
 
     name: str
 
-    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray: ...
+    def apply(self, *args: Any, **kwargs: Any) -> np.ndarray: ...
 
     def to_dict(self) -> dict[str, Any]: ...
 
 
-class RgbNoise(Protocol):
-    """An RGB noise model: (h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
-
-    name: str
-
-    def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray: ...
-
-    def to_dict(self) -> dict[str, Any]: ...
-
-
-def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> DepthNoise:
+def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
     """By name or as `module:function`, called as function(depth_z_m, camera, rng). Raises InputError."""
     return _model("depth", name, settings or {}, DEPTH_MODELS)
 
 
-def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> RgbNoise:
+def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
     """By name or as `module:function`, called as function(light, rng) -> uint8. Raises InputError."""
     return _model("RGB", name, settings or {}, RGB_MODELS)
 

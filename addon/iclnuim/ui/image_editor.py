@@ -37,13 +37,7 @@ class LastFrame:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
         number = work.last_frame if work.phase == "rendering" else None
         idle = not self._reading and time.monotonic() - self._at_s > PAUSE_S
-        if (
-            number is not None
-            and number != self._shown
-            and idle
-            and state.areas("IMAGE_EDITOR")
-            and not bpy.app.background
-        ):
+        if number not in (None, self._shown) and idle and state.areas("IMAGE_EDITOR") and not bpy.app.background:
             self._shown, self._at_s, self._reading = number, time.monotonic(), True
             threading.Thread(target=self._read, args=(number,), daemon=True).start()
 

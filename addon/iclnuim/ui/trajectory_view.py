@@ -56,18 +56,15 @@ def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.
 
 def _key(scene: bpy.types.Scene) -> tuple:
     values = (getattr(scene.iclnuim, name) for name in properties.names_that_move_the_trajectory())
-    return scene.name, _shown(), *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values)
-
-
-def _shown() -> str | None:
-    """Which scene stands in our collection."""
-    return bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
+    shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
+    return scene.name, shown, *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values)
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     """A warning where the line between two poses meets a surface of the open scene, if that is the one chosen."""
-    if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", _shown()):
-        return "another scene is shown here: press Show the Scene Here" if _shown() else ""
+    shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
+    if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", shown):
+        return "another scene is shown here: press Show the Scene Here" if shown else ""
     depsgraph, points = context.evaluated_depsgraph_get(), trajectory.positions_m
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -145,21 +142,19 @@ def _undone(*_: Any) -> None:
         refresh(bpy.context)
 
 
-def _handlers() -> list[tuple[list, Any]]:
-    handlers = bpy.app.handlers
-    return [(handlers.load_post, _file_opened), (handlers.undo_post, _undone), (handlers.redo_post, _undone)]
+_HANDLERS = {"load_post": _file_opened, "undo_post": _undone, "redo_post": _undone}
 
 
 def register() -> None:
-    for calls, handler in _handlers():
-        calls.append(handler)
+    for event, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, event).append(handler)
     if not bpy.app.background:
         state.later(_file_opened)
         state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW")
 
 
 def unregister() -> None:
-    for calls, handler in _handlers():
-        calls.remove(handler)
+    for event, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, event).remove(handler)
     if state.current().draw_handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(state.current().draw_handle, "WINDOW")
