@@ -9,7 +9,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 CLEARANCE_M = 0.25
-CAMERA = PinholeCamera.parse("160x120")
+CAMERA = PinholeCamera.parse("80x60")
 #: Frames of kt0 that see nothing but the bare wall and the thin plant (living room) or the coat stand (office).
 STRETCH = {"living_room": slice(505, 901), "office": slice(520, 1001)}
 DEPTH_RANGE_M = 13.107

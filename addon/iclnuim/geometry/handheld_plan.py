@@ -74,30 +74,33 @@ class FreeSpace:
 
     def _search(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
         """Cells from start to end (A*). The two themselves need not be as clear: they were checked before."""
-        goal, shape = np.array(end), self.clearance_m.shape
-        steps = [(n, float(np.linalg.norm(n))) for n in product((-1, 0, 1), repeat=3) if any(n)]
-        length: dict[tuple, float] = {start: 0.0}
-        before: dict[tuple, tuple | None] = {start: None}
-        open_, done = [(0.0, start)], set()
+        free = np.pad(self.clearance_m >= clear_m, 1)  # with a border that no route crosses; cells by their index in it
+        first, goal = (int(np.ravel_multi_index(tuple(n + 1 for n in cell), free.shape)) for cell in (start, end))
+        free.flat[goal] = True
+        away = np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1).ravel().tolist()
+        clear, across = free.tobytes(), (free.shape[1] * free.shape[2], free.shape[2], 1)
+        steps = [(int(np.dot(n, across)), float(np.linalg.norm(n))) for n in product((-1, 0, 1), repeat=3) if any(n)]
+        length: dict[int, float] = {first: 0.0}
+        before: dict[int, int | None] = {first: None}
+        open_, done = [(0.0, first)], set()
         while open_:
             cell = heapq.heappop(open_)[1]
-            if cell == end:
-                route = [end]
+            if cell == goal:
+                route = [goal]
                 while (previous := before[route[-1]]) is not None:
                     route.append(previous)
-                return [np.array(cell) for cell in route[::-1]]
+                return [np.array(np.unravel_index(index, free.shape)) - 1 for index in route[::-1]]
             if cell in done:
                 continue
             done.add(cell)
             for step, far in steps:
-                other = (cell[0] + step[0], cell[1] + step[1], cell[2] + step[2])
-                inside = all(0 <= c < s for c, s in zip(other, shape, strict=True))
-                if not inside or other in done or (other != end and self.clearance_m[other] < clear_m):
+                other = cell + step
+                if not clear[other] or other in done:
                     continue
                 longer = length[cell] + far
                 if longer < length.get(other, np.inf):
                     length[other], before[other] = longer, cell
-                    heapq.heappush(open_, (longer + float(np.linalg.norm(goal - other)), other))
+                    heapq.heappush(open_, (longer + away[other], other))
         raise InputError(
             "viewpoints with a route between them",
             found=f"none that keeps {clear_m:.2f} m from every surface",
