@@ -25,6 +25,36 @@ def pytest_xdist_auto_num_workers(config) -> int:
     return min(4, len(os.sched_getaffinity(0))) if whole and not config.option.usepdb else 0
 
 
+#: Files in one process: what they compile with numba is compiled once.
+TOGETHER = ("tests/fusion/", "tests/odometry/", "tests/test_python_page.py")
+#: Begun first, in this order: a long file begun last would leave the other processes with nothing to do.
+FIRST = (
+    "tests/farm/test_chaos.py", *TOGETHER, "tests/blender/", "tests/scenes/", "tests/ui/", "tests/lightmap/", "tests/raycast/",
+    "tests/packaging/", "tests/farm/", "tests/headless/test_bench_detail.py", "tests/headless/test_exit_codes.py",
+    "tests/formats/test_fuzzed_files.py",
+)  # fmt: skip
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """`--dist loadfile` with files that stand together, in the order of collection."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class LongestFirst(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            file = super()._split_scope(nodeid)
+            return "together" if file.startswith(TOGETHER) else file
+
+    config.option.loadscopereorder = False
+    return LongestFirst(config, log)
+
+
+def pytest_collection_modifyitems(items):
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: [not item.nodeid.startswith(place) for place in FIRST])
+
+
 def pytest_sessionfinish(session, exitstatus):
     session.config.stash[EXIT_STATUS] = int(exitstatus)
 

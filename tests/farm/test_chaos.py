@@ -1,6 +1,7 @@
 """Chaos: workers and commands killed, stopped, and without space; the same command again; the same bytes at the end, no frame made twice."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,10 +14,13 @@ import pytest
 pytest.importorskip("bpy", reason="needs the bpy package")
 pytest.importorskip("psutil", reason="finds the workers to kill")
 
+from iclnuim.formats.exr import write_exr  # noqa: E402
 from iclnuim.tools.farm_chaos import Chaos, Damage, children, finished, kinds, still_there
 from iclnuim.tools.plain_blender import PlainBlender
 
 SMALL = ("--light", "path", "--samples", "1", "--no-denoise", "--camera", "80x60")
+#: Enough for two disturbances: three frames before each, and what two workers do in the third of a second until it happens.
+SOME = ("--frames", "0:60")
 
 
 def make(out: Path, *options: str) -> Chaos:
@@ -30,36 +34,43 @@ def wait_for(out: Path, count: int, parent: subprocess.Popen, seconds: float = 1
         time.sleep(0.02)
 
 
-def disturbed(tmp_path: Path, happens: list[str], *options: str) -> Damage:
-    chaos, left_alone = make(tmp_path / "disturbed", *options), make(tmp_path / "undisturbed", *options)
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """(folder of SOME frames; process, exit code and words of each command): a second one was started while the first worked."""
+    out = tmp_path_factory.mktemp("undisturbed") / "out"
+    first = make(out, *SOME).start()
+    wait_for(out, 1, first)
+    second = make(out, *SOME).start()
+    ended = [(process.pid, process.communicate()[1], process.returncode) for process in (second, first)]
+    return out, ended[1], ended[0]
+
+
+def disturbed(out: Path, happens: list[str], *options: str) -> Chaos:
+    chaos = make(out, *options)
     chaos.run(happens, lambda text: None)
-    left_alone.complete()
     assert not list((chaos.out / "raw/exr").iterdir())
-    return chaos.damage(left_alone.out)
+    return chaos
 
 
-def test_each_kind_of_kill_once_and_the_data_set_is_the_same(tmp_path):
-    damage = disturbed(tmp_path, ["worker", "both"], "--frames", "0:120")
-    assert damage == Damage(120, 2, 0, 0, 0, 0, {"worker": 1, "both": 1}, ())
+def test_each_kind_of_kill_once_and_the_data_set_is_the_same(undisturbed, tmp_path):
+    damage = disturbed(tmp_path / "disturbed", ["worker", "both"], *SOME).damage(undisturbed[0])
+    assert damage == Damage(60, 2, 0, 0, 0, 0, {"worker": 1, "both": 1}, ())
 
 
 @pytest.mark.slow
 def test_thirty_kills_a_full_disk_and_a_stopped_worker_and_the_data_set_is_the_same(tmp_path):
-    damage = disturbed(tmp_path, kinds(30))
+    left_alone = make(tmp_path / "undisturbed")
+    left_alone.complete()
+    damage = disturbed(tmp_path / "disturbed", kinds(30)).damage(left_alone.out)
     assert damage.events == {"worker": 10, "parent": 10, "both": 10, "full": 1, "stop": 1}
     assert (damage.frames, damage.kills) == (882, 30)
     assert damage.none, damage
 
 
-def test_of_two_commands_on_one_folder_one_works_and_the_other_says_so(tmp_path):
-    out = tmp_path / "out"
-    first = make(out, "--frames", "0:60").start()
-    wait_for(out, 1, first)
-    second = make(out, "--frames", "0:60").start()
-    words = second.communicate()[1]
-    assert second.returncode == 3 and f"process {first.pid} on {os.uname().nodename} works there already" in words
-    first.communicate()
-    assert first.returncode == 0
+def test_of_two_commands_on_one_folder_one_works_and_the_other_says_so(undisturbed):
+    out, (pid, said, code), (_, words, refused) = undisturbed
+    assert refused == 3 and f"process {pid} on {os.uname().nodename} works there already" in words
+    assert code == 0, said
     assert sorted(number for number, _ in finished(out)) == list(range(60))
 
 
@@ -67,7 +78,7 @@ def test_of_two_commands_on_one_folder_one_works_and_the_other_says_so(tmp_path)
 def test_no_worker_outlives_a_killed_command_not_even_a_stopped_one(tmp_path, under_nohup):
     out = tmp_path / "out"
     ignore = (lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)) if under_nohup else None
-    parent = make(out).start(preexec_fn=ignore)
+    parent = make(out, *(("--workers", "1") if under_nohup else ())).start(preexec_fn=ignore)
     wait_for(out, 2, parent)
     workers = children(parent)
     workers[0].send_signal(signal.SIGSTOP)
@@ -79,23 +90,19 @@ def test_no_worker_outlives_a_killed_command_not_even_a_stopped_one(tmp_path, un
     assert workers and not left
 
 
-def test_of_a_folder_with_everything_wrong_all_damage_is_counted(tmp_path):
-    one = ["--frames", "0:4"]
-    chaos, whole = make(tmp_path / "a", *one), make(tmp_path / "b", *one)
-    chaos.complete()
-    whole.complete()
+def test_of_a_folder_with_everything_wrong_all_damage_is_counted(undisturbed, tmp_path):
+    chaos = make(shutil.copytree(undisturbed[0], tmp_path / "a"), *SOME)
     (chaos.out / "noisy/depth/000001.png").unlink()
     (chaos.out / "clean/rgb/000002.png").write_bytes(b"half of it")
     with open(chaos.out / "raw/.farm/finished.jsonl", "a") as journal:
         journal.write('{"frame": 3, "pid": 1}\n')
-    damage = chaos.damage(whole.out)
-    assert (damage.frames, damage.lost, damage.broken, damage.twice) == (4, 1, 1, 1)
+    damage = chaos.damage(undisturbed[0])
+    assert (damage.frames, damage.lost, damage.broken, damage.twice) == (60, 1, 1, 1)
     assert damage.names == ("clean/rgb/000002.png", "noisy/depth/000001.png")
 
 
-def test_what_a_command_killed_while_writing_has_left_is_gone_after_the_next(tmp_path):
-    chaos = make(tmp_path / "out", "--frames", "0:2")
-    chaos.complete()
+def test_what_a_command_killed_while_writing_has_left_is_gone_after_the_next(undisturbed, tmp_path):
+    chaos = make(shutil.copytree(undisturbed[0], tmp_path / "out"), *SOME)
     whole = sorted(chaos.out.rglob("*"))
     program = (
         "import os, sys; from pathlib import Path; from iclnuim.formats.files import atomic_write;"
@@ -110,10 +117,8 @@ def test_what_a_command_killed_while_writing_has_left_is_gone_after_the_next(tmp
 
 def test_plain_blenders_placeholders_and_halves_are_counted(tmp_path):
     plain = PlainBlender(tmp_path / "no.blend", tmp_path, 0, 3, np.random.default_rng(0))
-    command = [sys.executable, "-m", "iclnuim", "render", "kt2", *SMALL, "--frames", "0:1", "--out"]
-    subprocess.run([*command, str(tmp_path / "run")], check=True, capture_output=True)
-    whole = (tmp_path / "run/exr/000000.exr").read_bytes()
-    (tmp_path / "000000.exr").write_bytes(whole)
+    write_exr(tmp_path / "000000.exr", {"Z": np.ones((60, 80), np.float32)})
+    whole = (tmp_path / "000000.exr").read_bytes()
     (tmp_path / "000001.exr").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "000002.exr").touch()
     assert plain.damage(1) == Damage(4, 1, broken=1, lost=2)

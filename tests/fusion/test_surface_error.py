@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.fusion.models import read_mesh  # noqa: E402
 from iclnuim.fusion.pictures import picture  # noqa: E402
 from iclnuim.fusion.surface_error import TrueSurface  # noqa: E402
+from iclnuim.headless import cli  # noqa: E402
 
 #: A box, 2 x 2 x 1 m, seen from inside.
 BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], float)
@@ -186,45 +186,51 @@ def sequence(tmp_path, camera, looking_at):
     return folder
 
 
-def icl(*args, cwd):
-    command = [sys.executable, "-m", "iclnuim", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
+@pytest.fixture
+def icl(tmp_path, monkeypatch, capsys):
+    """`icl(*argv)` runs a command in this process, in the test's folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*argv):
+        capsys.readouterr()
+        code = cli.main([str(word) for word in argv])
+        return subprocess.CompletedProcess(argv, code, *capsys.readouterr())
+
+    return run
 
 
-def test_a_sequence_is_fused_and_judged_by_the_commands(sequence, tmp_path):
-    fused = icl("fuse", sequence, "-o", "box.ply", "--plot", "box.png", "--json", cwd=tmp_path)
+def test_a_sequence_is_fused_and_judged_by_the_commands(sequence, tmp_path, icl):
+    fused = icl("fuse", sequence, "-o", "box.ply", "--plot", "box.png", "--json")
     assert fused.returncode == 0, fused.stderr
     figures = json.loads(fused.stdout)
     assert figures["frames"] == 10
     assert figures["memory_mb"] < 200
     assert json.loads((tmp_path / "box.json").read_text())["settings"]["volume"]["truncation_m"] == 0.045
     assert (tmp_path / "box.png").stat().st_size > 1000
-    judged = icl(
-        "evaluate", "surface", "box.ply", "--model", "model.ply", "--plot", "error.png", "--json", cwd=tmp_path
-    )
+    judged = icl("evaluate", "surface", "box.ply", "--model", "model.ply", "--plot", "error.png", "--json")
     assert judged.returncode == 0, judged.stderr
     assert json.loads(judged.stdout)["distance_m"]["mean"] < 0.001
     assert (tmp_path / "error.png").stat().st_size > 1000
 
 
-def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_poses(sequence, tmp_path):
+def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_poses(sequence, tmp_path, icl):
     from iclnuim.formats.trajectories import read_trajectory
 
     truth = read_trajectory(sequence / "groundtruth.txt").trajectory
     own = Trajectory(truth.stamps_s, truth.T_world_camera[0].inverse() @ truth.T_world_camera)
     write_trajectory(tmp_path / "est.txt", own, "tum")
-    assert icl("fuse", sequence, "--poses", "est.txt", "-o", "own.ply", cwd=tmp_path).returncode == 0
+    assert icl("fuse", sequence, "--poses", "est.txt", "-o", "own.ply").returncode == 0
     laid = ("--poses", "est.txt", "--truth", sequence / "groundtruth.txt")
     errors, warnings = [], []
     for options in (laid, ()):
-        judged = icl("evaluate", "surface", "own.ply", "--model", "model.ply", "--json", *options, cwd=tmp_path)
+        judged = icl("evaluate", "surface", "own.ply", "--model", "model.ply", "--json", *options)
         errors.append(json.loads(judged.stdout)["distance_m"]["mean"])
         warnings.append(json.loads(judged.stdout)["warnings"])
     assert errors[0] < 0.001 < 0.05 < errors[1]
     assert not warnings[0] and "--poses, and its ground truth as --truth" in warnings[1][0]
 
 
-def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path):
+def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
     points = in_the_room(np.random.default_rng(5)) - (5, 2, 0)
     write_ply(tmp_path / "model.ply", ROOM.astype(np.float32), ROOM_SIDES.astype(np.int32))
     write_ply(tmp_path / "cloud.ply", points.astype(np.float32))
@@ -237,7 +243,7 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path):
         ("mm.ply", "--unit", "mm"),
         ("mirrored.ply",),
     ):
-        done = icl("evaluate", "surface", name, "--model", "model.ply", "--json", *options, cwd=tmp_path)
+        done = icl("evaluate", "surface", name, "--model", "model.ply", "--json", *options)
         assert done.returncode == 0, done.stderr
         found[name, *options[:1]] = json.loads(done.stdout)
     assert found["cloud.ply", "--plot"]["distance_m"]["mean"] < 0.001 and (tmp_path / "error.png").stat().st_size > 1000
@@ -246,17 +252,17 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path):
     assert "mirrored" in found["mirrored.ply",]["warnings"][0]
     assert (
         "warning: the reconstruction is mirrored"
-        in icl("evaluate", "surface", "mirrored.ply", "--model", "model.ply", cwd=tmp_path).stdout
+        in icl("evaluate", "surface", "mirrored.ply", "--model", "model.ply").stdout
     )
 
 
 @pytest.mark.parametrize(
     ("points", "match"), [([], "with points, found none"), ([[0, 0, float("nan")]], "NaN or infinity in 1 of 1")]
 )
-def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, match):
+def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, match, icl):
     write_ply(tmp_path / "cloud.ply", np.array(points, np.float32).reshape(-1, 3))
     write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
-    done = icl("evaluate", "surface", "cloud.ply", "--model", "model.ply", cwd=tmp_path)
+    done = icl("evaluate", "surface", "cloud.ply", "--model", "model.ply")
     assert done.returncode == 2 and match in done.stderr and len(done.stderr.strip().splitlines()) == 1
 
 
@@ -270,32 +276,32 @@ def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, m
         (("-o", "m.ply", "--voxel", "-1"), "--voxel"),
     ],
 )
-def test_fuse_says_in_one_line_what_it_cannot_use(sequence, tmp_path, options, match):
+def test_fuse_says_in_one_line_what_it_cannot_use(sequence, tmp_path, options, match, icl):
     (tmp_path / "far.txt").write_text("1000 0 0 0 0 0 0 1\n1001 0 0 0 0 0 0 1\n")
-    done = icl("fuse", sequence, "--quiet", *options, cwd=tmp_path)
+    done = icl("fuse", sequence, "--quiet", *options)
     assert done.returncode == 2
     assert match in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_a_bad_image_in_a_folder_called_blocks_is_left_out(sequence, tmp_path):
+def test_a_bad_image_in_a_folder_called_blocks_is_left_out(sequence, tmp_path, icl):
     folder = sequence.rename(tmp_path / "blocks")
     (folder / "rgb/000003.png").write_bytes(b"no picture")
-    fused = icl("fuse", folder, "-o", "box.ply", "--json", cwd=tmp_path)
+    fused = icl("fuse", folder, "-o", "box.ply", "--json")
     assert fused.returncode == 0, fused.stderr
     figures = json.loads(fused.stdout)
     assert figures["frames"] == 9 and figures["left_out"] == 1
     assert "left out" in fused.stderr and "000003.png" in fused.stderr
 
 
-def test_too_little_memory_ends_the_work_and_old_options_are_understood(sequence, tmp_path):
-    fused = icl("fuse", sequence, "-o", "box.ply", "--most-blocks", "3", cwd=tmp_path)
+def test_too_little_memory_ends_the_work_and_old_options_are_understood(sequence, icl):
+    fused = icl("fuse", sequence, "-o", "box.ply", "--most-blocks", "3")
     assert fused.returncode == 2
     assert "expected a frame within 3 blocks" in fused.stderr
     assert "--most-blocks is now called --max-blocks" in fused.stderr
 
 
-def test_an_assumed_camera_is_named_before_the_work(sequence, tmp_path):
+def test_an_assumed_camera_is_named_before_the_work(sequence, icl):
     (sequence / "camera.json").unlink()
     for kind, channels in (("rgb", (3,)), ("depth", ())):
         for i in range(10):
@@ -303,6 +309,6 @@ def test_an_assumed_camera_is_named_before_the_work(sequence, tmp_path):
                 sequence / f"{kind}/{i:06}.png",
                 np.full((480, 640, *channels), 9000, np.uint16).astype(np.uint8 if channels else np.uint16),
             )
-    fused = icl("fuse", sequence, "-o", "box.ply", "--frames", ":2", cwd=tmp_path)
+    fused = icl("fuse", sequence, "-o", "box.ply", "--frames", ":2")
     assert fused.returncode == 0, fused.stderr
     assert fused.stderr.index("the benchmark's camera is taken") < fused.stderr.index("fuse:")

@@ -119,7 +119,8 @@ def test_table_csv_and_picture(files, tmp_path, capsys):
 @pytest.mark.parametrize("delta", ["1", "1s", "0.5m"])
 @pytest.mark.parametrize("pairs", ["all", "consecutive"])
 def test_rpe_over_frames_seconds_and_metres(files, tmp_path, capsys, delta, pairs):
-    outputs = ("--csv", tmp_path / "e.csv", "--plot", tmp_path / "e.svg", "--json")
+    drawn = delta == "1s"
+    outputs = ("--csv", tmp_path / "e.csv", *(("--plot", tmp_path / "e.svg") if drawn else ()), "--json")
     question = ("rpe", files / "truth.txt", files / "estimate.txt", "--delta", delta, "--pairs", pairs)
     code, out, _ = call(capsys, *question, *outputs)
     values = json.loads(out)
@@ -127,7 +128,7 @@ def test_rpe_over_frames_seconds_and_metres(files, tmp_path, capsys, delta, pair
     rows = list(csv.DictReader((tmp_path / "e.csv").read_text().splitlines()))
     assert len(rows) == values["stretches"] > 0
     assert all(float(row["start_stamp_s"]) < float(row["end_stamp_s"]) for row in rows)
-    assert (tmp_path / "e.svg").read_text().startswith("<?xml")
+    assert not drawn or (tmp_path / "e.svg").read_text().startswith("<?xml")
     assert f"{values['stretches']} RPE pairs" in call(capsys, *question)[1]
 
 

@@ -181,12 +181,12 @@ class Volume:
     def _checked(self, image: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
         channels = self.settings.channels
         if image is None or channels == 0:
-            return np.zeros((1, 1, channels), np.uint8)
+            return np.zeros((1, 1, channels), np.float32)
         image = np.asarray(image)
         image = image[..., None] if image.ndim == 2 else image
         if image.shape != (*shape, channels):
             raise InputError(f"an image of the depth's size, {channels} channels", found=image.shape)
-        return np.ascontiguousarray(image)
+        return np.ascontiguousarray(image, np.float32)  # one type, compiled once; 0..255 is exact in it
 
 
 def _intrinsics(camera: PinholeCamera) -> np.ndarray:
