@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Mesh, _compact, _drop_repeated_corners
+from .mesh import Mesh, _compact, _drop_repeated_corners, cross
 
 #: At half the detail, features up to this size go; at a quarter three times it; at full detail none.
 FEATURE_M = 0.004
@@ -69,8 +69,8 @@ def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     is_tri = faces[:, 3] < 0
     after[is_tri, 2] = faces[is_tri, 0]
     pairs = np.sort(np.stack([faces, after], -1)[faces >= 0], axis=1)
-    pairs = np.unique(pairs, axis=0)
-    return pairs[:, 0], pairs[:, 1]
+    low, high = np.divmod(np.unique(pairs[:, 0] * (faces.max() + 1) + pairs[:, 1]), faces.max() + 1)
+    return low, high
 
 
 def _components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ def _area_normals(mesh: Mesh) -> np.ndarray:
     """(F, 3) face normals as long as the faces are large."""
     a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
     d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 0], mesh.faces[:, 3])]
-    return np.cross(c - a, d - b) / 2
+    return cross(c - a, d - b) / 2
 
 
 def _vertex_normals(mesh: Mesh) -> np.ndarray:

@@ -71,12 +71,18 @@ class Mesh:
         return int(len(self.faces) + (self.faces[:, 3] >= 0).sum())
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The same numbers as np.cross for (N,3) arrays, in a fraction of its time for the few rows of a small part."""
+    (a0, a1, a2), (b0, b1, b2) = a.T, b.T
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], -1)
+
+
 def face_normals(mesh: Mesh) -> np.ndarray:
     """Unit normals (F,3) from the diagonals of each face."""
     a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
     d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 0], mesh.faces[:, 3])]
-    n = np.cross(c - a, d - b)
-    n[mesh.faces[:, 3] < 0] = np.cross(b - a, c - a)[mesh.faces[:, 3] < 0]
+    n = cross(c - a, d - b)
+    n[mesh.faces[:, 3] < 0] = cross(b - a, c - a)[mesh.faces[:, 3] < 0]
     return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-30)
 
 
@@ -95,13 +101,20 @@ def join(parts: Iterable[Mesh]) -> Mesh:
 
 def welded(mesh: Mesh) -> Mesh:
     """Merge vertices at one place; quads that lose a corner become triangles, faces without area disappear."""
-    _, first, index = np.unique(
-        np.round(mesh.verts / WELD).astype(np.int64), axis=0, return_index=True, return_inverse=True
-    )
-    index = index.reshape(-1)
+    first, index = _places(np.round(mesh.verts / WELD).astype(np.int64))
     faces = np.where(mesh.faces < 0, -1, index[mesh.faces])
     faces, uv, kept = _drop_repeated_corners(faces, mesh.uv)
     return _compact(Mesh(mesh.verts[first], faces, uv, mesh.material[kept]))
+
+
+def _places(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first index of each different row of keys (N,3), in the rows' order, and (N,) which of these each row is."""
+    order = np.lexsort(keys.T[::-1])
+    ranked = keys[order]
+    new = np.concatenate([[True], (ranked[1:] != ranked[:-1]).any(1)])
+    index = np.empty(len(keys), int)
+    index[order] = np.cumsum(new) - 1
+    return order[new], index
 
 
 def _drop_repeated_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -109,6 +122,8 @@ def _drop_repeated_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarra
     for k in range(4):
         quad = faces[:, 3] >= 0
         same = quad & (faces[:, k] == faces[:, (k + 1) % 4])
+        if not same.any():
+            continue
         order = [i for i in range(4) if i != k] + [k]
         faces[same], uv[same] = faces[same][:, order], uv[same][:, order]
         faces[same, 3] = -1
@@ -128,7 +143,7 @@ def outward(mesh: Mesh) -> Mesh:
     """Turn a closed mesh so that its normals point out of it."""
     a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
     d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 2], mesh.faces[:, 3])]
-    volume = np.einsum("ij,ij->", a, np.cross(b, c)) + np.einsum("ij,ij->", a, np.cross(c, d))
+    volume = np.einsum("ij,ij->", a, cross(b, c)) + np.einsum("ij,ij->", a, cross(c, d))
     return mesh if volume > 0 else mesh.flipped()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -15,12 +17,18 @@ def cloud(
     stretch: tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
     """Fractal noise (rows, columns), mean 0, spread 1: amplitude ~ f^-slope between low and high periods a tile."""
+    gain = _gain(shape, slope, low, high, stretch)
+    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * gain, s=shape)
+    return (noise - noise.mean()) / max(noise.std(), 1e-12)
+
+
+@functools.lru_cache(maxsize=4)
+def _gain(shape: tuple[int, int], slope: float, low: float, high: float, stretch: tuple[float, float]) -> np.ndarray:
+    """Of each frequency of `cloud`; boards and threads ask for the same a few times."""
     fy = np.fft.fftfreq(shape[0], 1 / shape[0])[:, None] * stretch[0]
     fx = np.fft.rfftfreq(shape[1], 1 / shape[1])[None, :] * stretch[1]
     f = np.hypot(fy, fx)
-    gain = np.where((f >= low) & (f <= high), np.maximum(f, 1e-9) ** -slope, 0.0)
-    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * gain, s=shape)
-    return (noise - noise.mean()) / max(noise.std(), 1e-12)
+    return np.where((f >= low) & (f <= high), np.maximum(f, 1e-9) ** -slope, 0.0)
 
 
 def smoothstep(edge0: float, edge1: float, x: np.ndarray) -> np.ndarray:

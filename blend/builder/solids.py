@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
 
-from .mesh import Mesh, grid, outward
+from .mesh import Mesh, cross, grid, outward
 
 Place = Sequence[float]
 
@@ -52,7 +53,15 @@ def block(
     size: Place, centre: Place = (0, 0, 0), chamfer: float = 0.002, tile_m: float = 1.0, turn: bool = False
 ) -> Mesh:
     """A box with chamfered edges, 44 triangles; texture by projection, its grain along x, or along the other axis with turn."""
-    half = np.asarray(size, float) / 2
+    mesh = _chamfered(tuple(map(float, size)), float(chamfer))
+    shift = (0.37 * centre[0] + 0.21 * centre[2], 0.61 * centre[1] + 0.13 * centre[2])
+    return mesh.box_mapped(tile_m, shift, turn).moved(*centre)
+
+
+@functools.lru_cache(maxsize=256)
+def _chamfered(size: tuple[float, ...], chamfer: float) -> Mesh:
+    """The box about the origin: a keyboard has a hundred of the same."""
+    half = np.array(size) / 2
     c = min(chamfer, 0.45 * half.min())
     verts: list[np.ndarray] = []
     faces: list[list[int]] = []
@@ -70,9 +79,7 @@ def block(
             ends = [_corner(axis, e, b, i, d, j) for e in (0, 1)]
             faces.append([index[(*ends[0], b)], index[(*ends[1], b)], index[(*ends[1], d)], index[(*ends[0], d)]])
     faces += [[index[(*s, 0)], index[(*s, 1)], index[(*s, 2)], -1] for s in np.ndindex(2, 2, 2)]
-    mesh = _away_from_origin(np.array(verts), np.array(faces))
-    shift = (0.37 * centre[0] + 0.21 * centre[2], 0.61 * centre[1] + 0.13 * centre[2])
-    return mesh.box_mapped(tile_m, shift, turn).moved(*centre)
+    return _away_from_origin(np.array(verts), np.array(faces))
 
 
 def _corner(axis: int, side: int, b: int, i: int, d: int, j: int) -> tuple[int, ...]:
@@ -84,7 +91,7 @@ def _corner(axis: int, side: int, b: int, i: int, d: int, j: int) -> tuple[int, 
 def _away_from_origin(verts: np.ndarray, faces: np.ndarray) -> Mesh:
     """A convex mesh about the origin with every face turned outwards."""
     corners = verts[np.where(faces < 0, faces[:, :1], faces)]
-    normal = np.cross(verts[faces[:, 1]] - verts[faces[:, 0]], verts[faces[:, 2]] - verts[faces[:, 0]])
+    normal = cross(verts[faces[:, 1]] - verts[faces[:, 0]], verts[faces[:, 2]] - verts[faces[:, 0]])
     inwards = np.einsum("ij,ij->i", normal, corners.mean(1)) < 0
     turned = np.where(faces[:, 3:] < 0, faces[:, [0, 2, 1, 3]], faces[:, [0, 3, 2, 1]])
     faces = np.where(inwards[:, None], turned, faces)

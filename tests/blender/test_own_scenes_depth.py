@@ -1,7 +1,6 @@
 """Own scenes rendered as a user would: depth against Embree, Principled surfaces against a white furnace, crashes in words."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -16,15 +15,23 @@ import own_scene_files as made  # noqa: E402
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-def iclnuim(*arguments, cache=None, timeout=300):
-    env = {**os.environ, **({"ICLNUIM_CACHE": str(cache)} if cache else {})}
-    return subprocess.run(
-        [sys.executable, "-m", "iclnuim", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        env=env,
-    )
+def iclnuim(*arguments):
+    """The command in a process of its own, as a user runs it."""
+    command = [sys.executable, "-m", "iclnuim", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture
+def here(capfd):
+    """`here(*arguments)`: the command in this process, where Blender is loaded already; exit code, standard output, standard error."""
+    from iclnuim.headless import cli
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = cli.main([str(argument) for argument in arguments])
+        return (code, *capfd.readouterr())
+
+    return run
 
 
 def rich_room(folder: Path) -> Path:
@@ -93,17 +100,22 @@ def test_the_cameras_animation_is_saved_as_it_plays(camera_path):
 
 
 @pytest.mark.parametrize("kind", ["blend", "glb", "obj"])
-def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(rich, camera_path, tmp_path, kind):
+def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
+    rich, camera_path, tmp_path, kind, here, render_here
+):
+    """One kind by the command, the others in this process."""
     pytest.importorskip("open3d")
-    light = ("--light", "path", "--samples", "1", "--no-denoise")
     out = tmp_path / "run"
-    render = iclnuim(
-        "render", "--scene", rich[kind], "--trajectory", camera_path, "--camera", "160x120", *light, "--out", out
-    )
-    assert render.returncode == 0, render.stderr
-    check = iclnuim("check-depth", out, "--json")
-    assert check.returncode == 0, check.stdout + check.stderr
-    figures = json.loads(check.stdout)
+    if kind == "obj":
+        light = ("--light", "path", "--samples", "1", "--no-denoise")
+        place = ("--scene", rich[kind], "--trajectory", camera_path, "--out", out)
+        render = iclnuim("render", *place, "--camera", "160x120", *light)
+        assert render.returncode == 0, render.stderr
+    else:
+        render_here(out, scene=rich[kind], trajectory=camera_path, camera="160x120", samples=1)
+    code, printed, said = here("check-depth", out, "--json")
+    assert code == 0, printed + said
+    figures = json.loads(printed)
     assert figures["pixels"] == 5 * 160 * 120
     assert figures["edge_share"] < 0.05
     assert figures["max_m"] < 1e-4
@@ -149,21 +161,26 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     assert np.abs(seen - 1).max() < 0.06
 
 
-def test_light_baked_on_an_own_scene_is_near_path_tracing(rich, camera_path, tmp_path):
+def test_light_baked_on_an_own_scene_is_near_path_tracing(rich, camera_path, tmp_path, render_here, monkeypatch):
     """A coarse map on a small picture; the page on own scenes has the figures of a fine one."""
     from iclnuim.formats.exr import read_exr
     from iclnuim.sensor.transfer import srgb_from_light
 
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
     ways = {
-        "baked": ("--map-size", "192", "--map-samples", "16", "--samples", "16"),
-        "path": ("--light", "path", "--samples", "96"),
+        "baked": {"light": "baked", "map_size": 192, "map_samples": 16, "samples": 16},
+        "path": {"light": "path", "samples": 96},
     }
     pictures = {}
     for name, way in ways.items():
-        size = ("--camera", "48x36", "--frames", "2", "--no-denoise", "--antialias")
-        scene = ("--scene", rich["glb"], "--trajectory", camera_path, "--out", tmp_path / name)
-        done = iclnuim("render", *scene, *size, *way, cache=tmp_path / "cache")
-        assert done.returncode == 0, done.stderr
+        fixed = {
+            "scene": rich["glb"],
+            "trajectory": camera_path,
+            "camera": "48x36",
+            "denoise": False,
+            "antialias": True,
+        }
+        render_here(tmp_path / name, "2", **fixed, **way)
         channels = read_exr(tmp_path / name / "exr/000002.exr")
         pictures[name] = srgb_from_light(np.stack([channels[c] for c in "RGB"], -1).astype(float))
     error = np.abs(pictures["baked"] - pictures["path"])
@@ -171,14 +188,13 @@ def test_light_baked_on_an_own_scene_is_near_path_tracing(rich, camera_path, tmp
     assert abs((pictures["baked"] - pictures["path"]).mean()) < 0.015
 
 
-def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path):
+def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, here):
     open3d = pytest.importorskip("open3d")
     ends = ("-1.9,-1.5,1.2:0,1,1", "1.6,0.2,1.1")
-    made_walk = iclnuim(
-        "trajectory", "make", "--scene", rich["obj"], "--viewpoints", *ends, "--out", tmp_path, "--json"
-    )
-    assert made_walk.returncode == 0, made_walk.stderr
-    figures = json.loads(made_walk.stdout)
+    place = ("--scene", rich["obj"], "--viewpoints")
+    code, printed, said = here("trajectory", "make", *place, *ends, "--out", tmp_path, "--json")
+    assert code == 0, said
+    figures = json.loads(printed)
     poses = np.loadtxt(tmp_path / "room.txt")
     assert poses[0, 1:4] == pytest.approx([-1.9, -1.5, 1.2], abs=0.04)
     assert poses[-1, 1:4] == pytest.approx([1.6, 0.2, 1.1], abs=0.04)
@@ -195,9 +211,9 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path):
     again = iclnuim("trajectory", "make", tmp_path / "room.json", "--out", tmp_path / "again")
     assert again.returncode == 0, again.stderr
     assert (tmp_path / "again/room.txt").read_bytes() == (tmp_path / "room.txt").read_bytes()
-    blocked = iclnuim("trajectory", "make", "--scene", rich["obj"], "--viewpoints", "0.6,0.9,0.8", "0,0,1", timeout=100)
-    assert blocked.returncode == 2
-    assert "0.25 m from every surface" in blocked.stderr
+    code, _, said = here("trajectory", "make", *place, "0.6,0.9,0.8", "0,0,1")
+    assert code == 2
+    assert "0.25 m from every surface" in said
 
 
 def test_a_crash_of_blender_becomes_words():

@@ -1,7 +1,11 @@
-"""The living room built once by code and once opened from its file, as plain arrays."""
+"""The living room built once by its command and once opened from its file, as plain arrays."""
 
+import contextlib
+import io
+import json
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,8 +53,20 @@ def build(blender):
 
 
 @pytest.fixture(scope="session")
-def built(build) -> Room:
-    return build()
+def commanded(blender, tmp_path_factory) -> tuple[Room, dict, Path]:
+    """What `iclnuim scene build living_room` leaves in the session, the figures that it prints, and its file."""
+    from iclnuim.headless import cli
+
+    file = tmp_path_factory.mktemp("commanded") / "room.blend"
+    begun, printed = time.process_time(), io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        assert cli.main(["scene", "build", "living_room", "--out", str(file), "--json", "--quiet"]) == 0
+    return captured(time.process_time() - begun), json.loads(printed.getvalue()), file
+
+
+@pytest.fixture(scope="session")
+def built(commanded) -> Room:
+    return commanded[0]
 
 
 @pytest.fixture

@@ -44,10 +44,11 @@ def test_nothing_goes_at_full_detail_and_more_and_more_below():
     assert coarser(thing, 0.0) is thing
 
 
-@pytest.mark.parametrize("room, views", [("living_room", 3), ("office", 3)])
-def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, views, repository):
+@pytest.mark.parametrize("room", ["living_room", "office"])
+def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, repository):
+    """Full detail is the shipped file: test_living_room.py and test_office.py compare it with what the code builds."""
     from iclnuim.blend.builder import build_scene
-    from iclnuim.blender import surfaces
+    from iclnuim.blender import scene, surfaces
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.raycast.caster import RayCaster
 
@@ -55,12 +56,15 @@ def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, v
     poses = read_trajectory(repository / f"trajectories/{room}/kt2.txt").trajectory.T_world_camera
     triangles, depths = [], []
     for detail in (1.0, 0.5, 0.25):
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        build_scene(room, detail=detail)
+        if detail == 1.0:
+            scene.open_scene(room)
+        else:
+            bpy.ops.wm.read_factory_settings(use_empty=True)
+            build_scene(room, detail=detail)
         found = surfaces.triangles()
         caster = RayCaster(found.vertices, found.triangles)
         triangles.append(len(found.triangles))
-        depths.append(np.stack([caster.depth(camera, poses[n]) for n in (50, 400, 750)[:views]]))
+        depths.append(np.stack([caster.depth(camera, poses[n]) for n in (50, 400, 750)]))
     errors = [np.abs(z - depths[0])[(z > 0) & (depths[0] > 0) & (depths[0] < 15)] for z in depths[1:]]
     assert triangles[1] < 0.6 * triangles[0] and triangles[2] < 0.75 * triangles[1]
     assert 0 < errors[0].mean() < 0.004 and errors[0].mean() < errors[1].mean() < 0.01
