@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from iclnuim.dataset.frames import read_camera
 from iclnuim.dataset.ground_truth import KINDS, NORMAL, NORMAL_STEPS, NORMAL_ZERO
-from iclnuim.dataset.images import read_camera
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json

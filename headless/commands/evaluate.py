@@ -38,7 +38,7 @@ def spelled_out(argv: list[str]) -> list[str]:
     files = argv[len(named) :]
     if not files or not os.path.isdir(files[0]):
         return argv
-    from iclnuim.dataset.images import find_truth
+    from iclnuim.dataset.frames import find_truth
 
     truth = find_truth(Path(files[0]))
     if truth is None and named:

@@ -75,7 +75,7 @@ def _settings(args: argparse.Namespace) -> FuseSettings:
 
 
 def _truth(folder: Path) -> Path:
-    from iclnuim.dataset.images import find_truth
+    from iclnuim.dataset.frames import find_truth
 
     truth = find_truth(folder)
     if truth is None:

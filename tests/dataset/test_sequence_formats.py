@@ -5,8 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import image_frames, run_frames
-from iclnuim.dataset.images import find_pairs
+from iclnuim.dataset.frames import find_pairs, image_frames, run_frames
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError

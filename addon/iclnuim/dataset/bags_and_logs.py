@@ -20,7 +20,7 @@ from ..formats.png import read_depth16, read_rgb8
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from .depth_units import metres_from_depth16
-from .images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from .frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
 
 FRAME, WORLD = "camera_rgb_optical_frame", "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"

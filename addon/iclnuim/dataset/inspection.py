@@ -18,7 +18,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample, statistics
 from .depth_units import LARGEST_UNIT
-from .images import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
+from .frames import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
 
 T = TypeVar("T")
 

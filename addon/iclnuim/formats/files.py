@@ -88,12 +88,10 @@ def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
     """The whole file. Raises InputError where it cannot be read."""
     try:
         return Path(path).read_bytes()
-    except IsADirectoryError:
-        raise InputError(what, path=path, found="a folder") from None
-    except FileNotFoundError:
-        raise InputError(what, path=path, found="nothing of that name") from None
     except (OSError, ValueError) as error:
-        raise InputError(what, path=path, found=getattr(error, "strerror", None) or error) from None
+        words = {"IsADirectoryError": "a folder", "FileNotFoundError": "nothing of that name"}
+        found = words.get(type(error).__name__) or getattr(error, "strerror", None) or error
+        raise InputError(what, path=path, found=found) from None
 
 
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:

@@ -1,5 +1,6 @@
 """The image libraries that may be there: OpenEXR and OpenCV where pip is, OpenImageIO inside Blender."""
 
+import contextlib
 import functools
 import glob
 import importlib
@@ -24,24 +25,18 @@ def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
 
 @functools.cache
 def _module(package: str) -> ModuleType | None:
-    try:
+    """From the path, or from the bpy wheel, which carries OpenImageIO off the path, under bpy/X.Y/python/lib/python3.XX/site-packages."""
+    with contextlib.suppress(ImportError):
         return importlib.import_module(package)
-    except ImportError:
-        return _bundled(package)
-
-
-def _bundled(package: str) -> ModuleType | None:
-    """The bpy wheel carries OpenImageIO off the path, under bpy/X.Y/python/lib/python3.XX/site-packages."""
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    for entry in list(sys.path):
-        for folder in sorted(glob.glob(os.path.join(entry, "bpy", "*", "python", "lib", version, "site-packages"))):
-            if not glob.glob(os.path.join(folder, f"{package}*")):
-                continue
-            sys.path.append(folder)
-            try:
-                return importlib.import_module(package)
-            except ImportError:
-                pass
-            finally:
-                sys.path.remove(folder)
+    bundled = f"bpy/*/python/lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
+    for folder in [folder for entry in sys.path for folder in sorted(glob.glob(os.path.join(entry, bundled)))]:
+        if not glob.glob(os.path.join(folder, f"{package}*")):
+            continue
+        sys.path.append(folder)
+        try:
+            return importlib.import_module(package)
+        except ImportError:
+            pass
+        finally:
+            sys.path.remove(folder)
     return None

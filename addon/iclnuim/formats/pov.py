@@ -61,12 +61,12 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
 
 def is_cameras(source: Source) -> bool:
     """A folder, or a single camera file."""
-    return source.is_folder or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
+    return source.path.is_dir() or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
 
 
 def camera_rows(source: Source) -> Table:
     """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32 of a command."""
-    files = _numbered(source.path) if source.is_folder else [(_number(source.path) or 0, source.path)]
+    files = _numbered(source.path) if source.path.is_dir() else [(_number(source.path) or 0, source.path)]
     values = np.array([[float(number), *_camera(path)] for number, path in files])
     return Table(values, lambda row: (files[row][1], None))
 

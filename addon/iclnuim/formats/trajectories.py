@@ -140,7 +140,7 @@ def _sniffed(source: Source) -> TrajectoryFormat:
     )
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")
-    found, line = f"{source.columns} columns", source.first_line_number
+    found, line = f"{source.columns} columns", data_lines(source.text)[0][0]
     raise InputError(expected, path=source.path, line=line, found=found, hint="{from} FORMAT")
 
 

@@ -77,10 +77,6 @@ class Source:
         """The file's name in lower case."""
         return self.path.name.lower()
 
-    @property
-    def is_folder(self) -> bool:
-        return os.path.isdir(self.path)
-
     @cached_property
     def text(self) -> str:
         """Raises InputError for what is no text: missing, empty, binary, a web page."""
@@ -105,11 +101,6 @@ class Source:
     def starts_with_numbers(self) -> bool:
         """Whether every field of the first line of data is a number."""
         return bool(self.first_lines) and all(is_number(field) for field in self.first_lines[0].split())
-
-    @property
-    def first_line_number(self) -> int:
-        """From 1."""
-        return self.text.count("\n", 0, self._first_data) + 1
 
     @cached_property
     def _first_data(self) -> int:

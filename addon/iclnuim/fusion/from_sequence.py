@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..dataset.images import ImagePair, SequenceCamera
+from ..dataset.frames import ImagePair, SequenceCamera
 from ..errors import InputError
 from ..evaluation.associate import AssociationSettings, associate
 from ..geometry.se3 import SE3

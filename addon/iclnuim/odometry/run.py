@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from ..dataset.frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import absolute_error
 from ..evaluation.relative_error import RelativeErrorSettings, relative_error

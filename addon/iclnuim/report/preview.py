@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset.images import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from ..dataset.frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
 from ..dataset.inspection import carried_residual
 from ..errors import InputError
 from ..formats.files import atomic_write, make_folder
