@@ -8,6 +8,7 @@ import importlib
 import os
 import sys
 from contextlib import suppress
+from functools import partial
 from typing import NoReturn
 
 from iclnuim import __version__
@@ -15,9 +16,10 @@ from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import check_picture
 
 from .console import Console
+from .isolation import survived
 from .options import option_name
 
-#: command -> what it does. Its module is commands/NAME.py with `-` as `_`.
+#: command -> what it does. Its options are declared by `configure` of commands/NAME.py, `-` as `_`, or by `configure_NAME` of the module in _SHARED.
 COMMANDS = {
     "make": "bake, render, and write a clean and a noisy sequence",
     "render": "render a sequence: EXR frames with RGB and exact depth",
@@ -42,13 +44,17 @@ COMMANDS = {
     "extension": "the Blender extension as a zip",
     "doctor": "what is installed, what is missing, and how to install it",
 }
+_SHARED = dict.fromkeys(("make", "render", "resume", "task"), "runs")
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns its exit code."""
     argv = sys.argv[1:] if argv is None else argv
     if not argv or argv[0] in ("-h", "--help"):
-        print(_overview())
+        width = max(map(len, COMMANDS))
+        lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
+        about = "iclnuim COMMAND --help describes a command; iclnuim --version."
+        print(f"usage: iclnuim COMMAND ...\n\n{lines}\n\n{about}")
         return 0 if argv else 2
     if argv[0] == "--version":
         print(f"iclnuim {__version__}")
@@ -56,22 +62,9 @@ def main(argv: list[str] | None = None) -> int:
     if argv[0] not in COMMANDS:
         print(f"iclnuim: expected a command ({', '.join(COMMANDS)}), found {argv[0]!r}", file=sys.stderr)
         return 2
-    return _guarded(argv[0], argv[1:])
-
-
-def command() -> NoReturn:
-    """`main` as a process: its exit code is the process's."""
-    code = main()
-    if "bpy" in sys.modules:
-        with suppress(OSError):
-            sys.stdout.flush()
-        os._exit(code)  # Blender as a module may wait at the end for threads of its own that are gone by then
-    sys.exit(code)
-
-
-def _guarded(command: str, argv: list[str]) -> int:
+    command = argv[0]
     try:
-        return _run(command, argv)
+        return _run(command, argv[1:])
     except IclnuimError as error:
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
@@ -87,21 +80,33 @@ def _guarded(command: str, argv: list[str]) -> int:
         return 3
 
 
+def command() -> NoReturn:
+    """`main` as a process: its exit code is the process's."""
+    code = main()
+    if "bpy" in sys.modules:
+        with suppress(OSError):
+            sys.stdout.flush()
+        os._exit(code)  # Blender as a module may wait at the end for threads of its own that are gone by then
+    sys.exit(code)
+
+
 def _run(command: str, argv: list[str]) -> int:
-    module = importlib.import_module(f".commands.{command.replace('-', '_')}", __package__)
-    parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
-    parser.set_defaults(run=getattr(module, "run", None))
-    module.configure(parser)
-    args = parser.parse_args(getattr(module, "spelled_out", list)(argv))
+    args = parsed(command, argv)
     if getattr(args, "plot", None):
         check_picture(args.plot)  # before work that may be long
-    return args.run(args, Console(getattr(args, "quiet", False), getattr(args, "json", False))) or 0
+    work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
+    opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
+    return survived(work, str(opened)) if opened else work() or 0
 
 
-def _overview() -> str:
-    width = max(map(len, COMMANDS))
-    lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
-    return f"usage: iclnuim COMMAND ...\n\n{lines}\n\niclnuim COMMAND --help describes a command; iclnuim --version."
+def parsed(command: str, argv: list[str]) -> argparse.Namespace:
+    """The command's options; `run(args, console)` among them is its work."""
+    shared = _SHARED.get(command)
+    module = importlib.import_module(f".commands.{shared or command.replace('-', '_')}", __package__)
+    parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
+    parser.set_defaults(run=getattr(module, "run", None))
+    getattr(module, f"configure_{command}" if shared else "configure")(parser)
+    return parser.parse_args(getattr(module, "spelled_out", list)(argv))
 
 
 if __name__ == "__main__":

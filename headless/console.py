@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from datetime import timedelta
 
 
 class Console:
@@ -42,17 +43,8 @@ class Progress:
         now = time.monotonic()
         if self.enabled and (now - self.last > (0.1 if self.terminal else 10.0) or self.done >= self.total):
             self.last = now
-            self._show(now - self.started)
-
-    def _show(self, seconds: float) -> None:
-        rate = self.done / seconds if seconds > 0 else 0.0
-        left = (self.total - self.done) / rate if rate > 0 else 0.0
-        text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {_clock(left)} left"
-        end = "\n" if not self.terminal or self.done >= self.total else ""
-        print(("\r\x1b[K" if self.terminal else "") + text, end=end, file=sys.stderr, flush=True)
-
-
-def _clock(seconds: float) -> str:
-    minutes, seconds = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
+            rate = self.done / max(now - self.started, 1e-9)
+            left = str(timedelta(seconds=round((self.total - self.done) / rate))).removeprefix("0:")
+            text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {left} left"
+            end = "\n" if not self.terminal or self.done >= self.total else ""
+            print(("\r\x1b[K" if self.terminal else "") + text, end=end, file=sys.stderr, flush=True)

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import SceneReading, parse_unit
@@ -126,36 +126,27 @@ def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> 
     return parser
 
 
-class Actions:
-    """A required choice of actions below a command; each is made with `action`."""
-
-    def __init__(self, parser: argparse.ArgumentParser, title: str) -> None:
-        self.parsers = parser.add_subparsers(metavar=title, required=True, dest="action")
+Actions: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def subcommands(parser: argparse.ArgumentParser, title: str = "ACTION") -> Actions:
-    """The actions below the command of `parser`."""
-    return Actions(parser, title)
+    """A required choice of actions below the command of `parser`; each is made with `action`."""
+    return parser.add_subparsers(metavar=title, required=True, dest="action")
 
 
 def action(
     actions: Actions, name: str, help: str, example: str, run: Callable, json: bool = True
 ) -> argparse.ArgumentParser:
     """One action with its own options; `args.run(args, console)` does the work."""
-    parser = actions.parsers.add_parser(name, help=help, description=help)
+    parser = actions.add_parser(name, help=help, description=help)
     parser.set_defaults(run=run)
     return common(parser, example, json)
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """How a scene file is to be read: --up, --scene-unit, --mirror, --textures."""
+    """How a scene file is to be read: --up, --scene-unit, --mirror, --textures; settings_from makes a SceneReading of them."""
     add_settings(parser, SceneReading)
     renamed(parser, "--units", "--scene-unit", type=parse_unit)
-
-
-def reading_from(args: argparse.Namespace, before: SceneReading | None = None) -> SceneReading:
-    """The reading of the options; what they leave open is as `before` has it. Raises InputError."""
-    return settings_from(args, before or SceneReading())
 
 
 def count(text: str) -> int:

@@ -157,7 +157,7 @@ def test_imports_are_found_however_they_are_written(monkeypatch, tmp_path):
     monkeypatch.setitem(modules(), "iclnuim.headless.farm.written", path)
     monkeypatch.setitem(modules(), "iclnuim.headless.geometry.se3", path)
     found = imported("iclnuim.headless.farm.written")
-    expected = {"headless.geometry.se3", "headless.cli", "ui.panels", "tools.detail", "job", "headless.commands.make"}
+    expected = {"headless.geometry.se3", "headless.cli", "ui.panels", "tools.detail", "job", "headless.commands.runs"}
     assert expected <= set(map(short, found))
 
 

@@ -1,7 +1,5 @@
 """The pages keep their word: every link leads somewhere, and every command line shown is understood as it stands."""
 
-import argparse
-import importlib
 import re
 import shlex
 
@@ -54,10 +52,7 @@ def shown_commands(repository):
 
 def parsed(words):
     """Builds the parser of the command and parses the words; nothing is run."""
-    module = importlib.import_module(f"iclnuim.headless.commands.{words[0].replace('-', '_')}")
-    parser = argparse.ArgumentParser(prog=f"iclnuim {words[0]}")
-    module.configure(parser)
-    return parser.parse_args(getattr(module, "spelled_out", list)(words[1:]))
+    return cli.parsed(words[0], words[1:])
 
 
 def test_every_command_line_on_the_pages_is_understood_with_the_options_of_today(

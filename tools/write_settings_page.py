@@ -27,7 +27,6 @@ MODULES = (
     "iclnuim.geometry.handheld_plan",
     "iclnuim.geometry.handheld",
     "iclnuim.headless.farm.run_plan",
-    "iclnuim.headless.farm.slurm_settings",
 )
 HEAD = """# Settings
 

@@ -38,13 +38,9 @@ class Breakdown:
 def measure(job: RenderJob, frames_asked: str) -> Breakdown:
     """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
-        closed: list[FrameDone] = []
-
-        def listen(event: Event) -> None:
-            if isinstance(event, FrameDone):
-                closed.append(event)
-
-        worker.render_run(job, Path(folder) / "run", frames_asked, listen, lambda: False)
+        events: list[Event] = []
+        worker.render_run(job, Path(folder) / "run", frames_asked, events.append, lambda: False)
+        closed = [event for event in events if isinstance(event, FrameDone)]
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
         cycles, starts = _spans(ticks)

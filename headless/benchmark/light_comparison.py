@@ -3,7 +3,6 @@ as a table and as a chart."""
 
 import hashlib
 import json
-import os
 import statistics
 import tempfile
 import time
@@ -16,11 +15,9 @@ from iclnuim.blender import light_map, worker
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.job import RenderJob, shipped_job
+from iclnuim.job import RenderJob
 from iclnuim.report.charts import COLOURS
 from iclnuim.worker_events import Event, FrameDone, Note, Ready
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .light_error import Error, carried_difference, error
@@ -54,12 +51,6 @@ class Result:
     seconds: float
     error: Error
     flicker: float
-
-
-def machine() -> dict:
-    """Where it was measured."""
-    recipe = worker.recipe(shipped_job("kt2"))
-    return {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
 
 
 def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
@@ -146,13 +137,15 @@ def _frames(folder: Path, numbers: list[int]) -> tuple[np.ndarray, np.ndarray]:
 def figure(results: Sequence[Result]) -> Figure:
     """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better)."""
     drawn = Figure(figsize=(12, 4.8), layout="constrained")
-    FigureCanvasAgg(drawn)
     left, right = drawn.subplots(1, 2)
     for k, family in enumerate(dict.fromkeys(r.way.family for r in results)):
         line = [r for r in results if r.way.family == family]
         style = {"color": COLOURS[k % len(COLOURS)], "label": family, "marker": "o" if len(line) > 1 else "D"}
-        _draw(left, line, [r.error.mean_psnr_db for r in line], style)
-        _draw(right, line, [255 * r.flicker for r in line], style)
+        for axes, values in ((left, [r.error.mean_psnr_db for r in line]), (right, [255 * r.flicker for r in line])):
+            axes.plot([r.seconds for r in line], values, **style)
+            for r, value in zip(line, values, strict=True):
+                point = (r.seconds, value)
+                axes.annotate(r.way.label, point, xytext=(4, 4), textcoords="offset points", fontsize=8)
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
     right.set_yscale("log")
@@ -166,15 +159,10 @@ def figure(results: Sequence[Result]) -> Figure:
     return drawn
 
 
-def _draw(axes: Axes, line: list[Result], values: list[float], style: dict) -> None:
-    axes.plot([r.seconds for r in line], values, **style)
-    for result, value in zip(line, values, strict=True):
-        axes.annotate(result.way.label, (result.seconds, value), xytext=(4, 4), textcoords="offset points", fontsize=8)
-
-
 def table(results: Sequence[Result]) -> str:
     """One row a way, in Markdown."""
-    return "\n".join([_line(_HEADER), _line(["---"] * len(_HEADER)), *map(row, results)])
+    head = (f"| {' | '.join(cells)} |" for cells in (_HEADER, ["---"] * len(_HEADER)))
+    return "\n".join([*head, *map(row, results)])
 
 
 def row(r: Result) -> str:
@@ -189,20 +177,7 @@ def row(r: Result) -> str:
         f"{error.bias:+.4f}",
         f"{255 * r.flicker:.2f}",
     ]
-    return _line([r.way.family, r.way.label, *figures])
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def seconds_at(results: Sequence[Result], family: str, psnr_db: float) -> float:
-    """Seconds a frame at which a way with many points reaches an error, interpolated; infinite where it never does."""
-    line = sorted((r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.way.family == family)
-    psnr, seconds = np.array(line).T
-    if psnr_db > psnr[-1]:
-        return float("inf")
-    return float(np.exp(np.interp(psnr_db, psnr, seconds)))
+    return f"| {' | '.join([r.way.family, r.way.label, *figures])} |"
 
 
 def summary(results: Sequence[Result], job: RenderJob) -> str:
@@ -210,10 +185,12 @@ def summary(results: Sequence[Result], job: RenderJob) -> str:
     own = next((r for r in results if r.way.job == job.changed(light="baked")), None)
     if own is None:
         return ""
-    lines = []
+    lines, psnr_db = [], own.error.mean_psnr_db
     for family in ("path traced, denoised", "path traced"):
-        if any(r.way.family == family for r in results):
-            seconds = seconds_at(results, family, own.error.mean_psnr_db)
+        line = sorted((r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.way.family == family)
+        if line:
+            psnrs_db, log_s = np.array(line).T
+            seconds = np.exp(np.interp(psnr_db, psnrs_db, log_s, right=np.inf))  # inf where the family is never as good
             ratio = f"{seconds / own.seconds:.0f} times less" if np.isfinite(seconds) else "never reached by the other"
-            lines.append(f"baked light against {family} at {own.error.mean_psnr_db:.1f} dB: {ratio}")
+            lines.append(f"baked light against {family} at {psnr_db:.1f} dB: {ratio}")
     return "\n".join(lines)

@@ -10,7 +10,7 @@ and brightness, not how it hangs together from pixel to pixel.
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,12 +21,12 @@ from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, keep_free
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
 from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
 from iclnuim.sensor.transfer import srgb8
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 #: Depth and RGB models as users pair them.
@@ -39,7 +39,7 @@ _STEPS_M = 351.3
 _BINS = 24
 _MISSING = _BINS + 1
 
-Cells = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_MODELS = {"depth": DEPTH_MODELS, "rgb": RGB_MODELS}
 Figures = Mapping[str, Mapping[str, float]]
 
 
@@ -60,9 +60,9 @@ class PairTime:
 def pair_times(
     raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
 ) -> list[PairTime]:
-    """Each of PAIRS on the frames of a run, `rounds` times with noise and without, in turns."""
+    """Each of PAIRS on the frames of a run."""
     source = run_frames(raw, frames)
-    return [_pair(raw, source, depth, rgb, rounds, workers, on_round) for depth, rgb in PAIRS]
+    return [pair_time(raw, source, depth, rgb, rounds, workers, on_round) for depth, rgb in PAIRS]
 
 
 def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
@@ -71,42 +71,36 @@ def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[
     number = source.numbers[len(source.numbers) // 2]
     light, depth_z_m = source.load(number)
 
-    def depth(name: str) -> None:
-        depth_model(name).apply(depth_z_m, source.camera, frame_generator(0, number, DEPTH))
+    def median_ms(kind: str, name: str) -> float:
+        times = []
+        for _ in range(repeats + 1):  # once before the clock counts: tables are made then
+            start = time.thread_time()
+            _with_noise(kind, name, light, depth_z_m, source.camera, 0, number)
+            times.append(time.thread_time() - start)
+        return 1e3 * float(np.median(times[1:]))
 
-    def rgb(name: str) -> None:
-        rgb_model(name).apply(light, frame_generator(0, number, RGB))
-
-    works = (("depth", depth, DEPTH_MODELS), ("rgb", rgb, RGB_MODELS))
     keep_freed_memory()  # as where sequences are written
-    return {kind: {name: _median_ms(work, name, repeats) for name in names} for kind, work, names in works}
+    return {kind: {name: median_ms(kind, name) for name in names} for kind, names in _MODELS.items()}
 
 
-def _median_ms(work: Callable[[str], None], name: str, repeats: int) -> float:
-    work(name)  # tables are made once
-    times = []
-    for _ in range(repeats):
-        start = time.thread_time()
-        work(name)
-        times.append(time.thread_time() - start)
-    return 1e3 * float(np.median(times))
+def _with_noise(
+    kind: str, name: str, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, seed: int, number: int
+) -> np.ndarray:
+    """A frame's depth in metres, or its 8-bit colour, as the model makes it."""
+    if kind == "depth":
+        return depth_model(name).apply(depth_z_m, camera, frame_generator(seed, number, DEPTH))
+    return rgb_model(name).apply(light, frame_generator(seed, number, RGB))
 
 
-def _timed(work: Callable, *arguments: object) -> tuple[float, float]:
-    """Seconds by the clock, and of this process and those it began on all cores."""
-    clock, cpu = time.perf_counter(), _processor_s()
-    work(*arguments)
-    return time.perf_counter() - clock, _processor_s() - cpu
+def _clocks() -> np.ndarray:
+    """Seconds by the clock, and of the processor: of this process to the nanosecond, of those that ended to the tick (10 ms)."""
+    return np.array([time.perf_counter(), time.process_time() + sum(os.times()[2:4])])
 
 
-def _processor_s() -> float:
-    """Of this process to the nanosecond, and of those that ended to the tick (10 ms)."""
-    return time.process_time() + sum(os.times()[2:4])
-
-
-def _pair(
+def pair_time(
     raw: Path, source: FrameSource, depth: str, rgb: str, rounds: int, workers: int, on_round: Callable[[], None]
 ) -> PairTime:
+    """The models on the frames `source` of the run `raw`, `rounds` times with noise and without, in turns."""
     noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
     images = []  # of each frame clean colour and depth, noisy colour and depth
     for number in source.numbers:
@@ -118,9 +112,11 @@ def _pair(
         with tempfile.TemporaryDirectory() as scratch:
             out = Path(scratch)
             written = {out / "clean": SequenceSettings(), out / "noisy": noisy}
-            made = _timed(lambda w: SequenceWriter(source, w).write(workers), written)
-            files = _timed(_files_alone, raw, source.numbers, images, out, workers)
-        times.append((*made, *files))
+            begun = _clocks()
+            SequenceWriter(source, written).write(workers)
+            made = _clocks()
+            _files_alone(raw, source.numbers, images, out, workers)
+            times.append((*(made - begun), *(_clocks() - made)))
         on_round()
     made_s, made_cpu, files_s, files_cpu = np.array(times).T
     return PairTime(
@@ -164,28 +160,18 @@ def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
         zip(*(source.load(n) for n in numbers), strict=True) for source in sources
     )
 
-    def depth(name: str) -> float:
-        model = depth_model(name)
-        made = (model.apply(z, camera, frame_generator(1, n, DEPTH)) for n, z in zip(numbers, depths, strict=True))
-        return _overlap(depth_cells, depths, noisy_depths, made)
+    def overlap(kind: str, name: str) -> float:
+        """Of the histograms over all frames."""
+        cells = depth_cells if kind == "depth" else value_cells
+        clean, theirs = (depths, noisy_depths) if kind == "depth" else (map(srgb8, lights), map(srgb8, noisy_lights))
+        first = second = np.zeros(4096)
+        for n, light, z_m, true, noisy in zip(numbers, lights, depths, clean, theirs, strict=True):
+            ours = _with_noise(kind, name, light, z_m, camera, 1, n)
+            first = first + np.bincount(cells(true, noisy), minlength=4096)
+            second = second + np.bincount(cells(true, ours), minlength=4096)
+        return float(np.minimum(first, second).sum() / first.sum())
 
-    def rgb(name: str) -> float:
-        model = rgb_model(name)
-        made = (model.apply(x, frame_generator(1, n, RGB)) for n, x in zip(numbers, lights, strict=True))
-        return _overlap(value_cells, [srgb8(x) for x in lights], [srgb8(x) for x in noisy_lights], made)
-
-    return {"depth": {name: depth(name) for name in DEPTH_MODELS}, "rgb": {name: rgb(name) for name in RGB_MODELS}}
-
-
-def _overlap(
-    cells: Cells, clean: Iterable[np.ndarray], theirs: Iterable[np.ndarray], ours: Iterable[np.ndarray]
-) -> float:
-    """Of the histograms over all frames."""
-    first, second = (
-        np.bincount(np.concatenate([cells(a, b) for a, b in zip(clean, noisy, strict=True)]), minlength=4096)
-        for noisy in (theirs, ours)
-    )
-    return float(np.minimum(first, second).sum() / first.sum())
+    return {kind: {name: overlap(kind, name) for name in names} for kind, names in _MODELS.items()}
 
 
 def depth_cells(clean_z_m: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
@@ -214,7 +200,6 @@ def _binned(error: np.ndarray) -> np.ndarray:
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
     """Left, with `overlaps`: each model's time and overlap; right: clean and noisy frames over their files alone."""
     drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
-    FigureCanvasAgg(drawn)
     if overlaps:
         left, right = drawn.subplots(1, 2, width_ratios=(1.25, 1))
         _draw_models(left, times_ms, overlaps)

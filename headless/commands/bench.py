@@ -2,9 +2,15 @@
 
 import argparse
 import importlib
-from collections.abc import Callable
+import os
+import shutil
+import subprocess
+import sys
+import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
+from statistics import median
 
 from iclnuim import checkout
 from iclnuim import job as jobs
@@ -13,114 +19,96 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.odometry.registry import NAMES, odometer
 
-from ..benchmark import evaluate_times
 from ..console import Console
-from ..options import Actions, action, count, renamed, subcommands
+from ..options import action, count, renamed, subcommands
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
 from .odometry import RENAMED_METHODS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
-    _configure_render(actions)
-    _configure_odometry(actions)
-    _configure_noise(actions)
-    evaluate_times.configure(actions)
-    _configure_own(actions)
-
-
-def _configure_own(actions: Actions) -> None:
-    """Measurements of the project itself, which need a checkout."""
-    try:
-        checkout.load("iclnuim.tools", "this benchmark")
-        checkout.load("iclnuim.blend.builder", "this benchmark")
-    except WorkError as error:
-        for name in ("farm", "chaos", "detail"):
-            actions.parsers.add_parser(name, help="needs a checkout of the repository").set_defaults(run=_refuse(error))
-        return
-    for name in ("bench_farm", "bench_detail"):
-        importlib.import_module(f"iclnuim.tools.{name}").configure(actions)
-
-
-def _refuse(error: WorkError) -> Callable:
-    def run(args: argparse.Namespace, console: Console) -> int:
-        raise error
-
-    return run
-
-
-def _configure_render(actions: Actions) -> None:
     help = "time, error and flicker of path tracing and baked light"
-    parser = action(actions, "render", help, "iclnuim bench render kt2", _render)
-    add, sizes = parser.add_argument, (512, 1024, 2048)
+    render = action(actions, "render", help, "iclnuim bench render kt2", _render)
+    add, sizes = render.add_argument, (512, 1024, 2048)
     add("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     add("--breakdown", action="store_true", help="instead: where a frame's time goes: rays, shading, EXR, overhead")
     add("--frames", metavar="A:B:S", help="default: every 160th; with --breakdown every 30th")
     add("--maps", type=_sizes, default=sizes, metavar="N,N", help="sides of light maps; default: 512,1024,2048")
-    _add_plot(parser, "error")
     add("--only", metavar="TEXT", help="only ways whose name holds this, such as `baked`")
     add("--light", choices=("baked", "path"), default="baked", help="of --breakdown; default: baked")
     add("--samples", type=int, metavar="N", help="of --breakdown")
 
+    help = "speed and error of our odometers and third-party ones in one run"
+    example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
+    odometry = action(actions, "odometry", help, example, _odometry)
+    add = odometry.add_argument
+    what = "sequences with ground truth, or results of --json from before"
+    add("folders", type=Path, nargs="+", metavar="DIR", help=what)
+    add_camera_options(odometry)
+    add("--preset", default="best", help="of ours: best (default) or paper")
+    add("--first", type=count, metavar="N", help="only the first N frames")
+    add("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
 
-def _configure_noise(actions: Actions) -> None:
-    example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
     help = "speed of the noise models beside that of the files alone, and likeness to published noisy frames"
-    parser = action(actions, "noise", help, example, _noise)
-    add = parser.add_argument
+    example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
+    noise = action(actions, "noise", help, example, _noise)
+    add = noise.add_argument
     add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
     add("--frames", default=":40", metavar="A:B:S", help="default: the first 40")
     add("--rounds", type=int, default=5, metavar="N", help="of which the median counts; default: 5")
     add("--workers", type=int, default=4, metavar="N", help="processes; default: 4")
     both = "holds clean/ and noisy/ of the same frames, such as the original's"
     add("--official", type=Path, metavar="DIR", help=both)
-    _add_plot(parser, "likeness")
+    for parser, against in ((render, "error"), (odometry, "error"), (noise, "likeness")):
+        help = f"time against {against} as a picture (.png, .pdf, .svg)"
+        parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
+        renamed(parser, "--chart", "--plot", type=Path)
+
+    help = "time of trajectory evaluation beside evo_ape, from start to exit"
+    evaluate = action(actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", _evaluate)
+    add = evaluate.add_argument
+    add("reference", metavar="GT", help="ground truth, a TUM file")
+    add("estimate", metavar="EST", help="estimated trajectory, a TUM file")
+    add("--rounds", type=count, default=7, metavar="N", help="of which the median counts; default: 7")
+
+    try:  # measurements of the project itself
+        checkout.load("iclnuim.tools", "this benchmark")
+        checkout.load("iclnuim.blend.builder", "this benchmark")
+    except WorkError as error:
+        for name in ("farm", "chaos", "detail"):
+            refused = actions.add_parser(name, help="needs a checkout of the repository")
+            refused.set_defaults(run=partial(_refuse, error))
+    else:
+        for name in ("bench_farm", "bench_detail"):
+            importlib.import_module(f"iclnuim.tools.{name}").configure(actions)
 
 
-def _configure_odometry(actions: Actions) -> None:
-    example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
-    help = "speed and error of our odometers and third-party ones in one run"
-    parser = action(actions, "odometry", help, example, _odometry)
-    what = "sequences with ground truth, or results of --json from before"
-    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR", help=what)
-    add_camera_options(parser)
-    parser.add_argument("--preset", default="best", help="of ours: best (default) or paper")
-    parser.add_argument("--first", type=count, metavar="N", help="only the first N frames")
-    parser.add_argument("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
-    _add_plot(parser, "error")
-
-
-def _add_plot(parser: argparse.ArgumentParser, against: str) -> None:
-    help = f"time against {against} as a picture (.png, .pdf, .svg)"
-    parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
-    renamed(parser, "--chart", "--plot", type=Path)
+def _refuse(error: WorkError, args: argparse.Namespace, console: Console) -> None:
+    raise error
 
 
 def _sizes(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
 
 
-def _render(args: argparse.Namespace, console: Console) -> int:
+def _render(args: argparse.Namespace, console: Console) -> None:
     try:
         import bpy  # noqa: F401
     except ImportError as error:
         raise blender_missing("bench render", error) from None
-    return _breakdown(args, console) if args.breakdown else _compare_light(args, console)
-
-
-def _breakdown(args: argparse.Namespace, console: Console) -> int:
+    if not args.breakdown:
+        _compare_light(args, console)
+        return
     from ..benchmark import breakdown
 
     job = jobs.shipped_job(args.sequence).changed(light=args.light, samples=args.samples)
-    result = breakdown.measure(job.changed(denoise=False), args.frames or "::30")
-    figures = asdict(result)
+    figures = asdict(breakdown.measure(job.changed(denoise=False), args.frames or "::30"))
     console.result(figures, "\n".join(f"{name:<20}{value:9.2f}" for name, value in figures.items()))
-    return 0
 
 
-def _compare_light(args: argparse.Namespace, console: Console) -> int:
+def _compare_light(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.blender import worker
-    from iclnuim.report import charts as plots
+    from iclnuim.report import charts
 
     from ..benchmark import light_comparison
 
@@ -137,17 +125,14 @@ def _compare_light(args: argparse.Namespace, console: Console) -> int:
         console.note(light_comparison.row(results[-1]))
         progress.advance()
     if args.plot:
-        plots.save(light_comparison.figure(results), args.plot)
-    console.result(
-        {"machine": light_comparison.machine(), "ways": [asdict(r) for r in results]},
-        f"{light_comparison.table(results)}\n{light_comparison.summary(results, job)}",
-    )
-    return 0
+        charts.save(light_comparison.figure(results), args.plot)
+    recipe = worker.recipe(job)
+    machine = {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
+    text = f"{light_comparison.table(results)}\n{light_comparison.summary(results, job)}"
+    console.result({"machine": machine, "ways": [asdict(r) for r in results]}, text)
 
 
-def _noise(args: argparse.Namespace, console: Console) -> int:
-    from iclnuim.report import charts as plots
-
+def _noise(args: argparse.Namespace, console: Console) -> None:
     from ..benchmark import noise
 
     if args.rounds < 1 or args.workers < 1:
@@ -157,13 +142,14 @@ def _noise(args: argparse.Namespace, console: Console) -> int:
     progress = console.progress(args.rounds * len(noise.PAIRS), "bench noise", "rounds")
     pairs = noise.pair_times(args.raw, args.frames, args.rounds, args.workers, progress.advance)
     if args.plot:
-        plots.save(noise.figure(pairs, times_ms, overlaps), args.plot)
+        from iclnuim.report import charts
+
+        charts.save(noise.figure(pairs, times_ms, overlaps), args.plot)
     values = {"pairs": [asdict(p) for p in pairs], "model_ms": times_ms, "overlap_with_official": overlaps}
     console.result(values, noise.table(pairs, times_ms, overlaps))
-    return 0
 
 
-def _odometry(args: argparse.Namespace, console: Console) -> int:
+def _odometry(args: argparse.Namespace, console: Console) -> None:
     from ..benchmark import odometry_comparison as comparison
 
     only = current_word(args.only or "", RENAMED_METHODS, console)
@@ -180,11 +166,8 @@ def _odometry(args: argparse.Namespace, console: Console) -> int:
     if args.plot:
         from iclnuim.report import charts
 
-        from ..benchmark import odometry_chart
-
-        charts.save(odometry_chart.figure(results), args.plot)
+        charts.save(comparison.figure(results), args.plot)
     console.result({"races": results}, "\n\n".join(comparison.text(result) for result in results))
-    return 0
 
 
 def _installed(names: list[str], preset: str, console: Console) -> list[str]:
@@ -199,3 +182,29 @@ def _installed(names: list[str], preset: str, console: Console) -> list[str]:
                 raise
             console.note(f"left out: {error}")
     return found
+
+
+def _evaluate(args: argparse.Namespace, console: Console) -> None:
+    """The time of `iclnuim evaluate ate` beside that of evo_ape on the same two TUM files."""
+    reference, estimate = args.reference, args.estimate
+    commands = {"iclnuim evaluate ate": [sys.executable, "-m", "iclnuim", "evaluate", "ate", reference, estimate]}
+    evo_ape = shutil.which("evo_ape", path=str(Path(sys.executable).parent)) or shutil.which("evo_ape")
+    if evo_ape:
+        commands["evo_ape"] = [evo_ape, "tum", reference, estimate, "--align", "--t_max_diff", "0.02"]
+    else:
+        console.note("evo_ape is not installed, so its row is left out; try: pip install evo")
+    seconds: dict[str, list[float]] = {name: [] for name in commands}
+    for _ in range(args.rounds):  # interleaved, so that other load on the machine weighs on both
+        for name, command in commands.items():
+            started = time.perf_counter()
+            done = subprocess.run(command, capture_output=True, text=True)
+            seconds[name].append(time.perf_counter() - started)
+            if done.returncode:
+                last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+                raise WorkError(f"{Path(command[0]).name} failed: {last}")
+    figures = {name: {"median_s": median(times), "min_s": min(times)} for name, times in seconds.items()}
+    ours, rows = figures["iclnuim evaluate ate"], [f"{'':22}   median    minimum   ratio"]
+    for name, row in figures.items():
+        ratio = row["median_s"] / ours["median_s"]
+        rows.append(f"{name:<22}{row['median_s']:9.3f} s{row['min_s']:9.3f} s{ratio:8.2f}")
+    console.result({"rounds": args.rounds, "times": figures}, "\n".join(rows))

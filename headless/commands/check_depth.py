@@ -1,14 +1,12 @@
 """`iclnuim check-depth DIR`: the depth of a run's frames, and their ground truth, against rays cast independently at the same geometry."""
 
 import argparse
-import os
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from iclnuim.blender import output
 from iclnuim.dataset.run_folder import read_run
-from iclnuim.errors import InputError, blender_missing
+from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
@@ -16,7 +14,7 @@ from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.checks import DepthErrors, TruthCaster, TruthErrors, compare_depth, depth_summary, truth_summary
 
 from ..console import Console
-from ..isolation import survived
+from ..isolation import opened_scene
 from ..options import common, count, renamed
 
 
@@ -25,14 +23,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     frames = "frames to check, spread over the run; default: 20"
     parser.add_argument("--max-frames", type=count, default=20, metavar="N", help=frames)
     renamed(parser, "--most", "--max-frames", type=count)
-    common(parser, "iclnuim check-depth out/living_room/kt2/raw")
+    common(parser, "iclnuim check-depth out/living_room/kt2/raw").set_defaults(opens="folder")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    return survived(lambda: _check(args, console), str(args.folder))
-
-
-def _check(args: argparse.Namespace, console: Console) -> int:
     frames = read_run(args.folder)
     numbers = frames.frame_numbers()
     if not numbers:
@@ -51,19 +45,16 @@ def _check(args: argparse.Namespace, console: Console) -> int:
     result = depth_summary(errors)
     truth = truth_summary(truths) if truth_caster is not None else None
     values = {"frames": picked, **asdict(result), **(asdict(truth) if truth else {})}
-    console.result(values, _table(len(picked), result) + (_truth_table(truth) if truth else ""))
+    console.result(values, _text(len(picked), result, truth))
     shares = [result.within_01mm_share, *((truth.equal_instance_share, truth.normal_within_share) if truth else ())]
     return 0 if min(shares) >= 0.999 and result.median_m < 1e-5 else 3
 
 
 def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster, TruthCaster | None]:
     """For depth, and for ground truth where the run has it."""
-    with output.blender_output_in(Path(os.devnull)):
-        try:
-            from iclnuim.blender import model, scene, surfaces
-        except ImportError as error:
-            raise blender_missing("check-depth", error) from None
-        scene.open_scene(job.scene, job.reading)
+    with opened_scene("check-depth", job.scene, job.reading):
+        from iclnuim.blender import model, scene, surfaces
+
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
         found = surfaces.triangles()
@@ -72,22 +63,23 @@ def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster,
     return RayCaster(found.vertices, found.triangles), truth_caster
 
 
-def _truth_table(e: TruthErrors) -> str:
-    return f"""
-on an outline (left out)     {e.outline_share:.3%}
-equal instances              {e.equal_instance_share:.4%}
-normals, median              {e.normal_median_deg:.6f} degrees
-normals, 99.9 %              {e.normal_p999_deg:.6f} degrees
-normals within 0.1 degrees   {e.normal_within_share:.4%}"""
-
-
-def _table(frames: int, e: DepthErrors) -> str:
-    return f"""\
-frames                       {frames}
-pixels                       {e.pixels}
-on an edge (left out)        {e.edge_share:.3%}
-seen by one of the two only  {e.lost_share:.4%}
-|Z error| median             {e.median_m * 1e3:.6f} mm
-|Z error| 99.9 %             {e.p999_m * 1e3:.6f} mm
-|Z error| largest            {e.max_m * 1e3:.6f} mm
-within 0.1 mm                {e.within_01mm_share:.4%}"""
+def _text(frames: int, e: DepthErrors, truth: TruthErrors | None) -> str:
+    rows = {
+        "frames": f"{frames}",
+        "pixels": f"{e.pixels}",
+        "on an edge (left out)": f"{e.edge_share:.3%}",
+        "seen by one of the two only": f"{e.lost_share:.4%}",
+        "|Z error| median": f"{e.median_m * 1e3:.6f} mm",
+        "|Z error| 99.9 %": f"{e.p999_m * 1e3:.6f} mm",
+        "|Z error| largest": f"{e.max_m * 1e3:.6f} mm",
+        "within 0.1 mm": f"{e.within_01mm_share:.4%}",
+    }
+    if truth:
+        rows |= {
+            "on an outline (left out)": f"{truth.outline_share:.3%}",
+            "equal instances": f"{truth.equal_instance_share:.4%}",
+            "normals, median": f"{truth.normal_median_deg:.6f} degrees",
+            "normals, 99.9 %": f"{truth.normal_p999_deg:.6f} degrees",
+            "normals within 0.1 degrees": f"{truth.normal_within_share:.4%}",
+        }
+    return "\n".join(f"{name:<28} {value}" for name, value in rows.items())

@@ -2,7 +2,6 @@
 
 import argparse
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,25 +21,6 @@ COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01
 _TOLERANCES = {**dict.fromkeys(("RGB", "rgb"), COLOUR_OF_255), **dict.fromkeys(("Z", "depth"), DEPTH_M), "normal": 0.01}
 
 
-@dataclass(frozen=True)
-class Sameness:
-    """`different`: files that both have; `channels`: of each of them, those that differ (none where only the header does);
-    `largest_share`: of pixels beyond tolerance, in the worst file (0 where bytes were compared).
-    """
-
-    files: int
-    by_bytes: bool
-    why: str
-    different: tuple[str, ...]
-    only_in_one: tuple[str, ...]
-    largest_share: float
-    channels: dict[str, list[str]]
-
-    @property
-    def same(self) -> bool:
-        return not self.different and not self.only_in_one
-
-
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("a", type=Path, metavar="A", help="a run (EXR frames) or a sequence")
     parser.add_argument("b", type=Path, metavar="B", help="another of the same kind")
@@ -50,28 +30,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     found = compare(args.a, args.b, args.tolerance)
-    console.result({**asdict(found), "same": found.same}, _text(found))
-    return 0 if found.same else 3
-
-
-def _text(found: Sameness) -> str:
-    if found.by_bytes:
-        how = f"{found.files} files compared to the byte ({found.why})"
+    if found["by_bytes"]:
+        how = f"{found['files']} files compared to the byte ({found['why']})"
     else:
         tolerance = f"{COLOUR_OF_255:g} of 255, {1000 * DEPTH_M:g} mm, {100 * SHARE:g} % of the pixels"
-        how = f"{found.files} files compared by tolerance ({found.why}): {tolerance}; worst file {100 * found.largest_share:.2g} %"
-    if found.same:
-        return f"{how}: the same"
-    differing = [f"{name} ({', '.join(found.channels[name]) or 'no channel'})" for name in found.different]
-    names = [*differing, *(f"{name} (in one folder only)" for name in found.only_in_one)]
+        worst = f"worst file {100 * found['largest_share']:.2g} %"
+        how = f"{found['files']} files compared by tolerance ({found['why']}): {tolerance}; {worst}"
+    names = [f"{name} ({', '.join(channels) or 'no channel'})" for name, channels in found["channels"].items()]
+    names += [f"{name} (in one folder only)" for name in found["only_in_one"]]
     more = f" and {len(names) - 10} more" if len(names) > 10 else ""
-    counts = f"{len(found.different)} differ, {len(found.only_in_one)} are in one folder only"
-    return f"{how}: {counts}: {', '.join(names[:10])}{more}"
+    counts = f"{len(found['different'])} differ, {len(found['only_in_one'])} are in one folder only"
+    text = f"{how}: the same" if found["same"] else f"{how}: {counts}: {', '.join(names[:10])}{more}"
+    console.result(found, text)
+    return 0 if found["same"] else 3
 
 
-def compare(a: Path, b: Path, by_tolerance: bool = False) -> Sameness:
-    """Frames of two runs (EXR) or two sequences (PNG). Raises InputError where a folder is neither, or they are not of one kind."""
-    recipes = [_run_recipe(folder) for folder in (a, b)]
+def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
+    """Frames of two runs (EXR) or two sequences (PNG). Raises InputError where a folder is neither, or they are not of one kind.
+
+    `different`: files that both have; `channels`: of each of them, those that differ (none where only the header does);
+    `largest_share`: of pixels beyond tolerance, in the worst file (0 where bytes were compared).
+    """
+    recipes = _run_recipe(a), _run_recipe(b)
     images = ([p for p in d.glob("*/*") if p.suffix in (".exr", ".png") and p.name[0] != "."] for d in (a, b))
     files = [{str(p.relative_to(d)): p for p in found} for d, found in zip((a, b), images, strict=True)]
     both = sorted(files[0].keys() & files[1].keys())
@@ -93,10 +73,17 @@ def compare(a: Path, b: Path, by_tolerance: bool = False) -> Sameness:
     with ThreadPoolExecutor() as pool:
         judged = dict(zip(both, pool.map(judge, both), strict=True))
     channels = {name: names for name, (differs, _, names) in judged.items() if differs}
-    alone = tuple(sorted(files[0].keys() ^ files[1].keys()))
-    largest = max(share for _, share, _ in judged.values()) if why else 0.0
-    reason = why or "one kind of processor, one Blender"
-    return Sameness(len(both), not why, reason, tuple(channels), alone, largest, channels)
+    alone = sorted(files[0].keys() ^ files[1].keys())
+    return {
+        "files": len(both),
+        "by_bytes": not why,
+        "why": why or "one kind of processor, one Blender",
+        "different": list(channels),
+        "only_in_one": alone,
+        "largest_share": max(share for _, share, _ in judged.values()) if why else 0.0,
+        "channels": channels,
+        "same": not channels and not alone,
+    }
 
 
 def _differences(a: dict, b: dict) -> str:

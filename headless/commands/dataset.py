@@ -1,12 +1,11 @@
 """`iclnuim dataset`: the EXR frames of a run to a sequence, clean or with a sensor's noise, in any format."""
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
 from iclnuim.dataset.frames import FrameSource, run_frames
-from iclnuim.dataset.sequence import SequenceWriter, WrittenSequence
+from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.errors import InputError
 
 from ..console import Console
@@ -32,9 +31,8 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, metavar="N", help="processes that make images; default: one a core")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     write(run_frames(args.raw, args.frames), args, console)
-    return 0
 
 
 def write(source: FrameSource, args: argparse.Namespace, console: Console) -> None:
@@ -46,34 +44,27 @@ def write(source: FrameSource, args: argparse.Namespace, console: Console) -> No
     writer = SequenceWriter(source, {args.out: options.sequence_settings()}, formats)
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
-    written = writer.write(args.workers, lambda number: progress.advance())
-    logs = _logs(written[0].folders[0], args, console)
-    console.result(*_report(written[0], logs))
+    written = writer.write(args.workers, lambda number: progress.advance())[0]
+    folders = [str(path) for path in (*written.folders, *_logs(written.folders[0], args, console))]
+    values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
+    text = f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"
+    lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
+    if lost:
+        kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
+        text += f"\ndepths that became 0 (no measurement): {kinds}"
+    console.result(values, text)
 
 
 def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path]:
     """Bags and logs beside the sequence, made of its images. Those that are there stay."""
     beside = args.out.resolve()
     klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
-    wanted: dict[Path, Callable[[], int]] = {}
-    if args.klg or args.rosbag:
-        wanted[klg] = lambda: write_klg(folder, klg)
-    if args.rosbag:
-        wanted[ros1], wanted[ros2] = lambda: write_rosbag(folder, ros1, 1), lambda: write_rosbag(folder, ros2, 2)
-    for path, write_log in wanted.items():
+    wanted = [klg, ros1, ros2] if args.rosbag else [klg] if args.klg else []
+    for path in wanted:
         there = path.exists()
         console.note(f"{path} exists already and stays as it is" if there else f"{path} is written")
-        if not there:
-            write_log()
-    return list(wanted)
-
-
-def _report(written: WrittenSequence, logs: list[Path]) -> tuple[dict, str]:
-    folders = [str(path) for path in (*written.folders, *logs)]
-    values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
-    lines = [f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"]
-    lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
-    if lost:
-        kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
-        lines.append(f"depths that became 0 (no measurement): {kinds}")
-    return values, "\n".join(lines)
+        if not there and path == klg:
+            write_klg(folder, klg)
+        elif not there:
+            write_rosbag(folder, path, 1 if path == ros1 else 2)
+    return wanted

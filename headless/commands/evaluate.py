@@ -4,6 +4,8 @@ and of a reconstructed surface (surface). iclnuim.report.trajectory_report says 
 
 import argparse
 import os
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +18,7 @@ from iclnuim.formats.files import atomic_write_text
 from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source, error_text
 
 from ..console import Console
-from ..options import Actions, action, add_settings, option_name, renamed, settings_from, subcommands
+from ..options import action, add_settings, option_name, renamed, settings_from, subcommands
 
 if TYPE_CHECKING:
     from iclnuim.geometry.se3 import SE3
@@ -28,8 +30,43 @@ def configure(parser: argparse.ArgumentParser) -> None:
     ate = action(actions, "ate", "absolute trajectory error: six statistics, coverage, recall", example, run_ate)
     _files_and_times(ate)
     add_settings(ate, AlignmentSettings)
-    _configure_rpe(actions)
-    _configure_surface(actions)
+    example = "iclnuim evaluate rpe groundtruth.txt estimate.txt --delta 1s"
+    rpe = action(actions, "rpe", "relative pose error: drift over frames, seconds or metres", example, run_rpe)
+    _files_and_times(rpe)
+    rpe.add_argument("--delta", default="1", metavar="D", help="30 (frames), 1s (seconds) or 0.5m (metres); default: 1")
+    pairs = "a pair from every pose (default), or each from the end of the last"
+    rpe.add_argument("--pairs", choices=("all", "consecutive"), default="all", help=pairs)
+    add_settings(rpe, RelativeErrorSettings)
+    example = "iclnuim evaluate surface kt2.ply --model living_room --plot error.png"
+    surface = action(actions, "surface", "distance of a reconstruction from the true surface", example, run_surface)
+    add = surface.add_argument
+    files = "the reconstruction, a mesh or a point cloud (.ply, .obj, .stl, .off, .glb)"
+    add("mesh", type=Path, metavar="MESH", help=files)
+    add("--model", required=True, metavar="MODEL", help="the truth: living_room, office, a .blend, or a mesh file")
+    add("--unit", default="m", metavar="UNIT", help="of MESH: m (default), cm, mm, in, ft or metres as a number")
+    transform = "the 16 numbers of T_model_mesh, row by row; default: none needed"
+    add("--transform", type=Path, metavar="FILE", help=transform)
+    poses = "trajectory that MESH was fused along; with --truth, its first pose is laid on the true one"
+    add("--poses", type=Path, metavar="EST", help=poses)
+    add("--truth", type=Path, metavar="GT", help="ground truth of that trajectory, in the model's world")
+    align = "none (default), or icp: then fitted to the model, as the paper did"
+    add("--align", choices=("none", "icp"), default="none", help=align)
+    add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
+    add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
+    renamed(surface, "--most", "--max-error", type=float)
+
+
+def _files_and_times(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("reference", metavar="GT", help="ground truth, in any format that `iclnuim trajectory info` reads")
+    add("estimate", metavar="EST", help="estimated trajectory")
+    add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, gt.freiburg, kitti ...")
+    add("--reference-from", metavar="FORMAT", help="format of GT; default: by name and content, as for EST")
+    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of files that number their frames; default: 30")
+    renamed(parser, "--rate", "--file-rate", type=float)
+    add_settings(parser, AssociationSettings)
+    add("--csv", metavar="FILE", help="write the error of every pair as a table")
+    add("--plot", metavar="FILE", help="draw the trajectories, and the error along them and over time")
 
 
 def spelled_out(argv: list[str]) -> list[str]:
@@ -48,34 +85,10 @@ def spelled_out(argv: list[str]) -> list[str]:
     return [*(named or ["ate"]), str(truth), *files[1:]]
 
 
-def _configure_rpe(actions: Actions) -> None:
-    example = "iclnuim evaluate rpe groundtruth.txt estimate.txt --delta 1s"
-    parser = action(actions, "rpe", "relative pose error: drift over frames, seconds or metres", example, run_rpe)
-    _files_and_times(parser)
-    add = parser.add_argument
-    add("--delta", default="1", metavar="D", help="30 (frames), 1s (seconds) or 0.5m (metres); default: 1")
-    pairs = "a pair from every pose (default), or each from the end of the last"
-    add("--pairs", choices=("all", "consecutive"), default="all", help=pairs)
-    add_settings(parser, RelativeErrorSettings)
-
-
-def _files_and_times(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("reference", metavar="GT", help="ground truth, in any format that `iclnuim trajectory info` reads")
-    add("estimate", metavar="EST", help="estimated trajectory")
-    add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, gt.freiburg, kitti ...")
-    add("--reference-from", metavar="FORMAT", help="format of GT; default: by name and content, as for EST")
-    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of files that number their frames; default: 30")
-    renamed(parser, "--rate", "--file-rate", type=float)
-    add_settings(parser, AssociationSettings)
-    add("--csv", metavar="FILE", help="write the error of every pair as a table")
-    add("--plot", metavar="FILE", help="draw the trajectories, and the error along them and over time")
-
-
 def run_ate(args: argparse.Namespace, console: Console) -> None:
     association, alignment = settings_from(args, AssociationSettings()), settings_from(args, AlignmentSettings())
     settings = AbsoluteErrorSettings(association, alignment)
-    _deliver(AbsoluteReport.of(*_sources(args, console), settings), args, console)
+    _report(partial(AbsoluteReport.of, settings=settings), args, console)
 
 
 def run_rpe(args: argparse.Namespace, console: Console) -> None:
@@ -83,19 +96,16 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
     association = settings_from(args, AssociationSettings())
     base = RelativeErrorSettings(delta, unit, args.pairs == "all", association=association)
     settings = settings_from(args, base, ("tolerance", "measured_on", "correct_scale"))
-    _deliver(RelativeReport.of(*_sources(args, console), settings), args, console)
+    _report(partial(RelativeReport.of, settings=settings), args, console)
 
 
-def _sources(args: argparse.Namespace, console: Console) -> tuple[Source, Source]:
-    """Ground truth and estimate; how each was read is noted."""
-    reference = Source.read(args.reference, args.reference_from, args.file_rate)
-    console.note(f"{reference.path}: {reference.loaded.read_as.sentence}")
-    estimate = Source.read(args.estimate, args.format, args.file_rate)
-    console.note(f"{estimate.path}: {estimate.loaded.read_as.sentence}")
-    return reference, estimate
-
-
-def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None:
+def _report(make: Callable[[Source, Source], Report], args: argparse.Namespace, console: Console) -> None:
+    """Of ground truth and estimate; how each was read is noted."""
+    sources = []
+    for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
+        sources.append(Source.read(path, format, args.file_rate))
+        console.note(f"{sources[-1].path}: {sources[-1].loaded.read_as.sentence}")
+    report = make(*sources)
     if args.csv:
         atomic_write_text(args.csv, report.csv())
     if args.plot:
@@ -106,33 +116,11 @@ def _deliver(report: Report, args: argparse.Namespace, console: Console) -> None
     console.result(values, error_text(values))
 
 
-def _configure_surface(actions: Actions) -> None:
-    example = "iclnuim evaluate surface kt2.ply --model living_room --plot error.png"
-    parser = action(actions, "surface", "distance of a reconstruction from the true surface", example, run_surface)
-    add = parser.add_argument
-    files = "the reconstruction, a mesh or a point cloud (.ply, .obj, .stl, .off, .glb)"
-    add("mesh", type=Path, metavar="MESH", help=files)
-    add("--model", required=True, metavar="MODEL", help="the truth: living_room, office, a .blend, or a mesh file")
-    add("--unit", default="m", metavar="UNIT", help="of MESH: m (default), cm, mm, in, ft or metres as a number")
-    transform = "the 16 numbers of T_model_mesh, row by row; default: none needed"
-    add("--transform", type=Path, metavar="FILE", help=transform)
-    poses = "trajectory that MESH was fused along; with --truth, its first pose is laid on the true one"
-    add("--poses", type=Path, metavar="EST", help=poses)
-    add("--truth", type=Path, metavar="GT", help="ground truth of that trajectory, in the model's world")
-    align = "none (default), or icp: then fitted to the model, as the paper did"
-    add("--align", default="none", metavar="HOW", help=align)
-    add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
-    add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
-    renamed(parser, "--most", "--max-error", type=float)
-
-
 def run_surface(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.fusion.models import read_model, read_points
     from iclnuim.fusion.surface_error import TrueSurface
     from iclnuim.geometry.scene_axes import parse_unit
 
-    if args.align not in ("none", "icp"):
-        raise InputError("an alignment of none or icp", found=args.align)
     unit_m = parse_unit(args.unit)
     points, triangles, _ = read_points(args.mesh)
     points = points if unit_m == 1 else points * unit_m
@@ -148,7 +136,11 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
         save(error_figure(T_model_mesh.apply(points), triangles, error, args.max_error), args.plot, 100)
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     values["warnings"] = [named(text, option_name) for text in error.warnings]
-    console.result(values, _surface_text(values))
+    d = {name: f"{1e3 * value:.3f}" for name, value in values["distance_m"].items()}
+    lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
+    lines += [f"  {name:<8}{d[name]:>10}" for name in ("mean", "median", "std", "min", "max", "rmse")]
+    lines.append("  " + ", ".join(f"{share:.1%} within {w}" for w, share in values["within"].items()))
+    console.result(values, "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])]))
 
 
 def _given_transform(args: argparse.Namespace) -> "SE3":
@@ -166,11 +158,3 @@ def _given_transform(args: argparse.Namespace) -> "SE3":
         return SE3.identity()
     poses, truth = (read_trajectory(path).trajectory for path in (args.poses, args.truth))
     return first_poses_transform(poses, truth)
-
-
-def _surface_text(values: dict) -> str:
-    d = {name: f"{1e3 * value:.3f}" for name, value in values["distance_m"].items()}
-    lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
-    lines += [f"  {name:<8}{d[name]:>10}" for name in ("mean", "median", "std", "min", "max", "rmse")]
-    lines.append("  " + ", ".join(f"{share:.1%} within {w}" for w, share in values["within"].items()))
-    return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])

@@ -25,11 +25,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, default=Path("dist"), metavar="DIR", help="folder of the zip; default: dist")
 
 
-def _build(args: argparse.Namespace, console: Console) -> int:
+def _build(args: argparse.Namespace, console: Console) -> None:
     path = build(args.out)
     size = path.stat().st_size
     console.result({"file": str(path), "bytes": size}, f"{path} ({size / 1e6:.1f} MB)")
-    return 0
 
 
 def build(out: Path) -> Path:
@@ -41,7 +40,15 @@ def build(out: Path) -> Path:
     except OSError as error:
         raise WorkError(f"{out}: cannot be made: {error.strerror or error}; try another --out") from None
     target = out / f"{manifest['id']}-{manifest['version']}.zip"
-    atomic_write(target, lambda path: _write(path, package))
+
+    def write(path: Path) -> None:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+            for name, file in contents(package):
+                entry = zipfile.ZipInfo(name.replace("\\", "/"), _DATE)
+                entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+                archive.writestr(entry, file.read_bytes())
+
+    atomic_write(target, write)
     return target
 
 
@@ -57,11 +64,3 @@ def contents(package: Path) -> Iterator[tuple[str, Path]]:
     for path in sorted(trajectories.glob("*/*")):
         if path.suffix in (".txt", ".json"):
             yield f"trajectories/{path.relative_to(trajectories)}", path
-
-
-def _write(path: Path, package: Path) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name, file in contents(package):
-            entry = zipfile.ZipInfo(name.replace("\\", "/"), _DATE)
-            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-            archive.writestr(entry, file.read_bytes())

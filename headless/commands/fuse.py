@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     if args.out.suffix.lower() != ".ply":
         raise InputError("a mesh named *.ply", path=args.out)
     check_file(args.out)
@@ -44,11 +44,18 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.plot:
         require("fuse --plot", "open3d")
     from iclnuim import __version__
+    from iclnuim.dataset.frames import find_truth
     from iclnuim.fusion.from_sequence import fuse_sequence
     from iclnuim.shipped import source_commit
 
-    settings = _settings(args)
-    poses = args.poses or _truth(args.folder)
+    if args.preset not in PRESETS:
+        raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
+    if args.voxel and args.truncation is None:  # it grows with the voxels
+        args.truncation = max(PRESETS[args.preset].truncation_m, 3 * args.voxel)
+    settings = settings_from(args, FuseSettings(settings_from(args, PRESETS[args.preset])))
+    poses = args.poses or find_truth(args.folder)
+    if poses is None:
+        raise InputError("a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE")
     loaded = read_trajectory(poses)
     console.note(f"{poses}: {loaded.read_as.sentence}")
     camera = open_sequence(args, console, args.folder).camera
@@ -61,26 +68,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
     write_json(args.out.with_suffix(".json"), {**recipe, **figures})
     if args.plot:
         _draw(surface.mesh, loaded, args.plot)
-    console.result(figures, _text(figures))
-    return 0
-
-
-def _settings(args: argparse.Namespace) -> FuseSettings:
-    """The preset with the options; a truncation that is not given grows with the voxels."""
-    if args.preset not in PRESETS:
-        raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
-    if args.voxel and args.truncation is None:
-        args.truncation = max(PRESETS[args.preset].truncation_m, 3 * args.voxel)
-    return settings_from(args, FuseSettings(settings_from(args, PRESETS[args.preset])))
-
-
-def _truth(folder: Path) -> Path:
-    from iclnuim.dataset.frames import find_truth
-
-    truth = find_truth(folder)
-    if truth is None:
-        raise InputError("a ground truth in the folder", path=folder, found="none", hint="--poses FILE")
-    return truth
+    f, rate = figures, figures["frames"] / figures["seconds"]
+    lines = (
+        f"{f['mesh']}: {f['vertices']} vertices, {f['triangles']} triangles",
+        f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s ({rate:.1f} a second with reading; "
+        f"fusing alone {f['fusing_ms_a_frame']:.1f} ms a frame, meshing {f['meshing_s']:.1f} s)",
+        f"{f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
+    )
+    console.result(figures, "\n".join(lines))
 
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:
@@ -93,15 +88,3 @@ def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:
     y_down = loaded.read_as.frame == ANCHORED_WORLD or np.allclose(first, np.eye(4), atol=1e-3)
     points = mesh.points @ Z_UP_FROM_Y_DOWN.T if y_down else mesh.points
     write_png(path, picture(points, mesh.triangles, mesh.colours))
-
-
-def _text(f: dict) -> str:
-    rate = f["frames"] / f["seconds"]
-    return "\n".join(
-        [
-            f"{f['mesh']}: {f['vertices']} vertices, {f['triangles']} triangles",
-            f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s ({rate:.1f} a second with reading; "
-            f"fusing alone {f['fusing_ms_a_frame']:.1f} ms a frame, meshing {f['meshing_s']:.1f} s)",
-            f"{f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
-        ]
-    )

@@ -3,31 +3,10 @@
 import argparse
 from pathlib import Path
 
-from iclnuim.dataset.inspection import Inspection, inspect_sequence
+from iclnuim.dataset.inspection import inspect_sequence
 
 from ..console import Console
 from ..options import common
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM's format, or in the original's")
-    text = "write preview.png (colour, depth, error) and preview.mp4 (or .gif) into FOLDER"
-    parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
-    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures")
-
-
-def run(args: argparse.Namespace, console: Console) -> int:
-    """Exit code 2 where something is wrong, 0 where things are at most odd."""
-    found = inspect_sequence(args.folder)
-    values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
-    console.result(values, _text(found))
-    if args.preview is not None:
-        from iclnuim.report.preview import draw_preview
-
-        for path in draw_preview(args.folder, args.preview, console.progress):
-            console.note(f"{path} written")
-    return 2 if found.wrong else 0
-
 
 #: Labels of the figures, and their units.
 _LABELS = {
@@ -42,7 +21,17 @@ _LABELS = {
 }
 
 
-def _text(found: Inspection) -> str:
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM's format, or in the original's")
+    text = "write preview.png (colour, depth, error) and preview.mp4 (or .gif) into FOLDER"
+    parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
+    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Exit code 2 where something is wrong, 0 where things are at most odd."""
+    found = inspect_sequence(args.folder)
+    values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
     lines = []
     for name, value in found.figures.items():
         label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
@@ -50,4 +39,10 @@ def _text(found: Inspection) -> str:
             value = ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
         lines.append(f"{label}: {value}{unit}")
     lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
-    return "\n".join(lines + ([] if found.wrong else ["nothing wrong found"]))
+    console.result(values, "\n".join(lines + ([] if found.wrong else ["nothing wrong found"])))
+    if args.preview is not None:
+        from iclnuim.report.preview import draw_preview
+
+        for path in draw_preview(args.folder, args.preview, console.progress):
+            console.note(f"{path} written")
+    return 2 if found.wrong else 0

@@ -38,19 +38,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description}.{_ABOUT}"
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     if args.source == "calibrate":
-        return _calibrate(args, console)
+        _calibrate(args, console)
+        return
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
     source = image_frames(Path(args.source), args.frames, camera_from(args))
     dataset.write(source, args, console)
-    return 0
 
 
-def _calibrate(args: argparse.Namespace, console: Console) -> int:
-    rgb, depth = calibrate_folder(args.out, check_units(args.units or UNITS_PER_METRE))
-    values, lines = {}, []
+def _calibrate(args: argparse.Namespace, console: Console) -> None:
+    folder, units, values, lines = args.out, check_units(args.units or UNITS_PER_METRE), {}, []
+    rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
+    walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
+    depth = _calibrate_depth(walls, units) if walls else None
+    if rgb is None and depth is None:
+        raise InputError(f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them")
     if rgb is not None:
         values["rgb"] = asdict(rgb)
         settings = json.dumps({"sigma_c": rgb.sigma_c, "sigma_s": rgb.sigma_s})
@@ -65,21 +69,6 @@ def _calibrate(args: argparse.Namespace, console: Console) -> int:
         lines.append(f"depth from {depth.frames} frames{assumed}")
         lines.append(f"--depth-noise paper --depth-settings '{settings}'")
     console.result(values, "\n".join(lines))
-    return 0
-
-
-def calibrate_folder(
-    folder: Path, units_per_metre: float = UNITS_PER_METRE
-) -> tuple[RgbCalibration | None, DepthCalibration | None]:
-    """Calibrations of what lies there: `exposures.txt` (lines `exposure image.png`, two or more images of each exposure
-    of a static scene), `depth/*.png` (one static wall) or `wall*/*.png` (several walls). Raises InputError for neither.
-    """
-    rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
-    walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
-    depth = _calibrate_depth(walls, units_per_metre) if walls else None
-    if rgb is None and depth is None:
-        raise InputError(f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them")
-    return rgb, depth
 
 
 def _calibrate_rgb(file: Path) -> RgbCalibration:

@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim odometry dvo out/living_room/kt2/clean -o est.txt")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 also where frames were lost: they are named, and left out of the trajectory."""
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
@@ -66,7 +66,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.result({"runs": figures}, table(figures))
     if args.out or args.plot or args.show:
         _keep(runs, args, console)
-    return 0
 
 
 def _keep(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:

@@ -20,20 +20,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     out = args.out or args.folder.with_name(f"{args.folder.resolve().name}.tar.gz")
     check_packable(args.folder, args.licence)
-    extra = {} if args.no_preview else _preview(args.folder, console)
+    extra: dict[str, bytes] = {}
+    if not args.no_preview:
+        from iclnuim.report.preview import draw_preview
+
+        with tempfile.TemporaryDirectory() as scratch:
+            drawn = draw_preview(args.folder, Path(scratch), console.progress)
+            extra = {path.name: read_bytes(path) for path in drawn}
     progress = console.progress(len(packed_names(args.folder)) + 2 + len(extra), "pack", "files")
     count = pack(args.folder, out, args.licence, args.author, extra, lambda name: progress.advance())
     digest = sha256(read_bytes(out))
     values = {"archive": str(out), "files": count, "bytes": out.stat().st_size, "sha256": digest}
     console.result(values, f"{out}: {count} files, {out.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}")
-    return 0
-
-
-def _preview(folder: Path, console: Console) -> dict[str, bytes]:
-    from iclnuim.report.preview import draw_preview
-
-    with tempfile.TemporaryDirectory() as scratch:
-        return {path.name: read_bytes(path) for path in draw_preview(folder, Path(scratch), console.progress)}

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 
 from ..console import Console
-from ..farm import slurm_queue
+from ..farm import slurm
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import common
 
@@ -25,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim status out/living_room/kt2")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     values = state(args.folder, args.frames)
     missing = f"{values['missing']} missing" if values["missing"] else "nothing is missing"
     lines = [
@@ -38,7 +37,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if values["failed"] is not None:
         lines.append(f"the last task that failed: {values['failed']}")
     console.result(values, "\n".join(lines))
-    return 0
 
 
 def state(folder: Path, frames: str | None) -> dict:
@@ -47,56 +45,36 @@ def state(folder: Path, frames: str | None) -> dict:
     with suppress(InputError):  # None where nothing that can be read is recorded
         plan = read_plan(find_run(folder))
     places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
-    run = read_run(places[0]) if places else None
-    if run is None and plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
-        return _values(plan.raw, plan.job.sequence, plan.numbers, set(), list(plan.numbers))
-    if run is None:
+    made: set[int] = set()
+    if places:
+        run = read_run(places[0])
+        raw, job = run.path, RenderJob.from_dict(run.recipe["job"])
+        asked = plan.numbers if frames is None and plan else frame_slice(frames or "::", len(load_trajectory(job)))
+        if raw.name == "raw":  # frames that the journals of both sequences beside it name
+            journals = [raw.parent / name / "frames.jsonl" for name in ("clean", "noisy")]
+            made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(asked)
+        missing = run.missing([n for n in asked if n not in made])
+    elif plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
+        raw, job, asked, missing = plan.raw, plan.job, plan.numbers, list(plan.numbers)
+    else:
         expected = "a folder with a run begun by `iclnuim render` or `make`"
         raise InputError(expected, path=folder, found="no sequence.json")
-    job = RenderJob.from_dict(run.recipe["job"])
-    if frames is None and plan is not None:
-        numbers: Sequence[int] = plan.numbers
-    else:
-        numbers = list(frame_slice(frames or "::", len(load_trajectory(job))))
-    made = _in_sequences(run.path).intersection(numbers)
-    return _values(run.path, job.sequence, numbers, made, run.missing([n for n in numbers if n not in made]))
-
-
-def _in_sequences(raw: Path) -> set[int]:
-    """Frames that the journals of both sequences beside raw/ name."""
-    if raw.name != "raw":
-        return set()
-    return set.intersection(*(set(read_entries(raw.parent / name / "frames.jsonl")) for name in ("clean", "noisy")))
-
-
-def _values(raw: Path, sequence: str, numbers: Sequence[int], made: set[int], missing: list[int]) -> dict:
-    queue = _queue(raw)
+    queue, holder = None, None
+    with suppress(WorkError):  # None where nothing was submitted, or no Slurm answers
+        if jobs := slurm.recorded(raw):
+            queue = slurm.counted(slurm.in_queue(jobs)) or "nothing"
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        lock = json.loads((raw / ".farm/lock").read_text("utf-8"))
+        holder = f"process {lock['pid']} on {lock['host']}"
     return {
         "folder": str(raw),
-        "sequence": sequence,
-        "frames": len(numbers),
-        "finished": len(numbers) - len(missing),
+        "sequence": job.sequence,
+        "frames": len(asked),
+        "finished": len(asked) - len(missing),
         "in_sequences": len(made),
         "missing": len(missing),
         "missing_frames": missing,
-        "holder": _holder(raw / ".farm/lock"),
+        "holder": holder,
         "queue": queue,
-        "failed": slurm_queue.last_error(raw) if missing and queue == "nothing" else None,
+        "failed": slurm.last_error(raw) if missing and queue == "nothing" else None,
     }
-
-
-def _queue(raw: Path) -> str | None:
-    """What waits or runs in Slurm; None where nothing was submitted, or no Slurm answers."""
-    with suppress(WorkError):
-        jobs = slurm_queue.recorded(raw)
-        return (slurm_queue.counted(slurm_queue.in_queue(jobs)) or "nothing") if jobs else None
-    return None
-
-
-def _holder(lock: Path) -> str | None:
-    """The process that holds the folder's lock."""
-    try:
-        content = json.loads(lock.read_text("utf-8"))
-        return f"process {content['pid']} on {content['host']}"
-    except (OSError, ValueError, KeyError, TypeError):
-        return None

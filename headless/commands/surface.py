@@ -1,21 +1,20 @@
 """`iclnuim surface SCENE`: the scene as a surface model, whole or what a trajectory saw of it."""
 
 import argparse
-import os
 from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
-from iclnuim.blender import output
-from iclnuim.errors import InputError, blender_missing
+from iclnuim.errors import InputError
 from iclnuim.formats.scene_model import SceneModel, write_obj, write_ply
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.se3 import SE3
 
 from ..console import Console
-from ..isolation import survived
-from ..options import SCENE_KINDS, add_scene_options, common, reading_from
+from ..isolation import opened_scene
+from ..options import SCENE_KINDS, add_scene_options, common, settings_from
 
 WRITERS = {".ply": write_ply, ".obj": write_obj}
 
@@ -34,13 +33,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--without", action="append", default=[], metavar="NAME", help=without)
     add_scene_options(parser)
     common(parser, "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop")
+    parser.set_defaults(opens="scene")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
-    return survived(lambda: _run(args, console), args.scene)
-
-
-def _run(args: argparse.Namespace, console: Console) -> int:
+def run(args: argparse.Namespace, console: Console) -> None:
     out = args.out or Path(f"{Path(args.scene).stem}.ply")
     if out.suffix.lower() not in WRITERS:
         raise InputError("a model's name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
@@ -58,8 +54,17 @@ def _run(args: argparse.Namespace, console: Console) -> int:
             what = "a trajectory that sees something of the scene"
             raise InputError(what, found="nothing seen", hint="the scene's own")
     WRITERS[out.suffix.lower()](out, model)
-    _report(out, model, whole_m2, bool(poses), console)
-    return 0
+    area_m2, points_m = float(model.area_m2().sum()), model.corners_m.reshape(-1, 3)
+    figures = {
+        "file": str(out),
+        "triangles": len(model),
+        "objects": len(np.unique(model.instance)),
+        "area_m2": round(area_m2, 3),
+        **({"share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0} if poses else {}),
+        "min_m": points_m.min(0).round(3).tolist(),
+        "max_m": points_m.max(0).round(3).tolist(),
+    }
+    console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))
 
 
 def _poses(name: str, scene: str) -> SE3:
@@ -69,12 +74,9 @@ def _poses(name: str, scene: str) -> SE3:
 
 
 def _model(args: argparse.Namespace) -> SceneModel:
-    with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
-        try:
-            from iclnuim.blender import ground_truth, model, scene
-        except ImportError as error:
-            raise blender_missing("surface", error) from None
-        scene.open_scene(args.scene, reading_from(args))
+    with opened_scene("surface", args.scene, settings_from(args, SceneReading())):
+        from iclnuim.blender import ground_truth, model
+
         found = model.scene_model()
         rows = ground_truth.objects_table()["objects"]
     known = {word: {r["id"] for r in rows if word in (r["name"], r["class"])} for word in args.without}
@@ -95,18 +97,3 @@ def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: fl
     for T_world_camera in poses:
         visibility.along(camera, T_world_camera, progress.advance)
     return pieces.chosen(visibility.seen.any(1))
-
-
-def _report(out: Path, model: SceneModel, whole_m2: float, seen: bool, console: Console) -> None:
-    area_m2 = float(model.area_m2().sum())
-    points_m = model.corners_m.reshape(-1, 3)
-    figures = {
-        "file": str(out),
-        "triangles": len(model),
-        "objects": len(np.unique(model.instance)),
-        "area_m2": round(area_m2, 3),
-        **({"share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0} if seen else {}),
-        "min_m": points_m.min(0).round(3).tolist(),
-        "max_m": points_m.max(0).round(3).tolist(),
-    }
-    console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))

@@ -1,44 +1,134 @@
 """`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample. Each says which frame it comes from and goes to."""
 
 import argparse
+import json
 import os
 import re
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from iclnuim.blender import output
-from iclnuim.errors import InputError, blender_missing
+from iclnuim import shipped
+from iclnuim.errors import InputError, WorkError
 from iclnuim.formats import trajectories as files
+from iclnuim.formats.files import atomic_write_text, read_json, read_text
+from iclnuim.formats.trajectories import TUM_HEADER
+from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
+from iclnuim.geometry.handheld_plan import FreeSpace, PlanSettings, Waypoint, plan
+from iclnuim.geometry.scene_axes import SceneReading, parse_unit
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.raycast.caster import RayCaster
+from iclnuim.raycast.viewpoints import chosen
 
 from ..console import Console
-from ..isolation import survived
-from ..options import SCENE_KINDS, Actions, action, add_scene_options, reading_from, renamed, subcommands
-from . import trajectory_make
+from ..isolation import opened_scene
+from ..options import SCENE_KINDS, Actions, action, add_scene_options, add_settings, renamed, settings_from, subcommands
 
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+#: Routes round obstacles are searched this far beyond the viewpoints.
+_DETOUR_M = 2.0
+NAMES = [f"{scene}/{kt}" for scene in shipped.SCENE_NAMES for kt in shipped.TRAJECTORY_NAMES]
 _FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
-    _configure_info(actions)
-    _configure_convert(actions)
-    _configure_plot(actions)
-    _configure_adopt(actions)
-    _configure_resample(actions)
-    trajectory_make.configure(actions)
-    _configure_camera(actions)
-
-
-def _configure_info(actions: Actions) -> None:
     text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was taken"
-    parser = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
-    parser.add_argument("files", nargs="+", metavar="FILE", help=_FILE)
-    _reading(parser)
+    info = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
+    info.add_argument("files", nargs="+", metavar="FILE", help=_FILE)
+    _add_reading(info)
+    _configure_changes(actions)
+    text, example = (
+        "top view and time plots of position, speed and rotation rate",
+        "kt0.txt kt2.txt -o trajectories.png",
+    )
+    plot = action(actions, "plot", text, f"iclnuim trajectory plot {example}", run_plot, json=False)
+    plot.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
+    help = "the picture (.png, .pdf or .svg), overwritten"
+    plot.add_argument("-o", "--out", required=True, metavar="PNG", help=help)
+    _add_reading(plot)
+    _configure_make(actions)
+    text = "the animation of a scene's camera as a TUM trajectory"
+    camera = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
+    camera.set_defaults(opens="scene")
+    camera.add_argument("scene", metavar="SCENE", help=f"a file: {SCENE_KINDS}")
+    camera.add_argument("-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, here")
+    camera.add_argument("--camera-object", metavar="NAME", help="another camera than the active one")
+    renamed(camera, "--camera", "--camera-object")
+    camera.add_argument("--force", action="store_true", help="overwrite OUT")
+    add_scene_options(camera)
+
+
+def _configure_changes(actions: Actions) -> None:
+    """Those that read a trajectory and write another."""
+    text, example = "turn a trajectory file into another format", "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
+    convert = action(actions, "convert", text, example, partial(_run_change, _restamped), json=False)
+    convert.add_argument("source", metavar="IN", help=_FILE)
+    help = "its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
+    convert.add_argument("out", metavar="OUT", help=help)
+    help = "stamps i / FILE_RATE from 0 on instead of the file's own"
+    convert.add_argument("--restamp", action="store_true", help=help)
+    text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
+    example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
+    adopt = action(actions, "adopt", text, example, partial(_run_change, _adopted), json=False)
+    # a start pose may begin with a minus; argparse would take it for an option
+    adopt._negative_number_matcher = re.compile(r"^-[\d.]")
+    adopt.add_argument("source", metavar="SOURCE", help="a trajectory file")
+    pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is taken"
+    adopt.add_argument("--start", required=True, metavar="POSE", help=pose)
+    adopt.add_argument("--scale", type=float, default=1.0, metavar="S", help="of the source's path (default 1)")
+    text = "the same motion at another frame rate, by interpolation on SE(3)"
+    example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
+    resample = action(actions, "resample", text, example, partial(_run_change, _resampled), json=False)
+    resample.add_argument("source", metavar="SOURCE", help="a trajectory file")
+    resample.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
+    names = ", ".join(name for name, known in files.FORMATS.items() if known.line)
+    for parser in (convert, adopt, resample):
+        add = parser.add_argument
+        if parser is not convert:
+            add("-o", "--out", metavar="OUT", help="default: TUM on standard output")
+        _add_reading(parser)
+        help = f"instead of the one that OUT's name means: {names}"
+        add("--to", dest="out_format", metavar="FORMAT", help=help)
+        add("--out-unit", type=parse_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
+        add("--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)")
+        add("--force", action="store_true", help="overwrite OUT")
+
+
+def _configure_make(actions: Actions) -> None:
+    """Trajectories from their recipes, or one through a user-provided scene, clear of its surfaces."""
+    text = "make hand-held trajectories from their recipes: same recipe, same bytes"
+    parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make)
+    parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of beside the recipe")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 3 where the file is not what is made")
+    # a viewpoint may begin with a minus; argparse would take it for an option
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")
+    parser.add_argument("--scene", metavar="NAME|FILE", help="a trajectory through this scene instead of recipes")
+    places = (
+        "places in metres, z up, each with a point to look at; or a file of such lines; or auto:N for N places chosen"
+    )
+    parser.add_argument("--viewpoints", nargs="+", metavar="X,Y,Z[:X,Y,Z]", help=places)
+    add_settings(parser, PlanSettings)
+    add_scene_options(parser)
+    parser.set_defaults(opens="scene")
+
+
+def _add_reading(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    names = f"instead of recognising it by name and content: {', '.join(files.FORMATS)}"
+    add("--from", dest="source_format", metavar="FORMAT", help=names)
+    unit = "of the input: m (default), cm, mm, in, ft or metres as a number"
+    add("--unit", type=parse_unit, default=1.0, metavar="UNIT", help=unit)
+    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)")
+    renamed(parser, "--fps", "--file-rate", type=float)
+
+
+def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:
+    return files.read_trajectory(file, args.source_format, rate_hz=args.file_rate, unit_m=args.unit)
 
 
 def run_info(args: argparse.Namespace, console: Console) -> None:
@@ -62,35 +152,6 @@ def _info_text(one: dict) -> str:
   gaps      {gaps}"""
 
 
-def _configure_convert(actions: Actions) -> None:
-    text, example = "turn a trajectory file into another format", "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
-    parser = action(actions, "convert", text, example, run_convert, json=False)
-    add = parser.add_argument
-    add("source", metavar="IN", help=_FILE)
-    add("out", metavar="OUT", help="its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim")
-    add("--restamp", action="store_true", help="stamps i / FILE_RATE from 0 on instead of the file's own")
-    _reading(parser)
-    _writing(parser)
-
-
-def run_convert(args: argparse.Namespace, console: Console) -> None:
-    _refuse_to_overwrite(args)
-    trajectory = _read(args, args.source, console)
-    if args.restamp:
-        trajectory = Trajectory.at_rate(trajectory.T_world_camera, args.file_rate)
-    _write(args, trajectory, console)
-
-
-def _configure_plot(actions: Actions) -> None:
-    text = "top view and time plots of position, speed and rotation rate"
-    example = "iclnuim trajectory plot kt0.txt kt2.txt -o trajectories.png"
-    parser = action(actions, "plot", text, example, run_plot, json=False)
-    parser.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
-    picture = "the picture (.png, .pdf or .svg), overwritten"
-    parser.add_argument("-o", "--out", required=True, metavar="PNG", help=picture)
-    _reading(parser)
-
-
 def run_plot(args: argparse.Namespace, console: Console) -> None:
     loaded = [(file, _loaded(args, file)) for file in args.files]
     for file, one in loaded:
@@ -101,27 +162,40 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
     console.note(f"{args.out}: {len(loaded)} drawn; gt.freiburg and gt.sim turned z up")
 
 
-def _configure_adopt(actions: Actions) -> None:
-    text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
-    example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
-    parser = action(actions, "adopt", text, example, run_adopt, json=False)
-    # a start pose may begin with a minus; argparse would take it for an option
-    parser._negative_number_matcher = re.compile(r"^-[\d.]")
-    parser.add_argument("source", metavar="SOURCE", help="a trajectory file")
-    pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is taken"
-    parser.add_argument("--start", required=True, metavar="POSE", help=pose)
-    parser.add_argument("--scale", type=float, default=1.0, metavar="S", help="of the source's path (default 1)")
-    _reading(parser)
-    _writing(parser, out=True)
+def _run_change(
+    change: Callable[[argparse.Namespace, Trajectory, Console], Trajectory], args: argparse.Namespace, console: Console
+) -> None:
+    """Read, change, write; what OUT asks for is known first, so that nothing is read for nothing."""
+    to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
+    if args.out:
+        _refuse_existing(args.out, args.force)
+    loaded = _loaded(args, args.source)
+    console.note(f"{args.source}: {loaded.read_as.sentence}")
+    changed = change(args, loaded.trajectory, console)
+    options = files.FileOptions(args.file_rate, args.out_unit, args.start_z)
+    if args.out is None:
+        console.result({}, files.trajectory_text(changed, to, options).rstrip("\n"))
+        return
+    files.write_trajectory(args.out, changed, to, options)
+    console.note(f"{args.out}: {files.FORMATS[to].goes_to}")
 
 
-def run_adopt(args: argparse.Namespace, console: Console) -> None:
-    _refuse_to_overwrite(args)
-    source = _read(args, args.source, console)
+def _restamped(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+    return Trajectory.at_rate(source.T_world_camera, args.file_rate) if args.restamp else source
+
+
+def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
     T_world_start, frame = _start_pose(args)
     adopted = trajectories.adopt(source, T_world_start, args.scale)
     console.note(f"adopted: first pose put on the start pose in {frame}, path scaled by {args.scale:g}")
-    _write(args, adopted, console)
+    return adopted
+
+
+def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+    resampled = trajectories.resample(source, args.rate)
+    console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
+    args.file_rate = args.rate
+    return resampled
 
 
 def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
@@ -141,108 +215,24 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
         raise InputError(f"{error.expected} in --start", found=error.found) from None
 
 
-def _configure_resample(actions: Actions) -> None:
-    text = "the same motion at another frame rate, by interpolation on SE(3)"
-    example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
-    parser = action(actions, "resample", text, example, run_resample, json=False)
-    parser.add_argument("source", metavar="SOURCE", help="a trajectory file")
-    parser.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
-    _reading(parser)
-    _writing(parser, out=True)
-
-
-def run_resample(args: argparse.Namespace, console: Console) -> None:
-    _refuse_to_overwrite(args)
-    source = _read(args, args.source, console)
-    resampled = trajectories.resample(source, args.rate)
-    console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
-    args.file_rate = args.rate
-    _write(args, resampled, console)
-
-
-def _configure_camera(actions: Actions) -> None:
-    text = "the animation of a scene's camera as a TUM trajectory"
-    parser = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
-    parser.add_argument("scene", metavar="SCENE", help=f"a file: {SCENE_KINDS}")
-    parser.add_argument("-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, here")
-    parser.add_argument("--camera-object", metavar="NAME", help="another camera than the active one")
-    renamed(parser, "--camera", "--camera-object")
-    parser.add_argument("--force", action="store_true", help="overwrite OUT")
-    add_scene_options(parser)
-
-
 def run_camera(args: argparse.Namespace, console: Console) -> None:
     """Write the poses, one for each frame of the scene's timeline."""
-    args.out = args.out or Path(f"{Path(args.scene).stem}.txt")
-    _refuse_existing(args.out, args.force)
-    survived(lambda: _save_camera(args, console), args.scene)
+    out = args.out or Path(f"{Path(args.scene).stem}.txt")
+    _refuse_existing(out, args.force)
+    reading = settings_from(args, SceneReading())
+    with opened_scene("trajectory camera", str(Path(args.scene).resolve()), reading):
+        import bpy
+        from iclnuim.blender import camera as cameras
 
-
-def _save_camera(args: argparse.Namespace, console: Console) -> int:
-    with output.blender_output_in(Path(os.devnull)):
-        try:
-            import bpy
-            from iclnuim.blender import camera as cameras
-            from iclnuim.blender import scene
-        except ImportError as error:
-            raise blender_missing("trajectory camera", error) from None
-        scene.open_scene(str(Path(args.scene).resolve()), reading_from(args))
         camera = cameras.active(bpy.context.scene, args.camera_object)
         animated = cameras.trajectory(bpy.context.scene, camera if args.camera_object else None)
         lens = cameras.pinhole(bpy.context.scene, camera)
-    files.write_trajectory(args.out, animated, "tum")
+    files.write_trajectory(out, animated, "tum")
     figures = asdict(trajectories.statistics(animated)) if len(animated) > 1 else {"frames": len(animated)}
     option = lens and f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"
-    text = f"{args.out}: {len(animated)} poses of the camera {camera.name}"
+    text = f"{out}: {len(animated)} poses of the camera {camera.name}"
     text += f"; its lens: --camera {option}" if option else ""
-    console.result({"file": str(args.out), "camera": camera.name, "pinhole": option, **figures}, text)
-    return 0
-
-
-def _reading(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    names = f"instead of recognising it by name and content: {', '.join(files.FORMATS)}"
-    add("--from", dest="source_format", metavar="FORMAT", help=names)
-    unit = "of the input: m (default), cm, mm or metres as a number"
-    add("--unit", type=_unit, default=1.0, metavar="UNIT", help=unit)
-    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)")
-    renamed(parser, "--fps", "--file-rate", type=float)
-
-
-def _writing(parser: argparse.ArgumentParser, out: bool = False) -> None:
-    add = parser.add_argument
-    if out:
-        add("-o", "--out", metavar="OUT", help="default: TUM on standard output")
-    names = ", ".join(name for name, known in files.FORMATS.items() if known.line)
-    add("--to", dest="out_format", metavar="FORMAT", help=f"instead of the one that OUT's name means: {names}")
-    add("--out-unit", type=_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
-    add("--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)")
-    add("--force", action="store_true", help="overwrite OUT")
-
-
-def _unit(text: str) -> float:
-    """A unit of length in metres."""
-    try:
-        return UNITS_M[text] if text in UNITS_M else float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected m, cm, mm or metres as a number, found {text!r}") from None
-
-
-def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:
-    return files.read_trajectory(file, args.source_format, rate_hz=args.file_rate, unit_m=args.unit)
-
-
-def _read(args: argparse.Namespace, file: str, console: Console) -> Trajectory:
-    loaded = _loaded(args, file)
-    console.note(f"{file}: {loaded.read_as.sentence}")
-    return loaded.trajectory
-
-
-def _refuse_to_overwrite(args: argparse.Namespace) -> None:
-    """Also finds out the output's format, so that nothing is read for nothing."""
-    args.out_format = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
-    if args.out:
-        _refuse_existing(args.out, args.force)
+    console.result({"file": str(out), "camera": camera.name, "pinhole": option, **figures}, text)
 
 
 def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
@@ -250,10 +240,117 @@ def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
         raise InputError("a name that is free", path=out, found="an existing file", hint="--force to overwrite it")
 
 
-def _write(args: argparse.Namespace, trajectory: Trajectory, console: Console) -> None:
-    options = files.FileOptions(args.file_rate, args.out_unit, args.start_z)
-    if args.out is None:
-        console.result({}, files.trajectory_text(trajectory, args.out_format, options).rstrip("\n"))
+def run_make(args: argparse.Namespace, console: Console) -> None:
+    if args.scene or args.viewpoints:
+        _make_in_scene(args, console)
         return
-    files.write_trajectory(args.out, trajectory, args.out_format, options)
-    console.note(f"{args.out}: {files.FORMATS[args.out_format].goes_to}")
+    made = []
+    for name in args.recipes or NAMES:
+        source, target = _places(name, args.out)
+        content = read_json(source)
+        try:
+            motion = handheld.make(handheld.Recipe.from_dict(content))
+        except InputError as error:
+            raise error.at(source if error.path is None else f"{source}: {error.path}") from None
+        text = tum_text(motion.trajectory)
+        if not args.check:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write_text(target, text)
+        elif not target.is_file():
+            raise WorkError(f"{target}: not there to be checked")
+        elif target.read_bytes() != text.encode():
+            raise WorkError(f"{target}: not what its recipe makes")
+        figures = asdict(trajectories.statistics(motion.trajectory))
+        made.append({"name": name, "file": str(target), "scale": motion.scale, **figures})
+    rows = [f"{'':16}{'frames':>8}{'length':>9}{'mean':>8}{'max':>7} m/s{'mean':>8}{'max':>7} deg/s   scale"]
+    rows += [
+        f"{f['name']:16}{f['frames']:8d}{f['length_m']:9.3f}{f['mean_speed']:8.3f}{f['max_speed']:7.3f}    "
+        f"{f['mean_rotation_rate']:8.1f}{f['max_rotation_rate']:7.1f}         {f['scale']:.4f}"
+        for f in made
+    ]
+    console.result({"trajectories": made}, "\n".join(rows))
+
+
+def tum_text(made: Trajectory) -> str:
+    """A TUM file of 1e-6 m and 1e-7 in the quaternion: few enough digits that processors' last bits do not show."""
+    rows = np.column_stack([made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]).tolist()
+    line = "%.9f %.6f %.6f %.6f %.7f %.7f %.7f %.7f\n"
+    text = "".join([line % tuple(row) for row in rows])
+    return TUM_HEADER + text.replace("-0.000000 ", "0.000000 ").replace("-0.0000000", "0.0000000")
+
+
+def _places(name: str, out: Path | None) -> tuple[Path, Path]:
+    """The recipe's file and the trajectory's, for `kt2`, `office/kt0` or a recipe file."""
+    known = f"living_room/{name}" if f"living_room/{name}" in NAMES else name
+    if known in NAMES:
+        folder = shipped.folder("trajectories")
+        return folder / f"{known}.json", (out or folder) / f"{known}.txt"
+    source = Path(name)
+    if source.suffix != ".json":
+        raise InputError(f"one of {', '.join(NAMES)} or a recipe file *.json", found=name)
+    return source, (out or source.parent) / f"{source.stem}.txt"
+
+
+def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
+    """Write NAME.txt, the TUM file, and NAME.json, its recipe."""
+    if not args.scene or not args.viewpoints or args.recipes:
+        raise InputError("--scene and --viewpoints together, and no recipe", hint="--viewpoints auto:6")
+    settings = settings_from(args, PlanSettings())
+    file = args.scene if args.scene in shipped.SCENE_NAMES else str(Path(args.scene).resolve())
+    with opened_scene("a trajectory through a scene", file, settings_from(args, SceneReading())) as notes:
+        from iclnuim.blender import surfaces
+
+        found = surfaces.triangles()
+    for note in notes:
+        console.note(f"note: {note}")
+    if not len(found.triangles):
+        raise InputError("a scene with surfaces", path=args.scene, found="none")
+    caster = RayCaster(found.vertices, found.triangles)
+    waypoints = _waypoints(args, found.vertices, caster, settings, console)
+    places = np.array([w.position_m for w in waypoints])
+    space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, caster.distance)
+    made = plan(waypoints, space, Path(args.scene).name, settings)
+    name = (args.out or Path()) / Path(args.scene).stem
+    name.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write_text(name.with_suffix(".txt"), tum_text(made.motion.trajectory))
+    atomic_write_text(name.with_suffix(".json"), json.dumps(asdict(made.recipe), indent=2) + "\n")
+    figures = asdict(trajectories.statistics(made.motion.trajectory))
+    text = (
+        f"{name}.txt: {figures['frames']} poses, {figures['length_m']:.2f} m, "
+        f"{figures['mean_speed']:.3f} m/s, {figures['mean_rotation_rate']:.1f} deg/s, "
+        f"at least {made.clearance_m:.3f} m from every surface; its recipe is {name}.json"
+    )
+    console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)
+
+
+def _waypoints(
+    args: argparse.Namespace, vertices: np.ndarray, caster: RayCaster, settings: PlanSettings, console: Console
+) -> list[Waypoint]:
+    texts = args.viewpoints
+    if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
+        low, high = np.percentile(vertices, (1, 99), axis=0)  # a far backdrop or ground is left out
+        low, high = np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
+        space = FreeSpace.between(low, high, caster.distance)
+        found = chosen(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
+        for waypoint in found:
+            points = (waypoint.position_m, waypoint.look_at_m or ())
+            console.note("viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points))
+        return found
+    if len(texts) == 1 and Path(texts[0]).is_file():
+        lines = read_text(texts[0]).splitlines()
+        rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, 1)]
+        return [_waypoint(row, path=texts[0], line=k) for k, row in rows if row]
+    return [_waypoint(text) for text in texts]
+
+
+def _waypoint(text: str, path: str | None = None, line: int | None = None) -> Waypoint:
+    """`x,y,z`, `x,y,z:x,y,z`, with spaces for commas in files; a seventh number is seconds of rest."""
+    try:
+        numbers = [float(part) for part in re.split(r"[,:\s]+", text.strip())]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 6, 7) or not np.isfinite(numbers).all():
+        raise InputError("a viewpoint X,Y,Z or X,Y,Z:X,Y,Z", path=path, line=line, found=text)
+    x, y, z, *rest = numbers
+    look_at_m = (rest[0], rest[1], rest[2]) if rest else None
+    return Waypoint((x, y, z), look_at_m, rest[3] if len(rest) == 4 else 0.0)

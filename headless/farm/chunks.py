@@ -5,15 +5,17 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby, pairwise
 from math import ceil
+from typing import TypeVar
 
 from iclnuim.errors import InputError
 
+T = TypeVar("T")
 #: Frames that one worker renders in one go.
 Chunk = tuple[int, ...]
 
 
-def chunks_of(frames: Sequence[int], size: int) -> list[Chunk]:
-    """Chunks of at most `size` frames, in the order given, as even as they can be. No frames, no chunks."""
+def chunks_of(frames: Sequence[T], size: int) -> list[tuple[T, ...]]:
+    """Chunks of at most `size` frames (or other things), in the order given, as even as they can be. No frames, no chunks."""
     if size < 1:
         raise InputError("chunks of at least 1 frame", found=size)
     count = ceil(len(frames) / size)

@@ -32,10 +32,6 @@ class Figures:
     start_s: float = START_S
     frames: int = 0
 
-    @property
-    def source(self) -> str:
-        return f"measured on {self.frames} frames" if self.frames else "defaults, nothing measured yet"
-
 
 def default(job: RenderJob) -> Figures:
     """Of the living room, by samples and pixels."""
@@ -119,6 +115,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     rounds = ceil(len(chunks) / plan.slurm.at_once)
     light_s, dataset_s = known.start_s + bake_s / cpus, 10 + pairs_s / cpus
     wall_s = (light_s + rounds * task_s if chunks else 0) + (dataset_s if plan.sequences is not None else 0)
+    source = f"measured on {known.frames} frames" if known.frames else "defaults, nothing measured yet"
     return Estimate(
         frames=frames,
         tasks=len(chunks),
@@ -130,5 +127,5 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
-        figures=f"{known.frame_core_s:.2f} core-seconds a frame, {known.start_s:.0f} s to start: {known.source}",
+        figures=f"{known.frame_core_s:.2f} core-seconds a frame, {known.start_s:.0f} s to start: {source}",
     )

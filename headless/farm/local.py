@@ -183,14 +183,11 @@ class LocalFarm:
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILED_STARTS:
                 raise not_started(client, code)
-        self._try_again(worker)
-
-    def _try_again(self, worker: Worker) -> None:
-        """At most two frames were in work, closed one and rendered one: those alone, so that the guilty one is found; the rest together."""
+        # at most two frames were in work, closed one and rendered one: those alone, so that the guilty one is found; the rest together
         suspects, rest = (worker.left[:2], worker.left[2:]) if worker.ready else ([], worker.left)
         alone, attempts = len(worker.left) == 1, self._settings.attempts
         for number in suspects:
             self._tries[number] += alone or number == suspects[0]
         again = [(n,) for n in suspects if self._tries[n] < attempts]
-        self._outcome.failed.update({n: worker.client.log for n in suspects if self._tries[n] >= attempts})
+        self._outcome.failed.update({n: client.log for n in suspects if self._tries[n] >= attempts})
         self._todo.extendleft(reversed([frames for frames in [*again, tuple(rest)] if frames]))

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
@@ -69,45 +68,33 @@ class Workers:
             self.console.note(f"note: {event.text}")
 
 
-class Opener:
-    """The worker process that makes a run folder or resumes the one there, and then bakes its light; as a context manager.
+class LocalRun:
+    """A run folder that this machine works in, as a context manager: one worker process makes it, or resumes the one there, and bakes its
+    light; then several render.
 
-    `run` and `job`: as the worker settled them, with no baked light where things move.
+    `run` and `job`: as the worker settled them, with no baked light where things move. shared: as of Workers.
     """
 
-    def __init__(self, workers: Workers, should_stop: Callable[[], bool]) -> None:
-        self._workers, self._should_stop = workers, should_stop
+    def __init__(self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False) -> None:
+        self.plan, self.console, self.should_stop = plan, console, should_stop
+        self.farm: LocalFarm | None = None
+        self._workers = Workers(plan.job, plan.raw, console, shared)
         self._inbox: Inbox = queue.SimpleQueue()
-        self._client: WorkerClient | None = None
 
-    def __enter__(self) -> "Opener":
+    def __enter__(self) -> "LocalRun":
         self._client = self._workers.start(own_cores(), self._inbox)
         try:
             self._wait(Started)
-            self.run: RunFolder = read_run(self._workers.out)
+            self.run: RunFolder = read_run(self.plan.raw)
             self.job = RenderJob.from_dict(self.run.recipe["job"])
         except BaseException:
-            self.close()
+            self.__exit__()
             raise
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def bake(self) -> None:
-        """The light of the job into the cache, where it takes any."""
-        if self.job.light == "baked":
-            self._do({"bake": True})
-
-    def save_blend(self, file: Path) -> None:
-        """A copy of the prepared scene with its keyed camera."""
-        self._do({"blend": str(file.resolve())})
-
-    def close(self) -> None:
         """End the process; safe to call twice."""
-        client, self._client = self._client, None
-        if client is None:
-            return
+        client = self._client
         client.stop()
         end = time.monotonic() + 2.0
         while client.running and time.monotonic() < end:
@@ -116,14 +103,55 @@ class Opener:
         client.kill()
         client.close(keep_log=not clean)
 
-    def _do(self, command: dict[str, Any]) -> None:
-        assert self._client is not None
-        self._client.send(command)
-        self._wait(ChunkDone)
+    def bake(self) -> None:
+        """The light of the job into the cache, where it takes any."""
+        if self.job.light == "baked":
+            self._client.send({"bake": True})
+            self._wait(ChunkDone)
+
+    def render(
+        self,
+        numbers: Sequence[int],
+        on_frame: Callable[[int], None] = lambda number: None,
+        should_stop: Callable[[], bool] | None = None,
+        cores: list[list[int]] | None = None,
+        blend: Path | None = None,
+    ) -> Outcome:
+        """The frames of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome.
+
+        cores: of each worker, where the plan's number of workers does not decide. blend: also save the prepared scene there.
+        """
+        stop, job = should_stop or self.should_stop, self.job
+        cores, missing = cores or split(self.plan.farm.workers), self.run.missing(numbers)
+        if numbers:
+            self.console.note(f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}")
+        if missing:
+            self.run.check_space(len(missing))
+            self.bake()
+        if blend is not None:
+            self._client.send({"blend": str(blend.resolve())})
+            self._wait(ChunkDone)
+        self.__exit__()
+        if not missing or stop():
+            return Outcome(stopped=stop())
+        progress = self.console.progress(len(missing), job.sequence)
+
+        def done(number: int) -> None:
+            progress.advance()
+            on_frame(number)
+
+        def listen(worker: Worker, event: Event) -> None:
+            self._workers.on_event(event)
+            if isinstance(event, Ready):
+                progress.begin()
+
+        self._workers.job = job
+        self.farm = LocalFarm(self._workers.start, cores[: len(missing)], done, listen, stop, self.plan.farm)
+        return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
 
     def _wait(self, kind: type[Event]) -> None:
         """For one event; the worker's errors are ours. A stop asked for meanwhile ends it at once: nothing is lost."""
-        while not self._should_stop():
+        while not self.should_stop():
             try:
                 client, event = self._inbox.get(timeout=0.2)
             except queue.Empty:
@@ -140,62 +168,6 @@ class Opener:
         raise KeyboardInterrupt
 
 
-@dataclass
-class LocalRun:
-    """A run folder that this command alone works in; made by `open_run`."""
-
-    plan: RunPlan
-    console: Console
-    should_stop: Callable[[], bool]
-    workers: Workers
-    opener: Opener
-    farm: LocalFarm | None = field(default=None, init=False)
-
-    @property
-    def run(self) -> RunFolder:
-        return self.opener.run
-
-    def render(
-        self,
-        numbers: Sequence[int],
-        on_frame: Callable[[int], None] = lambda number: None,
-        should_stop: Callable[[], bool] | None = None,
-        cores: list[list[int]] | None = None,
-        blend: Path | None = None,
-    ) -> Outcome:
-        """The frames of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome.
-
-        cores: of each worker, where the plan's number of workers does not decide. blend: also save the prepared scene there.
-        """
-        stop, job = should_stop or self.should_stop, self.opener.job
-        cores = cores or split(self.plan.farm.workers)
-        missing = self.run.missing(numbers)
-        if numbers:
-            self.console.note(f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}")
-        if missing:
-            self.run.check_space(len(missing))
-            self.opener.bake()
-        if blend is not None:
-            self.opener.save_blend(blend)
-        self.opener.close()
-        if not missing or stop():
-            return Outcome(stopped=stop())
-        progress = self.console.progress(len(missing), job.sequence)
-
-        def done(number: int) -> None:
-            progress.advance()
-            on_frame(number)
-
-        def listen(worker: Worker, event: Event) -> None:
-            self.workers.on_event(event)
-            if isinstance(event, Ready):
-                progress.begin()
-
-        self.workers.job = job
-        self.farm = LocalFarm(self.workers.start, cores[: len(missing)], done, listen, stop, self.plan.farm)
-        return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
-
-
 @contextmanager
 def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> Iterator[LocalRun]:
     """The run of `plan`, made or resumed, locked for this command. Raises InputError, WorkError that names who else works there."""
@@ -206,10 +178,8 @@ def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -
     if existed and not out.is_dir():
         raise InputError("a folder", path=out, found="a file", hint="another {out}")
     try:
-        with OutputLock(out / ".farm"):
-            workers = Workers(plan.job, out, console)
-            with Opener(workers, should_stop) as opener:
-                yield LocalRun(plan, console, should_stop, workers, opener)
+        with OutputLock(out / ".farm"), LocalRun(plan, console, should_stop) as run:
+            yield run
     except NotADirectoryError:
         raise InputError("a folder", path=out, found="a file on the way there", hint="another {out}") from None
     except OSError as error:

@@ -1,111 +1,130 @@
 """Slurm: light, arrays of frame tasks and the data set, handed over to an existing Slurm by submitit, each after the one before."""
 
+import json
+import re
+import shutil
 import subprocess
-from collections.abc import Iterable
+from collections import Counter
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from math import ceil
+from pathlib import Path
 from typing import Any
 
 from iclnuim.dataset.recipe import read_recipe, refuse_other
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.files import write_json
 
 from ..console import Console
-from . import slurm_queue
 from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import Estimate, estimate
 from .estimate import known as known_figures
-from .run_plan import RunPlan
-from .slurm_queue import Submitted
-from .slurm_settings import SlurmSettings
+from .run_plan import RunPlan, SlurmSettings, minutes
 from .tasks import Task
 
 #: A task may be put back into the queue this often because its time was up; each time it has done some frames.
 MAX_TIMEOUTS = 20
 #: Seconds before the end of its time at which a task puts itself back; of a short time a quarter.
 NOTICE_S = 60
+#: Of a Slurm that is not asked, as its own default has it.
+MAX_ARRAY_SIZE = 1001
+#: Below the run folder, beside the logs of the jobs.
+_SUBMITTED = ".farm/slurm/submitted.json"
+NAMES = {stage: f"iclnuim-{stage}" for stage in ("light", "frames", "dataset")}
 
 Chunks = tuple[Chunk, ...]
 
 
 @dataclass(frozen=True)
-class Batch:
-    """Jobs to be submitted: the frames of each array's tasks, and what they are expected to take; tasks that wait or run already."""
+class Submitted:
+    """A job that was handed over: its number, stage, and for an array the frames of each task."""
 
-    arrays: tuple[Chunks, ...]
-    light: bool
-    dataset: bool
+    job: str
+    stage: str
+    chunks: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def tasks(self) -> dict[str, tuple[int, ...]]:
+        """Task as squeue names it -> its frames."""
+        if len(self.chunks) == 1:
+            return {self.job: self.chunks[0]}
+        return {f"{self.job}_{k}": frames for k, frames in enumerate(self.chunks)} or {self.job: ()}
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Jobs to be submitted, in the order in which they depend on each other, with the frames of each array's tasks, and what they are
+    expected to take; tasks that wait or run already.
+    """
+
+    stages: list[tuple[str, Chunks]]
     estimate: Estimate
     waiting: dict[str, str]
-
-    def stages(self) -> Iterable[tuple[str, Chunks]]:
-        """In the order in which they depend on each other."""
-        if self.light:
-            yield "light", ()
-        for chunks in self.arrays:
-            yield "frames", chunks
-        if self.dataset:
-            yield "dataset", ()
 
 
 def run(plan: RunPlan, print_only: bool, console: Console) -> int:
     """Submit, and print what was submitted and how to go on; `print_only`: the job scripts, nothing is submitted. Raises InputError, WorkError."""
     if print_only:
-        _show(plan, console)
-        return 0
-    if not slurm_queue.there():
+        return _show(plan, console)
+    if not all(shutil.which(name) for name in ("sbatch", "srun", "squeue", "scontrol")):
         needed = "sbatch, srun, squeue, scontrol on the PATH"
         raise WorkError(f"no Slurm here ({needed})", hint="a login node, or {print_only}")
     batch = prepare(plan)
-    if not any(batch.stages()):
-        queued = f"nothing to submit: what is missing is in the queue ({slurm_queue.counted(batch.waiting)})"
+    if not batch.stages:
+        queued = f"nothing to submit: what is missing is in the queue ({counted(batch.waiting)})"
         console.note(queued if batch.waiting else "nothing is missing")
         return 0
-    jobs = submit(plan, batch)
+    jobs, what = submit(plan, batch), {"light": "light", "dataset": "data set"}
     console.note(f"{plan.job.sequence}: {batch.estimate.text()}")
-    console.note("submitted: " + ", ".join(f"{_what(job)} as job {job.job}" for job in jobs))
+    for job in jobs:
+        frames = f"{sum(map(len, job.chunks))} frames in {len(job.chunks)} task{'s' * (len(job.chunks) != 1)}"
+        console.note(f"submitted: {what.get(job.stage, frames)} as job {job.job}")
     console.note(f"go on with: iclnuim status {plan.out}; iclnuim resume {plan.out}")
     return 0
 
 
-def _show(plan: RunPlan, console: Console) -> None:
-    """Also where there is no Slurm."""
+def _show(plan: RunPlan, console: Console) -> int:
+    """The job scripts as submitit writes them, also where there is no Slurm."""
     try:
         batch = prepare(plan)
     except WorkError as error:
         console.note(f"as for an empty queue: {error}")
         batch = prepare(plan, ask=False)
-    texts = scripts(plan, batch)
+    executor, texts = _executor(plan), []
+    for stage, chunks in batch.stages:  # those that wait for others name them by stage
+        after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
+        executor.parameters = {}
+        executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, after))
+        if len(chunks) > 1:
+            executor.parameters["map_count"] = len(chunks)
+        texts.append(executor._make_submission_file_text(executor._submitit_command_str, stage))
     values = {"scripts": texts, "estimate": asdict(batch.estimate)}
     titled = [f"# job {k} of {len(texts)}\n{text}" for k, text in enumerate(texts, 1)]
     console.result(values, "\n".join([*titled, batch.estimate.text()]))
-
-
-def _what(job: Submitted) -> str:
-    if job.stage != "frames":
-        return {"light": "light", "dataset": "data set"}[job.stage]
-    return f"{sum(map(len, job.chunks))} frames in {len(job.chunks)} task{'s' * (len(job.chunks) != 1)}"
+    return 0
 
 
 def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     """What is neither done nor in the queue. `ask` Slurm, else suppose an empty queue. Raises InputError, WorkError."""
     _refuse_other_job(plan)
-    jobs = slurm_queue.recorded(plan.raw) if ask else []
-    waiting = slurm_queue.in_queue(jobs)
+    jobs = recorded(plan.raw) if ask else []
+    waiting = in_queue(jobs)
     taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
     missing = [n for n in plan.missing() if n not in taken]
     known = known_figures(plan.job)
     size = size_for_seconds(60 * plan.slurm.chunk_minutes, known.frame_core_s / plan.slurm.cpus)
-    chunks = tuple(chunks_of(missing, size))
-    most = slurm_queue.max_array_size() if ask else slurm_queue.MAX_ARRAY_SIZE
+    chunks = chunks_of(missing, size)
+    answer = re.search(r"^MaxArraySize\s*=\s*(\d+)", _ask("scontrol", "show", "config") if ask else "", re.M)
+    most = max(1, int(answer[1])) if answer else MAX_ARRAY_SIZE  # MaxArraySize counts from 0
     dataset_waits = any(job.stage == "dataset" and job.job in waiting for job in jobs)
-    return Batch(  # as few arrays as the limit allows, of even length
-        arrays=tuple(tuple(chunks[k] for k in part) for part in chunks_of(range(len(chunks)), most)),
-        light=bool(chunks),
-        dataset=plan.sequences is not None and (bool(chunks) or not (dataset_waits or complete(plan))),
-        estimate=estimate(plan, [len(frames) for frames in chunks], known),
-        waiting=waiting,
-    )
+    stages: list[tuple[str, Chunks]] = [("light", ())] if chunks else []
+    stages += [
+        ("frames", part) for part in chunks_of(chunks, most)
+    ]  # as few arrays as the limit allows, of even length
+    if plan.sequences is not None and (chunks or not (dataset_waits or complete(plan))):
+        stages.append(("dataset", ()))
+    return Batch(stages, estimate(plan, [len(frames) for frames in chunks], known), waiting)
 
 
 def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
@@ -114,33 +133,22 @@ def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
     from submitit.core.utils import FailedJobError, FailedSubmissionError
 
     plan.write_record()
-    still = [job for job in slurm_queue.recorded(plan.raw) if any(task in batch.waiting for task in job.tasks)]
+    still = [job for job in recorded(plan.raw) if any(task in batch.waiting for task in job.tasks)]
     new: list[Submitted] = []
     try:
-        for stage, chunks in batch.stages():
+        for stage, chunks in batch.stages:
             executor.parameters = {}
             executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, _dependency(stage, new, batch)))
             given = [Task(plan.to_dict(), str(plan.raw.resolve()), stage, frames) for frames in chunks or [()]]
             job = executor.submit_array(given)[0]
             new.append(Submitted(job.job_id.split("_")[0], stage, chunks))
-            slurm_queue.record(plan.raw, still + new)
+            record(plan.raw, still + new)
     except (FailedJobError, FailedSubmissionError, subprocess.SubprocessError) as error:
-        slurm_queue.cancel(new)
+        with suppress(WorkError):
+            if new:
+                _ask("scancel", *(job.job for job in new))
         raise WorkError(f"sbatch: {' '.join(str(error).split())}") from None
     return new
-
-
-def scripts(plan: RunPlan, batch: Batch) -> list[str]:
-    """The job scripts as submitit writes them; those that wait for others name them by stage."""
-    executor, texts = _executor(plan), []
-    for stage, chunks in batch.stages():
-        after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
-        executor.parameters = {}
-        executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, after))
-        if len(chunks) > 1:
-            executor.parameters["map_count"] = len(chunks)
-        texts.append(executor._make_submission_file_text(executor._submitit_command_str, stage))
-    return texts
 
 
 def complete(plan: RunPlan) -> bool:
@@ -173,10 +181,14 @@ def _executor(plan: RunPlan) -> Any:
 def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
     """sbatch options under submitit's names; a task gets four times the time expected of it, and half an hour at least."""
     task = {"light": expected.light_minutes, "frames": expected.task_minutes, "dataset": expected.dataset_minutes}
-    time_min = settings.time_min or max(30, ceil(4 * task[stage]))
+    time_min = minutes(settings.time) if settings.time else max(30, ceil(4 * task[stage]))
+    setup = [*settings.setup]
+    if settings.scratch is not None:  # the node's own variables are filled in there
+        quoted = re.sub(r'(["`\\])', r"\\\1", settings.scratch)
+        setup += [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
     given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
     return {
-        "job_name": slurm_queue.NAMES[stage],
+        "job_name": NAMES[stage],
         "time": time_min,
         "mem": settings.memory,
         "cpus_per_task": settings.cpus,
@@ -184,20 +196,12 @@ def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, depende
         "array_parallelism": settings.at_once,
         "srun_args": [f"--cpus-per-task={settings.cpus}"],  # since 22.05 srun does not take it from sbatch
         "wckey": None,
-        "setup": [*settings.setup, *_scratch(settings.scratch)] or None,
+        "setup": setup or None,
         # a task that was preempted, or whose node died, goes back into the queue; one whose light failed goes
         "additional_parameters": {"requeue": True, "kill-on-invalid-dep": "yes", **settings.extra},
         **{name: value for name, value in given.items() if value},
         **({"dependency": dependency} if dependency else {}),
     }
-
-
-def _scratch(folder: str | None) -> list[str]:
-    """Shell lines; the node's own variables are filled in there."""
-    if folder is None:
-        return []
-    quoted = folder.replace("\\", "\\\\").replace('"', '\\"').replace("`", "\\`")
-    return [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
 
 
 def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
@@ -219,3 +223,52 @@ def _refuse_other_job(plan: RunPlan) -> None:
     names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
     begun, wanted = ({name: job.get(name) for name in names} for job in (there, asked))
     refuse_other("run", plan.raw, begun, wanted, "another {out}")
+
+
+def in_queue(jobs: list[Submitted]) -> dict[str, str]:
+    """Tasks of `jobs` that wait or run -> their state. Raises WorkError where Slurm does not answer."""
+    if not jobs:
+        return {}
+    lines = _ask("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
+    states = dict(line.split()[:2] for line in lines if len(line.split()) > 1)
+    ours = {task for job in jobs for task in job.tasks}
+    return {task: state for task, state in states.items() if task in ours}
+
+
+def counted(states: dict[str, str]) -> str:
+    """`3 running, 10 pending`."""
+    return ", ".join(f"{n} {state.lower()}" for state, n in sorted(Counter(states.values()).items(), reverse=True))
+
+
+def recorded(raw: Path) -> list[Submitted]:
+    """Jobs handed over for a run folder so far; none where nothing is recorded."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        content = json.loads((raw / _SUBMITTED).read_text("utf-8"))
+        return [Submitted(j["job"], j["stage"], tuple(map(tuple, j["chunks"]))) for j in content["jobs"]]
+    return []
+
+
+def record(raw: Path, jobs: list[Submitted]) -> None:
+    """Write down what was handed over so far."""
+    content = [{"job": j.job, "stage": j.stage, "chunks": [list(c) for c in j.chunks]} for j in jobs]
+    (raw / _SUBMITTED).parent.mkdir(parents=True, exist_ok=True)
+    write_json(raw / _SUBMITTED, {"jobs": content})
+
+
+def last_error(raw: Path) -> str | None:
+    """The error of the task that failed last, from the logs beside the frames."""
+    logs = sorted((raw / ".farm/slurm").glob("*_log.err"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for log in logs:
+        if found := re.findall(r"^(?:[\w.]*\.)?\w*Error: (.+)$", log.read_text("utf-8", "replace"), re.M):
+            return f"{log.name}: {found[-1]}"
+    return None
+
+
+def _ask(*command: str) -> str:
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+    except (OSError, subprocess.TimeoutExpired) as error:
+        reason = str(error)
+    except subprocess.CalledProcessError as error:
+        reason = " ".join(error.stderr.split()) or f"exit code {error.returncode}"
+    raise WorkError(f"{command[0]}: {reason}; run this where Slurm's commands work")

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import frames_of_run
-from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
+from iclnuim.dataset.sequence import JournalEntry, SequenceWriter
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Event, FrameDone, Ready
 
@@ -23,30 +24,85 @@ from . import estimate
 from .chunks import chunks_of, granted_cores, local_size, split
 from .local import LocalFarm, Outcome, Worker
 from .lock import STALE_S, OutputLock
-from .rendering import Opener, Workers, report
+from .rendering import LocalRun, Workers, report
 from .run_plan import RunPlan
-from .sequences import SequenceStage
 
-STAGES = ("light", "frames", "dataset")
+
+class SequenceStage:
+    """Finished frames turned into sequences, while others are still being rendered.
+
+    `add(number)` a rendered frame at any time; `complete()` waits for all, then writes lists and recipes.
+
+    Images are made on `workers` cores; journals are written, pairs read back, and raw frames dropped on the caller's thread, whenever
+    it asks for something. The first error ends the stage and is raised by `close` and by `complete`.
+    """
+
+    def __init__(
+        self,
+        writer: SequenceWriter,
+        raw: RunFolder,
+        workers: int,
+        keep_raw: bool,
+        on_frame: Callable[[int], None] = lambda number: None,
+    ) -> None:
+        self._writer, self._raw, self._keep_raw, self._on_frame = writer, raw, keep_raw, on_frame
+        self._pool = FramePool(writer.make, workers, self._made)
+        self._lacking = set(writer.missing)
+
+    def add(self, number: int) -> None:
+        """A frame whose raw file stands; those whose pairs stand already are dropped."""
+        if number in self._lacking:
+            self._lacking.remove(number)
+            self._pool.add(number)
+        else:
+            self._drop(number)
+
+    def add_finished(self, numbers: Iterable[int]) -> list[int]:
+        """Add those of `numbers` that are rendered already; the frames that the sequences still lack then."""
+        there = sorted(set(self._raw.frame_numbers()).intersection(numbers))
+        finished = set(there).difference(self._raw.missing(there))
+        for number in sorted(finished):
+            self.add(number)
+        return [n for n in self._writer.missing if n not in finished]
+
+    @property
+    def broken(self) -> bool:
+        """Whether an error has ended it."""
+        self._pool.collect()
+        return self._pool.failed
+
+    def close(self) -> None:
+        """Finish what was added; raises the first error. Safe to call twice."""
+        self._pool.close()
+
+    def complete(self) -> None:
+        """All frames are in: lists and recipes. Raises InputError, WorkError."""
+        self.close()
+        self._writer.complete()
+
+    def _made(self, entries: list[JournalEntry | None]) -> None:
+        number = self._writer.note(entries)
+        self._drop(number)
+        self._on_frame(number)
+
+    def _drop(self, number: int) -> None:
+        if not self._keep_raw and self._writer.stands(number):
+            self._raw.frame_file(number).unlink(missing_ok=True)
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
     """The first task: a run folder with its recipe, and the light map in the cache. Raises InputError, WorkError."""
-    with Opener(Workers(plan.job, plan.raw, console, shared=True), should_stop) as opener:
-        opener.bake()
+    with LocalRun(plan, console, should_stop, shared=True) as run:
+        run.bake()
 
 
 def frames(
-    plan: RunPlan,
-    numbers: Iterable[int],
-    console: Console,
-    on_frame: Callable[[int], None],
-    should_stop: Callable[[], bool] = lambda: False,
+    plan: RunPlan, console: Console, on_frame: Callable[[int], None], should_stop: Callable[[], bool] = lambda: False
 ) -> Outcome:
-    """The task between: those of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
+    """The task between: the plan's frames that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
     if not (plan.raw / "sequence.json").is_file():
         light(plan, console, should_stop)
-    missing = replace(plan, numbers=tuple(numbers)).missing()
+    missing = plan.missing()
     if not missing:
         return Outcome()
     read_run(plan.raw).check_space(len(missing))
@@ -63,7 +119,15 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
     """The last task: both sequences; how many frames they hold. Raises WorkError where frames are missing, once all others are in."""
     run, trajectory = read_run(plan.raw), load_trajectory(plan.job)
     with ExitStack() as held:
-        _lock(held, OutputLock(plan.raw / ".farm"), patience_s)
+        end = time.monotonic() + patience_s
+        while True:  # where the holder died on another machine, until its heartbeat is old
+            try:
+                held.enter_context(OutputLock(plan.raw / ".farm"))
+                break
+            except WorkError:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(2.0)
         source = frames_of_run(run, trajectory, list(plan.numbers))
         writer = SequenceWriter(source, plan.variants(), plan.formats)
         stage = SequenceStage(writer, run, len(granted_cores()), plan.keep_raw, on_frame)
@@ -80,6 +144,23 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
     return len(plan.numbers)
 
 
+def run(
+    stage: str,
+    plan: RunPlan,
+    console: Console,
+    on_frame: Callable[[int], None],
+    should_stop: Callable[[], bool] = lambda: False,
+) -> int:
+    """The task `light`, `frames` or `dataset`; its exit code. Raises InputError, WorkError."""
+    if stage == "frames":
+        return report(frames(plan, console, on_frame, should_stop), console)
+    if stage == "light":
+        light(plan, console, should_stop)
+    else:
+        dataset(plan, on_frame)
+    return 0
+
+
 @dataclass(frozen=True)
 class Task:
     """One task as Slurm runs it: a stage of the plan recorded in `record` for the run folder `raw`; `frames` of a frame task."""
@@ -92,15 +173,10 @@ class Task:
     def __call__(self) -> int:
         """Runs on a node; returns the exit code 0. Raises what failed, so that Slurm counts the task as failed."""
         console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
-        if self.stage == "light":
-            light(plan, console)
-        elif self.stage == "frames":
-            progress = console.progress(len(self.frames), f"{plan.job.sequence}, frame {self.frames[0]} and on")
-            return report(frames(plan, self.frames, console, lambda number: progress.advance()), console)
-        else:
-            progress = console.progress(len(plan.numbers), plan.job.sequence, "pairs")
-            dataset(plan, lambda number: progress.advance())
-        return 0
+        if self.frames:
+            plan = replace(plan, numbers=self.frames)
+        progress = console.progress(len(plan.numbers), f"{plan.job.sequence}, frame {plan.numbers[0]} and on")
+        return run(self.stage, plan, console, lambda number: progress.advance())
 
     def checkpoint(self) -> object:
         """submitit asks before time is up, or when a task must make room: the same task again, frames that are finished are skipped."""
@@ -125,16 +201,3 @@ class _Times:
         if isinstance(event, FrameDone) and event.cycles is not None:
             seconds = max(event.cycles, event.close or 0.0)  # a frame is closed while the next is in Cycles
             self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)
-
-
-def _lock(held: ExitStack, lock: OutputLock, patience_s: float) -> None:
-    """Where the holder died on another machine, wait until its heartbeat is old."""
-    end = time.monotonic() + patience_s
-    while True:
-        try:
-            held.enter_context(lock)
-            return
-        except WorkError:
-            if time.monotonic() > end:
-                raise
-        time.sleep(2.0)

@@ -11,8 +11,7 @@ import pytest
 from iclnuim import shipped
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.commands import task
-from iclnuim.headless.commands.run_options import add_run_options
+from iclnuim.headless.commands.runs import configure_make, configure_task
 from iclnuim.headless.farm.chunks import numbers_from
 from iclnuim.job import RenderJob
 from iclnuim.settings import declared
@@ -46,7 +45,7 @@ def words_of(one):
 
 def parsed(one):
     parser = argparse.ArgumentParser(exit_on_error=False)
-    task.configure(parser)
+    configure_task(parser)
     return parser.parse_args(words_of(one)[1:])
 
 
@@ -138,7 +137,7 @@ def test_settings_are_those_that_are_declared(compiled):
         "0: the light's own"
     )
     parser = argparse.ArgumentParser()
-    add_run_options(parser, "make")
+    configure_make(parser)
     for name in ("depth_noise", "rgb_noise"):
         assert (
             settings[name]["default"] == parser.get_default(name)

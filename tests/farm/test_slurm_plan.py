@@ -15,11 +15,17 @@ from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
-from iclnuim.headless.commands import make, render
-from iclnuim.headless.commands.run_options import plan_from, with_farm_options
-from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
-from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
-from iclnuim.headless.farm.slurm_settings import SlurmSettings, minutes, read_settings
+from iclnuim.headless.commands.runs import configure_make, configure_render, plan_from, with_farm_options
+from iclnuim.headless.farm import estimate, slurm, tasks
+from iclnuim.headless.farm.run_plan import (
+    RECORD,
+    RunPlan,
+    SlurmSettings,
+    find_run,
+    minutes,
+    read_plan,
+    read_settings,
+)
 from iclnuim.job import shipped_job
 
 TINY = ("--camera", "16x12", "--frames", "0:10")
@@ -138,7 +144,7 @@ def test_light_frames_and_data_set_wait_for_each_other(pretended, tmp_path, caps
     after = [option(s, "dependency") for s in scripts]
     assert after == [[], *[["afterok:11"]] * 3, ["afterany:11:12:13:14"]]
     assert [option(s, "array")[0].split("%")[0] for s in scripts[1:4]] == ["0-2", "0-2", "0-3"]
-    jobs = slurm_queue.recorded(tmp_path / "o/raw")
+    jobs = slurm.recorded(tmp_path / "o/raw")
     assert sorted(n for job in jobs for chunk in job.chunks for n in chunk) == list(range(10))
     assert "submitted: light as job 11" in capsys.readouterr().err
 
@@ -154,11 +160,11 @@ def test_frames_of_tasks_in_the_queue_are_not_asked_for_again(pretended, job, tm
     raw = tmp_path / "o/raw"
     begun(job, raw, [0, 1])
     chunks = ((0, 1), (2, 3), (4, 5))
-    slurm_queue.record(raw, [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", chunks)])
+    slurm.record(raw, [slurm.Submitted("11", "light"), slurm.Submitted("12", "frames", chunks)])
     pretended(queue="12_1 RUNNING\\n99_2 PENDING\\n")
     batch = slurm.prepare(RunPlan(job, raw, tuple(range(8))))
     assert batch.waiting == {"12_1": "RUNNING"}
-    assert [n for array in batch.arrays for chunk in array for n in chunk] == [4, 5, 6, 7]
+    assert [n for _, array in batch.stages for chunk in array for n in chunk] == [4, 5, 6, 7]
 
 
 def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(pretended, job, tmp_path, capsys):
@@ -196,12 +202,12 @@ def test_clean_and_noisy_are_those_of_a_local_make(job, tmp_path):
     assert all((tmp_path / "near" / p).read_bytes() == (tmp_path / "far" / p).read_bytes() for p in files)
 
 
-def asked_for(tmp_path, *words, command=make):
+def asked_for(tmp_path, *words, configure=configure_make):
     """The plan of `iclnuim make kt2`, or of other words."""
     parser = argparse.ArgumentParser()
-    command.configure(parser)
+    configure(parser)
     args = parser.parse_args([*(words or ("kt2", *TINY)), "--out", str(tmp_path / "plan")])
-    return with_farm_options(plan_from(args, command.__name__.rpartition(".")[2]), args)
+    return with_farm_options(plan_from(args), args)
 
 
 def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, monkeypatch):
@@ -271,12 +277,12 @@ def test_measured_figures_stand_above_defaults_and_a_first_frame_counts_as_start
 def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended, job, tmp_path, capsys):
     out = tmp_path / "o"
     begun(job, out, [0, 1])
-    asked = asked_for(tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", command=render)
+    asked = asked_for(tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", configure=configure_render)
     replace(asked, raw=out).write_record()
     pretended()
     words = ("resume", str(out), "--engine", "slurm", "--partition", "night", "--print-only", "--json")
     assert main(list(words)) == 2 and "light baked there, path asked" in capsys.readouterr().err
-    replace(asked_for(tmp_path, "kt2", *TINY, command=render), raw=out).write_record()
+    replace(asked_for(tmp_path, "kt2", *TINY, configure=configure_render), raw=out).write_record()
     assert main(list(words)) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["estimate"]["frames"] == 8 and {option(s, "partition")[0] for s in said["scripts"]} == {"night"}
@@ -285,7 +291,7 @@ def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended,
 def test_status_says_why_nothing_goes_on(pretended, job, tmp_path, capsys):
     raw = tmp_path / "o/raw"
     begun(job, raw, [0])
-    slurm_queue.record(raw, [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", ((0,), (1,)))])
+    slurm.record(raw, [slurm.Submitted("11", "light"), slurm.Submitted("12", "frames", ((0,), (1,)))])
     (raw / ".farm/slurm/12_1_0_log.err").write_text(
         "Traceback ...\niclnuim.errors.WorkError: no space left\nsrun: error: x\n"
     )

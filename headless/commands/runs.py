@@ -1,0 +1,209 @@
+"""`iclnuim make`, `render`, `resume` and `task`: what a run is asked for, the plan made of it, and the plan carried out, here or on Slurm."""
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from iclnuim import shipped
+from iclnuim.dataset.frames import frames_of_run
+from iclnuim.dataset.run_folder import load_trajectory
+from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.trajectory import frame_slice
+from iclnuim.job import RenderJob, read_recipe, shipped_job
+
+from .. import options
+from ..console import Console
+from ..farm import slurm, tasks
+from ..farm.chunks import numbers_from, own_cores
+from ..farm.rendering import open_run, report, stop_on_signals
+from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
+from ..sequence_options import add_sensor_options, sequence_options
+
+_STAGES = {
+    "light": "first: the run folder with its recipe, and the light in the cache",
+    "frames": "then: some frames, those that are missing",
+    "dataset": "last: the clean and the noisy sequence of all frames",
+}
+
+
+def configure_make(parser: argparse.ArgumentParser) -> None:
+    add_run_options(parser, "make", "default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/")
+    _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
+
+
+def configure_render(parser: argparse.ArgumentParser) -> None:
+    add_run_options(parser, "render", "folder of the run; default: out/SEQUENCE/raw")
+    blend = "also save the scene with the keyed camera, to play in Blender"
+    parser.add_argument("--blend", type=Path, metavar="FILE", help=blend)
+    _add_farm_options(parser, "iclnuim render kt2 --quick", _begin)
+
+
+def configure_resume(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="what --out of `iclnuim render` or `make` was")
+    _add_farm_options(parser, "iclnuim resume out/living_room/kt2", _resume)
+
+
+def configure_task(parser: argparse.ArgumentParser) -> None:
+    actions = options.subcommands(parser, "STAGE")
+    for stage, help in _STAGES.items():
+        numbers = " --numbers 0-24,30" if stage == "frames" else ""
+        one = options.action(
+            actions, stage, help, f"iclnuim task {stage} kt2 --out out/kt2{numbers}", _task, json=False
+        )
+        add_run_options(one, "make", "folder that all tasks of the run share; holds clean/, noisy/ and raw/")
+        which = "which frames, both ends included; default: those of --frames"
+        one.add_argument("--numbers", metavar="A-B,C", help=which)
+        one.add_argument("--say", choices=("flamenco",), help="progress in lines that this render farm understands")
+
+
+def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> None:
+    """What `render` or `make` is asked for, but for how the work is shared; `out`: the help of --out."""
+    parser.set_defaults(command=command)
+    add, names = parser.add_argument, ", ".join(shipped.SCENE_NAMES)
+    add("sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)")
+    add("--scene", metavar="NAME|FILE", help=f"another scene: {names}, or a file: {options.SCENE_KINDS}")
+    add("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
+    options.add_scene_options(parser)
+    add("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
+    add("--quick", action="store_true", help="every 30th frame")
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
+    options.add_settings(parser, RenderJob)
+    add("-o", "--out", type=Path, metavar="DIR", help=out)
+    if command == "make":
+        add_sensor_options(parser, "released", ("depth_units", "formats"))
+        add("--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand")
+
+
+def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callable) -> None:
+    """How the work is shared: nothing here changes a pixel."""
+    options.add_settings(parser, FarmSettings)
+    options.renamed(parser, "--stuck-after", "--worker-timeout", type=float)
+    add = parser.add_argument
+    add("--slurm", type=Path, metavar="FILE", help="settings for Slurm in TOML; options take precedence")
+    options.add_settings(parser, SlurmSettings)
+    add("--print-only", action="store_true", help="show job scripts and the estimate, submit nothing")
+    options.common(parser, example)
+    parser.set_defaults(run=run)
+
+
+def plan_from(args: argparse.Namespace) -> RunPlan:
+    """What the options ask for. Raises InputError."""
+    job = _job(args)
+    if args.quick and args.frames:
+        raise InputError("{quick} or {frames}, not both")
+    frames = args.frames or ("::30" if args.quick else "::")
+    numbers = tuple(frame_slice(frames, len(load_trajectory(job))))
+    out = args.out or Path("out") / job.sequence
+    if args.command == "render":
+        return RunPlan(job, args.out or out / "raw", numbers)
+    return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw)
+
+
+def _job(args: argparse.Namespace) -> RenderJob:
+    """Raises InputError for a sequence, scene or camera that is not there."""
+    if args.sequence is None and not (args.scene and args.trajectory):
+        raise InputError("a SEQUENCE, or {scene} and {trajectory}", hint=", ".join(shipped.sequence_names()))
+    given: dict[str, Any] = options.given_settings(args, RenderJob)
+    for name in ("scene", "trajectory"):
+        file = given[name] = getattr(args, name)
+        if file is not None and file not in (*shipped.SCENE_NAMES, *shipped.sequence_names()):
+            given[name] = str(Path(file).expanduser().resolve())  # so that the recipe says which
+    if args.sequence is None:
+        name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
+        job = RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
+    else:
+        job = read_recipe(args.sequence) if args.sequence.endswith(".json") else shipped_job(args.sequence)
+    if args.camera:
+        given["camera"] = PinholeCamera.parse(args.camera)
+    return job.changed(reading=options.settings_from(args, job.reading), **given)
+
+
+def with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
+    """The plan with the engine and the settings that options name. Raises InputError."""
+    slurm = read_settings(args.slurm) if args.slurm else plan.slurm
+    return replace(plan, farm=options.settings_from(args, plan.farm), slurm=options.settings_from(args, slurm))
+
+
+def _begin(args: argparse.Namespace, console: Console) -> int:
+    plan = with_farm_options(plan_from(args), args)
+    return _execute(plan, console, args.print_only, getattr(args, "blend", None))
+
+
+def _resume(args: argparse.Namespace, console: Console) -> int:
+    """What was asked for when the folder was begun, again; what is finished is skipped."""
+    plan = with_farm_options(read_plan(find_run(args.folder)), args)
+    console.note(f"resuming: iclnuim {plan.command} {plan.job.sequence}")
+    return _execute(plan, console, args.print_only, None)
+
+
+def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
+    """What is missing of the plan; the exit code. Raises InputError, WorkError.
+
+    print_only: show Slurm's job scripts instead. blend: also save the prepared scene there.
+    """
+    if print_only and plan.farm.engine != "slurm":
+        raise InputError("{print_only} with {engine} slurm", found=f"{plan.farm.engine}")
+    variants = plan.variants()
+    if plan.farm.engine == "slurm":
+        if blend is not None:
+            raise InputError("{blend} on this machine alone", hint="{engine} local")
+        return slurm.run(plan, print_only, console)
+    with stop_on_signals() as stopped, open_run(plan, console, stopped) as run:
+        plan.write_record()
+        if not variants:
+            return report(run.render(plan.numbers, blend=blend), console)
+        source = frames_of_run(run.run, load_trajectory(plan.job), list(plan.numbers))
+        writer = SequenceWriter(source, variants, plan.formats)
+        stage = tasks.SequenceStage(writer, run.run, len(own_cores()), plan.keep_raw)
+        try:  # pairs are made of finished frames while others are being rendered
+            missing = stage.add_finished(plan.numbers)
+            outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)
+        finally:
+            stage.close()
+        code = report(outcome, console)
+        if code == 0:
+            stage.complete()
+            console.note(f"{plan.out}/clean and {plan.out}/noisy hold {len(plan.numbers)} frames each")
+        return code
+
+
+def _task(args: argparse.Namespace, console: Console) -> int:
+    """One task of a render farm, as a scheduler calls it; many may share a folder, on many machines."""
+    if args.out is None:
+        raise InputError("a folder that all tasks of the run share", setting="out")
+    plan = plan_from(args)
+    if args.numbers is not None:
+        numbers, asked = numbers_from(args.numbers), plan.numbers
+        if not set(numbers) <= set(asked):
+            expected = f"some of the {len(asked)} frames {asked[0]}..{asked[-1]}"
+            raise InputError(expected, setting="numbers", found=args.numbers)
+        plan = replace(plan, numbers=numbers)
+    progress = console.progress(len(plan.numbers), plan.job.sequence)
+    tell = _flamenco(args.action, console, plan) if args.say == "flamenco" else lambda number: progress.advance()
+    if args.action == "dataset":
+        return tasks.run(args.action, plan, console, tell)
+    with stop_on_signals() as stopped:
+        return tasks.run(args.action, plan, console, tell, stopped)
+
+
+def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], None]:
+    """Flamenco's worker looks for lines of Blender's: `Time:` and `skipping` are a step, `Saved:` a picture to show."""
+    last, images = time.monotonic(), plan.out / "clean/rgb"
+
+    def tell(number: int) -> None:
+        nonlocal last
+        seconds, last = time.monotonic() - last, time.monotonic()
+        console.result({}, f"Time: {int(seconds // 60):02}:{seconds % 60:05.2f} (frame {number})")
+        image = images / f"{number:06}.png"
+        if stage == "dataset" and image.is_file():  # in the format tum alone
+            console.result({}, f"Saved: '{image}'")
+
+    if stage == "frames":
+        for number in sorted(set(plan.numbers).difference(plan.missing())):
+            console.result({}, f"skipping existing frame {number}")
+    return tell
