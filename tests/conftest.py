@@ -83,6 +83,22 @@ def repository() -> Path:
 
 
 @pytest.fixture
+def command_here(capfd):
+    """`command_here(*arguments)`: the command `iclnuim` in this process, where heavy packages are loaded already.
+
+    Exit code, standard output, standard error; a test of the process itself starts one.
+    """
+    from iclnuim.headless import cli
+
+    def run(*arguments) -> tuple[int, str, str]:
+        capfd.readouterr()
+        code = cli.main([str(argument) for argument in arguments])
+        return (code, *capfd.readouterr())
+
+    return run
+
+
+@pytest.fixture
 def file_size_limit():
     """`with file_size_limit(n):` lets no file of this process grow beyond n bytes: a full disk."""
 

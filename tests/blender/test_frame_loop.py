@@ -262,10 +262,9 @@ def test_the_script_refuses_an_unknown_choice_with_2(repository):
     assert done.returncode == 2
 
 
-def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_ones(whole_run, tmp_path):
+def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_ones(whole_run, tmp_path, command_here):
     pytest.importorskip("open3d")
     from iclnuim.formats.exr import write_exr
-    from iclnuim.headless import cli
 
     run = [sys.executable, "-m", "iclnuim", "check-depth", "--json"]
     good = subprocess.run([*run, str(whole_run)], capture_output=True, text=True)
@@ -278,4 +277,4 @@ def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_o
         channels = read_exr(file)
         channels["Z"] = np.roll(channels["Z"], 1, axis=1)
         write_exr(file, channels)
-    assert cli.main(["check-depth", "--json", str(shifted)]) == 3
+    assert command_here("check-depth", "--json", shifted)[0] == 3

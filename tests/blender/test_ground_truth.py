@@ -137,14 +137,13 @@ def test_baked_light_shows_the_same_truth_as_path_tracing(render_here, truth_run
     assert tables[0] == tables[1]
 
 
-def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, tmp_path):
+def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, tmp_path, command_here):
     import shutil
 
     from iclnuim.formats.exr import exr_header, write_exr
 
-    command = [sys.executable, "-m", "iclnuim", "check-depth", "--json", "--quiet"]
-    done = subprocess.run([*command, str(truth_run)], capture_output=True, text=True, timeout=120)
-    figures = json.loads(done.stdout)
+    _, printed, _ = command_here("check-depth", "--json", "--quiet", truth_run)
+    figures = json.loads(printed)
     assert figures["equal_instance_share"] > 0.999 and figures["normal_within_share"] > 0.999
     turned = tmp_path / "turned"
     shutil.copytree(truth_run, turned)
@@ -152,8 +151,8 @@ def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, 
         channels = read_exr(path)
         channels["normal.X"], channels["normal.Y"] = channels["normal.Y"], channels["normal.X"]
         write_exr(path, channels, attributes=exr_header(path).parts[0].attributes)
-    done = subprocess.run([*command, str(turned)], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 3 and json.loads(done.stdout)["normal_within_share"] < 0.9
+    code, printed, _ = command_here("check-depth", "--json", "--quiet", turned)
+    assert code == 3 and json.loads(printed)["normal_within_share"] < 0.9
 
 
 def test_the_table_names_every_object_with_pose_boxes_class_and_nyu40_label(truth_run):

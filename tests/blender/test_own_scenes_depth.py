@@ -21,19 +21,6 @@ def iclnuim(*arguments):
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
-@pytest.fixture
-def here(capfd):
-    """`here(*arguments)`: the command in this process, where Blender is loaded already; exit code, standard output, standard error."""
-    from iclnuim.headless import cli
-
-    def run(*arguments):
-        capfd.readouterr()
-        code = cli.main([str(argument) for argument in arguments])
-        return (code, *capfd.readouterr())
-
-    return run
-
-
 def rich_room(folder: Path) -> Path:
     """The small room with what exporters and importers trip over: a modifier, a mirrored twin, instances, a displaced sheet."""
     made.small_room(bpy, folder)
@@ -101,7 +88,7 @@ def test_the_cameras_animation_is_saved_as_it_plays(camera_path):
 
 @pytest.mark.parametrize("kind", ["blend", "glb", "obj"])
 def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
-    rich, camera_path, tmp_path, kind, here, render_here
+    rich, camera_path, tmp_path, kind, command_here, render_here
 ):
     """One kind by the command, the others in this process."""
     pytest.importorskip("open3d")
@@ -113,7 +100,7 @@ def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
         assert render.returncode == 0, render.stderr
     else:
         render_here(out, scene=rich[kind], trajectory=camera_path, camera="160x120", samples=1)
-    code, printed, said = here("check-depth", out, "--json")
+    code, printed, said = command_here("check-depth", out, "--json")
     assert code == 0, printed + said
     figures = json.loads(printed)
     assert figures["pixels"] == 5 * 160 * 120
@@ -188,11 +175,11 @@ def test_light_baked_on_an_own_scene_is_near_path_tracing(rich, camera_path, tmp
     assert abs((pictures["baked"] - pictures["path"]).mean()) < 0.015
 
 
-def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, here):
+def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, command_here):
     open3d = pytest.importorskip("open3d")
     ends = ("-1.9,-1.5,1.2:0,1,1", "1.6,0.2,1.1")
     place = ("--scene", rich["obj"], "--viewpoints")
-    code, printed, said = here("trajectory", "make", *place, *ends, "--out", tmp_path, "--json")
+    code, printed, said = command_here("trajectory", "make", *place, *ends, "--out", tmp_path, "--json")
     assert code == 0, said
     figures = json.loads(printed)
     poses = np.loadtxt(tmp_path / "room.txt")
@@ -211,7 +198,7 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, he
     again = iclnuim("trajectory", "make", tmp_path / "room.json", "--out", tmp_path / "again")
     assert again.returncode == 0, again.stderr
     assert (tmp_path / "again/room.txt").read_bytes() == (tmp_path / "room.txt").read_bytes()
-    code, _, said = here("trajectory", "make", *place, "0.6,0.9,0.8", "0,0,1")
+    code, _, said = command_here("trajectory", "make", *place, "0.6,0.9,0.8", "0,0,1")
     assert code == 2
     assert "0.25 m from every surface" in said
 

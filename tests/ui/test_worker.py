@@ -9,17 +9,32 @@ from iclnuim.job import shipped_job
 from iclnuim.ui.work import Work
 from iclnuim.worker_client import WorkerClient, worker_command
 
-pytest.importorskip("bpy", reason="needs the bpy package")
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 
-def begin(out: Path, frames: list[int], sequences: dict | None = None, **changes) -> tuple[Work, WorkerClient]:
-    job = shipped_job("kt2").changed(
-        light="path", samples=1, denoise=False, camera=PinholeCamera.parse("32x24"), **changes
-    )
-    worker = WorkerClient(worker_command(), {"job": job.to_dict(), "nice": 10}, out, out.parent / "log.txt")
-    work = Work()
-    work.start("render", {"frames": frames, "sequences": sequences}, worker, "all there")
-    return work, worker
+@pytest.fixture(scope="module")
+def crate(tmp_path_factory) -> Path:
+    """A scene that loads and renders in no time."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add(size=1, location=(0, 0, 1))
+    file = tmp_path_factory.mktemp("crate") / "crate.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    return file
+
+
+@pytest.fixture
+def begin(crate):
+    """`begin(out, frames, ...)`: a worker process that has been told to render them, and the panel's work with it."""
+
+    def run(out: Path, frames: list[int], sequences: dict | None = None, **changes) -> tuple[Work, WorkerClient]:
+        small = {"light": "path", "samples": 1, "denoise": False, "camera": PinholeCamera.parse("32x24")}
+        job = shipped_job("kt2").changed(scene=str(crate), **small, **changes)
+        worker = WorkerClient(worker_command(), {"job": job.to_dict(), "nice": 10}, out, out.parent / "log.txt")
+        work = Work()
+        work.start("render", {"frames": frames, "sequences": sequences}, worker, "all there")
+        return work, worker
+
+    return run
 
 
 def wait(work: Work, until) -> None:
@@ -34,7 +49,7 @@ def finished(out: Path) -> set[str]:
     return {p.name for p in (out / "exr").glob("[0-9]*.exr")}
 
 
-def test_a_killed_worker_is_reported_and_its_frames_are_kept(tmp_path):
+def test_a_killed_worker_is_reported_and_its_frames_are_kept(tmp_path, begin):
     out = tmp_path / "run"
     work, worker = begin(out, list(range(0, 800, 2)))
     wait(work, lambda: work.done >= 2)
@@ -48,7 +63,7 @@ def test_a_killed_worker_is_reported_and_its_frames_are_kept(tmp_path):
     assert finished(out) >= kept | {"000004.exr"}
 
 
-def test_when_the_window_is_gone_the_worker_stops_by_itself(tmp_path):
+def test_when_the_window_is_gone_the_worker_stops_by_itself(tmp_path, begin):
     out = tmp_path / "run"
     work, worker = begin(out, list(range(800)))
     wait(work, lambda: work.done >= 1)
@@ -58,7 +73,7 @@ def test_when_the_window_is_gone_the_worker_stops_by_itself(tmp_path):
     assert len(finished(out)) < 800
 
 
-def test_cancel_keeps_the_finished_frames(tmp_path):
+def test_cancel_keeps_the_finished_frames(tmp_path, begin):
     out = tmp_path / "run"
     work, _ = begin(out, list(range(800)))
     wait(work, lambda: work.done >= 1)
@@ -69,14 +84,14 @@ def test_cancel_keeps_the_finished_frames(tmp_path):
     assert list(out.glob(".work-*")) == []
 
 
-def test_bad_input_comes_back_as_one_line(tmp_path):
+def test_bad_input_comes_back_as_one_line(tmp_path, begin):
     work, _ = begin(tmp_path / "run", [0], trajectory=str(tmp_path / "nowhere.txt"))
     wait(work, lambda: not work.busy)
     assert work.phase == "failed"
     assert "nowhere.txt" in work.message and "\n" not in work.message
 
 
-def test_sequences_of_other_noise_are_refused_before_the_first_frame(tmp_path):
+def test_sequences_of_other_noise_are_refused_before_the_first_frame(tmp_path, begin):
     def sequences(seed: int) -> dict:
         return {
             "dialects": ["tum"],
