@@ -19,11 +19,6 @@ CHANNELS = (INSTANCE, *NORMAL)
 NORMAL_ZERO, NORMAL_STEPS = 32768, 32767
 
 
-def image_path(depth_path: str, kind: str) -> str:
-    """Where an image lies, in any format, given where its depth image does: `depth/000000.png` -> `normal/000000.png`."""
-    return depth_path.replace("depth", kind, 1)
-
-
 def normal16(normal: np.ndarray) -> np.ndarray:
     """(h, w, 3) unit normals, (0, 0, 0) where there is none -> (h, w, 3) uint16."""
     steps = np.rint(normal.astype(float) * NORMAL_STEPS) + NORMAL_ZERO

@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import InputError
+from ..evaluation.associate import nearest
 from ..formats.png import PngHeader, check_png, read_depth16
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
@@ -165,23 +166,17 @@ def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> Non
     figures = statistics(truth)
     result.figures["poses"], result.figures["length_m"] = figures.frames, round(figures.length_m, 3)
     result.figures["max_speed_m_s"] = round(figures.max_speed, 3)
-    without = _far(stamps, truth.stamps_s, _SLACK * usual)
+    limit_s = _SLACK * usual + 1e-9
+    without = np.flatnonzero(nearest(stamps, truth.stamps_s)[1] > limit_s)
     if without.size:
         names = ", ".join(pairs[int(i)].rgb.name for i in without[:3])
         result.odd.append(f"{without.size} frames without a pose: {names}{' ...' if without.size > 3 else ''}")
     within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
-    idle = _far(truth.stamps_s[within], stamps, _SLACK * usual)
-    if idle.size and len(truth) <= 1.5 * len(pairs):  # a tracker's poses come faster than the frames
-        result.odd.append(f"{idle.size} poses without a frame")
+    idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > limit_s
+    if idle.any() and len(truth) <= 1.5 * len(pairs):  # a tracker's poses come faster than the frames
+        result.odd.append(f"{idle.sum()} poses without a frame")
     if figures.max_speed > 5:
         result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
-
-
-def _far(these: np.ndarray, those: np.ndarray, limit: float) -> np.ndarray:
-    """Indices of `these` with none of `those` (sorted) within the limit."""
-    right = np.searchsorted(those, these).clip(0, len(those) - 1)
-    left = (right - 1).clip(0)
-    return np.flatnonzero(np.minimum(np.abs(those[right] - these), np.abs(those[left] - these)) > limit + 1e-9)
 
 
 def _handedness(

@@ -26,6 +26,9 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, format
 
     Raises InputError where a file is in the way, where other files lie there, or a sequence of another recipe.
     """
+    name, module = first_library("PNG", *BACKENDS)
+    library = str(getattr(module, "__version__", None) or getattr(module, "VERSION_STRING", ""))
+    versions = {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__, name: library}
     recipe = {
         "schema_version": SCHEMA_VERSION,
         "kind": "sequence",
@@ -33,7 +36,7 @@ def begin(out: Path, origin: dict, camera: PinholeCamera, settings: dict, format
         "camera": camera.to_dict(),
         **settings,
         "dialects": formats,
-        "versions": _versions(),
+        "versions": versions,
         "source_commit": source_commit(),
         "finished": False,
     }
@@ -115,9 +118,3 @@ def _identity(recipe: dict) -> dict:
     if isinstance(run, dict) and isinstance(run.get("job"), dict):
         identity["source"] = run_key(run)
     return identity
-
-
-def _versions() -> dict:
-    name, module = first_library("PNG", *BACKENDS)
-    version = getattr(module, "__version__", None) or getattr(module, "VERSION_STRING", "")
-    return {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__, name: str(version)}

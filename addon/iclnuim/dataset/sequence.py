@@ -70,30 +70,6 @@ def read_entries(path: Path) -> dict[int, JournalEntry]:
     return found
 
 
-class Journal:
-    """The entries of a file, latest of each frame; a line cut short by a crash is dropped."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.entries = path, read_entries(path)
-        data = path.read_bytes() if path.is_file() else b""
-        if not data.endswith(b"\n") and data:
-            # in place: a kill in the middle of writing anew would lose all entries
-            os.truncate(path, data.rfind(b"\n") + 1)
-
-    def add(self, entry: JournalEntry) -> None:
-        """Append one line. Raises WorkError where it cannot be written."""
-        try:
-            with open(self.path, "a", encoding="utf-8") as file:
-                file.write(entry.to_line())
-        except OSError as error:
-            raise WorkError(f"{self.path}: cannot write: {error.strerror or error}") from None
-        self.entries[entry.frame] = entry
-
-    def sort(self) -> None:
-        """One line a frame, in order: the same frames leave the same file, however often the work was broken off."""
-        atomic_write_text(self.path, "".join(self.entries[number].to_line() for number in sorted(self.entries)))
-
-
 def write_sequence(
     source: FrameSource,
     out: Path | str,
@@ -157,12 +133,12 @@ class SequenceWriter:
         """Into the journals; the frame's number."""
         new = [(target, entry) for target, entry in zip(self.targets, entries, strict=True) if entry is not None]
         for target, entry in new:
-            target.journal.add(entry)
+            target.note(entry)
         return new[0][1].frame
 
     def stands(self, number: int) -> bool:
         """Whether the frame's images, read back, are in every sequence what its journal says."""
-        return all(_stands(t.journal.entries, number, t.places[number]) for t in self.targets)
+        return all(_stands(t.entries, number, t.places[number]) for t in self.targets)
 
     def complete(self) -> list[WrittenSequence]:
         """Lists and recipe of all frames, once they are made."""
@@ -211,9 +187,13 @@ class _Target:
         for format in formats:
             format.check(self._contents(source.numbers))
         self.recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in formats])
-        self.journal = Journal(out / "frames.jsonl")
+        self.journal, self.entries = out / "frames.jsonl", read_entries(out / "frames.jsonl")
+        data = self.journal.read_bytes() if self.journal.is_file() else b""
+        if not data.endswith(b"\n") and data:
+            # a line cut short by a crash; in place: a kill in the middle of writing anew would lose all entries
+            os.truncate(self.journal, data.rfind(b"\n") + 1)
         self.places = _places(source, self.layout)
-        self.finished = frozenset(n for n, files in self.places.items() if _stands(self.journal.entries, n, files))
+        self.finished = frozenset(n for n, files in self.places.items() if _stands(self.entries, n, files))
         images = (path for n in source.numbers for paths in self.places[n].values() for path in paths)
         for folder in sorted({out, *(path.parent for path in images)}):
             make_folder(folder)
@@ -231,17 +211,28 @@ class _Target:
         digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
         return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)
 
+    def note(self, entry: JournalEntry) -> None:
+        """Append one line to the journal. Raises WorkError where it cannot be written."""
+        try:
+            with open(self.journal, "a", encoding="utf-8") as file:
+                file.write(entry.to_line())
+        except OSError as error:
+            raise WorkError(f"{self.journal}: cannot write: {error.strerror or error}") from None
+        self.entries[entry.frame] = entry
+
     def completed(self) -> WrittenSequence:
-        """Text files and recipe, once all frames asked for are there."""
+        """Text files and recipe, once all frames asked for are there. The journal gets one line a frame, in order: the same frames leave
+        the same file, however often the work was broken off.
+        """
         numbers = tuple(sorted(self.finished.union(self.source.numbers)))
         for format, folder in self.layout:
             format.write_texts(folder, self._contents(numbers), format)
             if self.source.truth_images:
                 self.source.truth_images.write_tables(folder)
         folders = tuple(folder for _, folder in self.layout)
-        every = [self.journal.entries[n].invalid_depth for n in numbers]
+        every = [self.entries[n].invalid_depth for n in numbers]
         counts = {kind: sum(counts.get(kind, 0) for counts in every) for kind in KINDS}
-        self.journal.sort()
+        atomic_write_text(self.journal, "".join(self.entries[n].to_line() for n in sorted(self.entries)))
         finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
         found = len(self.finished.intersection(self.source.numbers))
         return WrittenSequence(folders, len(self.source.numbers) - found, found, counts)
@@ -257,7 +248,7 @@ def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceForm
 
 
 def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]]) -> dict[int, Places]:
-    """Colour, depth and ground-truth files of every frame, one a format."""
+    """Colour, depth and ground-truth files of every frame, one a format: `depth/000000.png` -> `normal/000000.png`."""
     kinds = ground_truth.KINDS if source.truth_images else ()
     places = {}
     for number in source.stamps_s:
@@ -266,7 +257,7 @@ def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]]) -> d
         places[number] = {
             "rgb": [folder / format.rgb(frame) for format, folder in layout],
             "depth": [folder / path for folder, path in depth],
-            **{kind: [folder / ground_truth.image_path(path, kind) for folder, path in depth] for kind in kinds},
+            **{kind: [folder / path.replace("depth", kind, 1) for folder, path in depth] for kind in kinds},
         }
     return places
 

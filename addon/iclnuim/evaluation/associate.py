@@ -148,8 +148,8 @@ def _checked(stamps_s: np.ndarray) -> np.ndarray:
     return stamps_s
 
 
-def _nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each x the index of the nearest y (ties: the smaller y) and their distance. Both sorted, y not empty."""
+def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each x the index of the nearest y (ties: the smaller y) and their distance. y sorted and not empty."""
     right = np.searchsorted(y, x)
     left = np.maximum(right - 1, 0)
     right = np.minimum(right, len(y) - 1)
@@ -158,7 +158,7 @@ def _nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest_first(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
-    i, distance = _nearest(second_s, first_s)
+    i, distance = nearest(second_s, first_s)
     j = np.flatnonzero(distance < limit_s)
     return i[j], j
 
@@ -172,8 +172,8 @@ def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[
     i, j = np.arange(len(first_s)), np.arange(len(second_s))
     found: list[tuple[np.ndarray, np.ndarray]] = []
     while len(i) and len(j):
-        best_j, distance_i = _nearest(first_s[i], second_s[j])
-        best_i, distance_j = _nearest(second_s[j], first_s[i])
+        best_j, distance_i = nearest(first_s[i], second_s[j])
+        best_i, distance_j = nearest(second_s[j], first_s[i])
         chosen = np.flatnonzero((best_i[best_j] == np.arange(len(i))) & (distance_i < limit_s))
         found.append((i[chosen], j[best_j[chosen]]))
         free_i, free_j = distance_i < limit_s, distance_j < limit_s

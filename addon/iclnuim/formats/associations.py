@@ -38,12 +38,12 @@ class ImageList:
         written = self.written or ("",) * len(self)
         return [text or f"{Decimal(repr(stamp_s)):.9f}" for stamp_s, text in zip(self.stamps_s, written, strict=True)]
 
-    def frame_numbers(self, rate_hz: float) -> list[int]:
-        """Raises InputError for stamps between frames."""
-        numbers = [round(stamp_s * rate_hz) for stamp_s in self.stamps_s]
+    def frame_numbers(self) -> list[int]:
+        """Stamp = number / 30 s. Raises InputError for stamps between frames."""
+        numbers = [round(stamp_s * FRAME_RATE_HZ) for stamp_s in self.stamps_s]
         for number, stamp_s in zip(numbers, self.stamps_s, strict=True):
-            if abs(stamp_s * rate_hz - number) > 0.01 or not 0 <= number <= LARGEST_FRAME:
-                expected = f"stamps at frame numbers / {rate_hz:g} s to write ICL-NUIM's order"
+            if abs(stamp_s * FRAME_RATE_HZ - number) > 0.01 or not 0 <= number <= LARGEST_FRAME:
+                expected = f"stamps at frame numbers / {FRAME_RATE_HZ:g} s to write ICL-NUIM's order"
                 raise InputError(expected, found=f"{stamp_s:.9g} s")
         return numbers
 
@@ -67,27 +67,31 @@ class Associations:
         return len(self.rgb)
 
 
-def read_associations(path: str | os.PathLike[str], rate_hz: float = FRAME_RATE_HZ) -> Associations:
+def read_associations(path: str | os.PathLike[str]) -> Associations:
     """Either order; which column holds the depth is read off the paths. Whole numbers in ICL-NUIM's order are
-    frame numbers, stamp = id / rate. Raises InputError naming file and line.
+    frame numbers, stamp = id / 30 s. Raises InputError naming file and line.
     """
     rows = _rows(path, 4, PAIRS)
-    depth_first = _depth_first(path, rows)
+    firsts = ["depth" in fields[1].lower() for _, fields in rows]
+    for (number, fields), first_is_depth in zip(rows, firsts, strict=True):
+        if first_is_depth == ("depth" in fields[3].lower()) or first_is_depth != firsts[0]:
+            expected = "one path of each line, always the same, that says depth"
+            raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
     first, second = (_image_list(path, rows, column, increasing=column == 0) for column in (0, 2))
-    if not depth_first:
+    if not firsts[0]:
         return Associations(first, second, "tum")
     if all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s)):
-        first, second = (ImageList(tuple(s / rate_hz for s in one.stamps_s), one.paths) for one in (first, second))
+        first, second = (
+            ImageList(tuple(s / FRAME_RATE_HZ for s in one.stamps_s), one.paths) for one in (first, second)
+        )
     return Associations(second, first, "icl-nuim")
 
 
-def write_associations(
-    path: str | os.PathLike[str], pairs: Associations, order: str = "tum", rate_hz: float = FRAME_RATE_HZ
-) -> None:
+def write_associations(path: str | os.PathLike[str], pairs: Associations, order: str = "tum") -> None:
     """In TUM's order with seconds, or in ICL-NUIM's with frame numbers; whole or not at all."""
     numbered = order == "icl-nuim"
     first, second = (pairs.depth, pairs.rgb) if numbered else (pairs.rgb, pairs.depth)
-    stamps = (images.frame_numbers(rate_hz) if numbered else images.stamp_texts() for images in (first, second))
+    stamps = (images.frame_numbers() if numbered else images.stamp_texts() for images in (first, second))
     rows = zip(*stamps, first.paths, second.paths, strict=True)
     atomic_write_text(path, "".join(f"{a} {_plain(one)} {b} {_plain(other)}\n" for a, b, one, other in rows))
 
@@ -133,16 +137,6 @@ def _image_list(
         raise InputError(expected, path=path, line=rows[row][0], found=f"{stamps_s[row]:.15g}")
     paths, written = (tuple(fields[place] for _, fields in rows) for place in (column + 1, column))
     return ImageList(tuple(stamps_s), paths, written)
-
-
-def _depth_first(path: str | os.PathLike[str], rows: list[tuple[int, list[str]]]) -> bool:
-    """Whether the first path of all lines is the depth image's."""
-    firsts = ["depth" in fields[1].lower() for _, fields in rows]
-    for (number, fields), first in zip(rows, firsts, strict=True):
-        if first == ("depth" in fields[3].lower()) or first != firsts[0]:
-            expected = "one path of each line, always the same, that says depth"
-            raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
-    return firsts[0]
 
 
 def _plain(image: str) -> str:
