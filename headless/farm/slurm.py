@@ -11,8 +11,8 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from iclnuim.dataset.recipe import read_recipe, refuse_other
-from iclnuim.dataset.run_folder import read_run
+from iclnuim.dataset.run_folder import read_run, refuse_other
+from iclnuim.dataset.sequence import read_recipe
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import write_json
 

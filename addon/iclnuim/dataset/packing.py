@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..formats.files import atomic_write, read_bytes, sha256
-from .recipe import read_recipe
+from .sequence import read_recipe
 
 CHECKSUMS, LICENCE, ABOUT = "SHA256SUMS", "LICENSE.txt", "README.txt"
 #: Licences that data sets come under, by SPDX name.

@@ -7,6 +7,7 @@ OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
 """
 
+import json
 import shutil
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -18,13 +19,12 @@ import numpy as np
 from .. import shipped
 from ..errors import InputError, WorkError
 from ..formats import exr
-from ..formats.files import make_folder, read_json, write_json
+from ..formats.files import make_folder, read_json, sha256, write_json
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
 from .ground_truth import CHANNELS
-from .recipe import refuse_other, run_identity, run_key
 
 #: Bytes a pixel may take in a finished frame (half RGB, float Z, not compressed), for the check of space.
 BYTES_PER_PIXEL = 10
@@ -137,3 +137,27 @@ def read_run(path: Path) -> RunFolder:
     if not isinstance(recipe.get("job"), dict):
         raise InputError("the recipe of a run, with its job", path=Path(path) / "sequence.json")
     return RunFolder(Path(path), recipe)
+
+
+def refuse_other(what: str, place: Path, there: Mapping, asked: Mapping, hint: str) -> None:
+    """Raises InputError, naming every value that differs, where `what` was begun at `place` from other values than those asked for."""
+    different = []
+    for key in sorted({*there, *asked}):
+        if there.get(key) != asked.get(key):
+            text = f"{key} {there.get(key)} there, {asked.get(key)} asked"
+            brief = len(text) < 100 and not key.endswith("_sha256")
+            different.append(text if brief else f"another {key.removesuffix('_sha256')}")
+    if different:
+        raise InputError(f"the {what} that was begun there", path=place, found="; ".join(different), hint=hint)
+
+
+def run_identity(recipe: dict) -> dict:
+    """What decides the pixels of a run. Names and places of scene and trajectory do not: their hashes stand for them."""
+    job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
+    job = {key: value for key, value in job.items() if key not in ("sequence", "scene", "trajectory")}
+    return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
+
+
+def run_key(recipe: dict) -> str:
+    """16 hex digits that stand for everything that decides the pixels of a run."""
+    return sha256(json.dumps(run_identity(recipe), sort_keys=True).encode())[:16]

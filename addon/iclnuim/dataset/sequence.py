@@ -1,11 +1,13 @@
 """Frames -> noise -> a sequence on disk: in any order, on any number of cores, resumable, with its recipe.
 
-`frames.jsonl` has one line a finished frame, with the hashes of its images, so that a stopped sequence can go on.
+`frames.jsonl` has one line a finished frame, with the hashes of its images, so that a stopped sequence can go on; recipe.json what decided
+the pixels, what made them, what was counted. Same recipe, same bytes.
 """
 
 import contextlib
 import json
 import os
+import platform
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
@@ -13,20 +15,26 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import WorkError
-from ..formats.files import atomic_write_text, make_folder, read_bytes, sha256, writer_died
-from ..formats.png import write_png
+from .. import __version__
+from ..errors import InputError, WorkError
+from ..formats.files import atomic_write_text, make_folder, read_bytes, read_json, sha256, write_json, writer_died
+from ..formats.libraries import first_library
+from ..formats.png import BACKENDS, write_png
 from ..geometry.trajectory import Trajectory
 from ..sensor.models import depth_model, rgb_model
+from ..shipped import source_commit
 from . import ground_truth
 from .depth_units import KINDS, UNITS_PER_METRE
 from .frame_pool import FramePool, cores
 from .frames import FrameSource, frames_of_run
-from .recipe import begin, finish
-from .run_folder import RunFolder
+from .run_folder import RunFolder, refuse_other, run_key
 from .sequence_formats import Contents, SequenceFormat, SequenceFrame, sequence_format
 from .sequence_options import SequenceSettings, noisy_images
 
+_SCHEMA_VERSION = 1
+#: Keys that decide the pixels; the others may differ between two starts.
+_IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
+_KEYS = ("kind", *_IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
 #: The files of a frame by kind of image: rgb, depth, and the kinds of ground truth.
 Places = dict[str, list[Path]]
 
@@ -186,7 +194,7 @@ class _Target:
         self.source, self.out, self.settings, self.layout = source, out, settings, _layout(out, formats)
         for format in formats:
             format.check(self._contents(source.numbers))
-        self.recipe = begin(out, source.origin, source.camera, settings.to_dict(), [f.name for f in formats])
+        self.recipe = self._begun()
         self.journal, self.entries = out / "frames.jsonl", read_entries(out / "frames.jsonl")
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
@@ -233,9 +241,41 @@ class _Target:
         every = [self.entries[n].invalid_depth for n in numbers]
         counts = {kind: sum(counts.get(kind, 0) for counts in every) for kind in KINDS}
         atomic_write_text(self.journal, "".join(self.entries[n].to_line() for n in sorted(self.entries)))
-        finish(tuple({self.out, *folders}), self.recipe, numbers, counts)
+        frames = {"count": len(numbers), "first": numbers[0], "last": numbers[-1]}
+        counted = {**self.recipe, "finished": True, "frames": frames, "invalid_depth_pixels": counts}
+        for folder in {self.out, *folders}:
+            write_json(folder / "recipe.json", counted)
         found = len(self.finished.intersection(self.source.numbers))
         return WrittenSequence(folders, len(self.source.numbers) - found, found, counts)
+
+    def _begun(self) -> dict:
+        """Make the folder with the recipe of a sequence not yet finished, or resume the one begun there.
+
+        Raises InputError where a file is in the way, where other files lie there, or a sequence of another recipe.
+        """
+        name, module = first_library("PNG", *BACKENDS)
+        library = str(getattr(module, "__version__", None) or getattr(module, "VERSION_STRING", ""))
+        versions = {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__, name: library}
+        recipe = {
+            "schema_version": _SCHEMA_VERSION,
+            "kind": "sequence",
+            "source": self.source.origin,
+            "camera": self.source.camera.to_dict(),
+            **self.settings.to_dict(),
+            "dialects": [format.name for format, _ in self.layout],
+            "versions": versions,
+            "source_commit": source_commit(),
+            "finished": False,
+        }
+        out, file = self.out, self.out / "recipe.json"
+        if file.is_file():
+            _refuse_other_sequence(file, read_recipe(file), recipe)
+        elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
+            found = "other files" if out.is_dir() else "a file"
+            raise InputError("an empty folder, or a sequence begun there", path=out, found=found, hint="another folder")
+        make_folder(out)
+        write_json(file, recipe)
+        return recipe
 
     def _contents(self, numbers: tuple[int, ...]) -> Contents:
         frames, truth = tuple(_frame(self.source, n) for n in numbers), self.source.truth_of(numbers)
@@ -288,3 +328,40 @@ def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places) -> 
         return all(sha256(path.read_bytes()) == digests.get(kind) for kind, paths in files.items() for path in paths)
     except OSError:
         return False
+
+
+def read_recipe(path: Path) -> dict:
+    """A sequence's recipe. Raises InputError for another kind, a newer schema or unknown keys."""
+    recipe = read_json(path)
+    version = recipe.get("schema_version")
+    if recipe.get("kind") != "sequence" or not isinstance(version, int):
+        raise InputError("the recipe of a sequence", path=path, found=recipe.get("kind", "another file"))
+    if version > _SCHEMA_VERSION:
+        raise InputError(f"a recipe of schema {_SCHEMA_VERSION} or older", path=path, found=version)
+    unknown = sorted(set(recipe) - set(_KEYS))
+    if unknown:
+        raise InputError("the keys of a sequence's recipe", path=path, found=", ".join(unknown))
+    return recipe
+
+
+def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
+    """Of another noise model only the name is reported, not all of its settings."""
+    there, asked = _identity(old), _identity(new)
+    models = [key for key in asked if key.endswith("_noise model") and there.get(key) != asked[key]]
+    settings = tuple(key.removesuffix("model") for key in models)
+    reported = [key for key in asked if key in models or not key.startswith(settings)]
+    old, new = ({key: values.get(key) for key in reported} for values in (there, asked))
+    refuse_other("sequence", file, old, new, "another folder")
+
+
+def _identity(recipe: dict) -> dict:
+    """What decides the pixels, noise settings one by one. Of a run's own recipe that is its key alone."""
+    identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
+    for key in _IDENTITY:
+        value = recipe.get(key)
+        noise = value if key.endswith("_noise") and isinstance(value, dict) else None
+        identity |= {key: value} if noise is None else {f"{key} {name}": each for name, each in noise.items()}
+    run = recipe.get("source", {}).get("run")
+    if isinstance(run, dict) and isinstance(run.get("job"), dict):
+        identity["source"] = run_key(run)
+    return identity
