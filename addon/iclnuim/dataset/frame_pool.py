@@ -99,15 +99,12 @@ class FramePool:
         """An error ends the pool, Ctrl-C too: what is in work is finished first."""
         try:
             yield
-        except BrokenProcessPool:
-            reason = "a process that made images was killed, or memory ran out"
-            self._fail(WorkError(f"{reason}; finished frames stay: run the same command again"))
         except BaseException as error:
-            self._fail(error)
-
-    def _fail(self, error: BaseException) -> None:
-        self._error = self._error or error
-        self.stop()
+            if isinstance(error, BrokenProcessPool):
+                reason = "a process that made images was killed, or memory ran out"
+                error = WorkError(f"{reason}; finished frames stay: run the same command again")
+            self._error = self._error or error
+            self.stop()
 
 
 def cores() -> int:

@@ -27,10 +27,6 @@ COMMAND_LINE = (
 )
 
 
-def is_commands(source: Source) -> bool:
-    return any(re.search(r"declare\s*=\s*val\d\d", line, re.IGNORECASE) for line in source.first_lines)
-
-
 def command_rows(source: Source) -> Table:
     """(n, 13): the number in the image's name (+O), val00 to val32; (n, 12) unless all lines have such a number."""
     lines = [(number, line) for number, line in data_lines(source.text) if "declare" in line.lower()]
@@ -57,11 +53,6 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
     if len(pairs) != 12:
         raise InputError(f"{COMMAND}, each once", path=source.path, line=number, found=f"{len(pairs)} of them")
     return [values[name] for name in _NAMES]
-
-
-def is_cameras(source: Source) -> bool:
-    """A folder, or a single camera file."""
-    return source.path.is_dir() or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
 
 
 def camera_rows(source: Source) -> Table:

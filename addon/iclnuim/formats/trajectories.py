@@ -5,6 +5,7 @@ and the pages list what stands there.
 """
 
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -270,7 +271,7 @@ _FROM_POV = f"turned into {OUR_WORLD}, stamps frame/{{rate}} s"
 _ALL = (
     TrajectoryFormat(  # ICL-NUIM's own, a file a frame
         name="pov-cameras",
-        sniff=pov.is_cameras,
+        sniff=lambda source: source.path.is_dir() or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines),
         rows=pov.camera_rows,
         columns=_POV_COLUMNS,
         sentence="pov-cameras: LEFT-handed poses of POV-Ray camera files (y up), "
@@ -281,7 +282,7 @@ _ALL = (
     ),
     TrajectoryFormat(
         name="pov-commands",
-        sniff=pov.is_commands,
+        sniff=lambda source: any(re.search(r"(?i)declare\s*=\s*val\d\d", line) for line in source.first_lines),
         rows=pov.command_rows,
         columns=_POV_COLUMNS,
         sentence="pov-commands: LEFT-handed poses in the POV world (y up), " + _FROM_POV + " by the number {how}",

@@ -202,23 +202,20 @@ def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> S
 
 
 def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22; an error is given the line of the first row that causes it (by bisection)."""
+    """(n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22; an error is given the line of the first row that causes it."""
 
     def build(rows: np.ndarray) -> np.ndarray:
         return so3.matrix_from_quat_xyzw(rows) if rows.shape[1] == 4 else so3.nearest_rotation(rows.reshape(-1, 3, 3))
 
     try:
         return build(values)
-    except InputError as error:
-        good, bad, found = 0, len(values), error
-    while bad - good > 1:
-        middle = (good + bad) // 2
-        try:
-            build(values[good:middle])
-            good = middle
-        except InputError as error:
-            bad, found = middle, error
-    raise table.error(good, found.expected, found.found, found.hint)
+    except InputError:
+        for row in range(len(values)):
+            try:
+                build(values[row : row + 1])
+            except InputError as error:
+                raise table.error(row, error.expected, error.found, error.hint) from None
+        raise
 
 
 def check_writable(trajectory: Trajectory) -> None:
