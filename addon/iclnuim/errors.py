@@ -68,9 +68,8 @@ class InputError(IclnuimError):
     def at(self, path: str | os.PathLike[str]) -> "InputError":
         """The same error in that file, or part of one; a path that it has is a place in there."""
         path = path if self.path is None else f"{os.fspath(path)}: {os.fspath(self.path)}"
-        return InputError(
-            self.expected, path=path, line=self.line, setting=self.setting, found=self.found, hint=self.hint
-        )
+        make, (expected,) = self.__reduce__()
+        return make(expected, path=path)
 
     def __reduce__(self) -> tuple:
         names = ("path", "line", "setting", "found", "hint")
@@ -85,9 +84,8 @@ def blender_missing(what: str, error: ImportError) -> WorkError:
     """The error of `what` where Blender's Python package bpy could not be imported, with what to do about it in this Python."""
     if isinstance(error, ModuleNotFoundError) and error.name == "bpy":
         return WorkError(f"{what} needs Blender's Python package bpy", hint=how_to_get_bpy())
-    return WorkError(
-        f"{what} needs Blender's Python package bpy, which cannot be imported: {error}", hint="iclnuim doctor"
-    )
+    text = f"{what} needs Blender's Python package bpy, which cannot be imported: {error}"
+    return WorkError(text, hint="iclnuim doctor")
 
 
 def how_to_get_bpy() -> str:

@@ -133,7 +133,6 @@ def _inside(recipe: Path, name: str, shipped_names: Iterable[str]) -> str:
     folder = recipe.resolve().parent
     target = (folder / name).resolve()
     if not target.is_relative_to(folder):
-        raise InputError(
-            "paths inside the recipe's own folder", path=recipe, found=name, hint="moving the file beside the recipe"
-        )
+        hint = "moving the file beside the recipe"
+        raise InputError("paths inside the recipe's own folder", path=recipe, found=name, hint=hint)
     return str(target)

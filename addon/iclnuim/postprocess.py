@@ -88,10 +88,8 @@ def frames_from(
     load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = nothing there, both of the
     camera's size; it may be called in any order and from several threads. `name` stands in the sequence's recipe.
     """
-    stamps_s = dict(enumerate(trajectory.stamps_s.tolist()))
-    return FrameSource(
-        camera, tuple(stamps_s), stamps_s, load, lambda numbers: trajectory[np.array(numbers)], {"frames": name}
-    )
+    stamps_s, poses = dict(enumerate(trajectory.stamps_s.tolist())), lambda numbers: trajectory[np.array(numbers)]
+    return FrameSource(camera, tuple(stamps_s), stamps_s, load, poses, {"frames": name})
 
 
 def absolute_trajectory_error(

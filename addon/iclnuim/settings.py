@@ -141,11 +141,11 @@ def _declaration(field: Any, hint: Any) -> Setting:
     if typing.get_origin(kind) is tuple:
         elements = typing.get_args(kind)
         kind, length = elements[0], 0 if elements[-1] is Ellipsis else len(elements)
-    words = {
+    words: dict[str, Any] = {
         "option": "--" + field.name.replace("_", "-"),
         "label": field.name.replace("_", " ").capitalize(),
-        "shown": (about.get("unit", ""), 1.0),
     }
+    words["shown"] = about.get("unit", ""), 1.0
     return Setting(field.name, kind, field.default, optional=optional, length=length, **{**words, **about})
 
 

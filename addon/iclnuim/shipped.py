@@ -63,8 +63,8 @@ def full_name(sequence: str) -> str:
     """`kt2` -> `living_room/kt2`. Raises InputError with the list of those that exist."""
     name = sequence if "/" in sequence else f"living_room/{sequence}"
     if name not in (known := sequence_names()):
-        expected, hint = f"a sequence: {', '.join(known)}", "a recipe file, or {scene} and {trajectory}"
-        raise InputError(expected, found=sequence, hint=hint)
+        hint = "a recipe file, or {scene} and {trajectory}"
+        raise InputError(f"a sequence: {', '.join(known)}", found=sequence, hint=hint)
     return name
 
 

@@ -34,9 +34,8 @@ def worker_command() -> list[str]:
         return [sys.executable, str(CHILD)]
     blender = shutil.which("blender")
     if blender is None:
-        raise WorkError(
-            "there is neither the bpy package nor a blender binary", hint=f"{how_to_get_bpy()}; or install Blender"
-        )
+        hint = f"{how_to_get_bpy()}; or install Blender"
+        raise WorkError("there is neither the bpy package nor a blender binary", hint=hint)
     return [blender, *_BLENDER]
 
 

@@ -115,16 +115,9 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
     Blender measures shifts in units of the image width (horizontal fit) and knows one focal length; the ratio is put
     into the pixel aspect. Blender keeps both aspects at 1 or above.
     """
-    pixel_aspect_x = max(1.0, camera.fy / camera.fx)
-    pixel_aspect_y = max(1.0, camera.fx / camera.fy)
-    aspect = pixel_aspect_y / pixel_aspect_x
-    return BlenderCamera(
-        resolution_x=camera.width,
-        resolution_y=camera.height,
-        pixel_aspect_x=pixel_aspect_x,
-        pixel_aspect_y=pixel_aspect_y,
-        lens=camera.fx * sensor_width_mm / camera.width,
-        sensor_width=sensor_width_mm,
-        shift_x=-(camera.cx - (camera.width - 1) / 2) / camera.width,
-        shift_y=(camera.cy - (camera.height - 1) / 2) / camera.width * aspect,
-    )
+    pixel_aspect_x, pixel_aspect_y = max(1.0, camera.fy / camera.fx), max(1.0, camera.fx / camera.fy)
+    lens = camera.fx * sensor_width_mm / camera.width
+    shift_x = -(camera.cx - (camera.width - 1) / 2) / camera.width
+    shift_y = (camera.cy - (camera.height - 1) / 2) / camera.width * (pixel_aspect_y / pixel_aspect_x)
+    size = camera.width, camera.height
+    return BlenderCamera(*size, pixel_aspect_x, pixel_aspect_y, lens, sensor_width_mm, shift_x, shift_y)

@@ -157,9 +157,8 @@ def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
     if abs(yaw_steps[widest]) > np.radians(MAX_YAW_STEP_DEG):
         hint = "a viewpoint between, to say which way round"
         found = f"{np.degrees(yaw_steps[widest]):.0f} degrees before viewpoint {widest}"
-        raise InputError(
-            f"rotations of at most {MAX_YAW_STEP_DEG:g} degrees between viewpoints", found=found, hint=hint
-        )
+        expected = f"rotations of at most {MAX_YAW_STEP_DEG:g} degrees between viewpoints"
+        raise InputError(expected, found=found, hint=hint)
     rolls = np.radians([v.roll_deg for v in recipe.viewpoints])
     moves_s = np.linalg.norm(np.diff(positions, axis=0), axis=1) / recipe.pace.speed_m_s
     looks_s = np.degrees(np.hypot(yaw_steps[1:], np.diff(pitches))) / recipe.pace.turn_deg_s

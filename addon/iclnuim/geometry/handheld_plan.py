@@ -101,11 +101,9 @@ class FreeSpace:
                 if longer < length.get(other, np.inf):
                     length[other], before[other] = longer, cell
                     heapq.heappush(open_, (longer + away[other], other))
-        raise InputError(
-            "viewpoints with a route between them",
-            found=f"none that keeps {clear_m:.2f} m from every surface",
-            hint="a smaller {clearance_m}, or viewpoints in one room",
-        )
+        found = f"none that keeps {clear_m:.2f} m from every surface"
+        hint = "a smaller {clearance_m}, or viewpoints in one room"
+        raise InputError("viewpoints with a route between them", found=found, hint=hint)
 
     def _is_clear(self, a_m: np.ndarray, b_m: np.ndarray, clear_m: float) -> bool:
         count = max(2, int(np.linalg.norm(b_m - a_m) / 0.05) + 2)
@@ -158,13 +156,11 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
     clearances = space.measure(np.array([w.position_m for w in waypoints]))
     if clearances.min() < clear_m:
         k = int(clearances.argmin())
-        raise InputError(
-            f"viewpoints at least {clear_m:g} m from every surface",
-            found=f"viewpoint {k} at {waypoints[k].position_m}, {clearances[k]:.2f} m away",
-            hint="moving it, or a smaller {clearance_m}",
-        )
+        found = f"viewpoint {k} at {waypoints[k].position_m}, {clearances[k]:.2f} m away"
+        hint = "moving it, or a smaller {clearance_m}"
+        raise InputError(f"viewpoints at least {clear_m:g} m from every surface", found=found, hint=hint)
     places = [np.array(w.position_m) for w in waypoints]
-    found = None
+    found = "none"
     for margin_m in _MARGINS_M:
         try:
             routes = [space.route(a, b, clear_m + margin_m) for a, b in pairwise(places)]
@@ -181,11 +177,8 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
                 return Plan(recipe, motion, float(clearances[worst]))
             place = ", ".join(f"{x:.2f}" for x in motion.trajectory.positions_m[worst])
             found = f"{clearances[worst]:.2f} m at ({place})"
-    raise InputError(
-        f"viewpoints whose trajectory keeps {clear_m:g} m from every surface",
-        found=found,
-        hint="a smaller {clearance_m}, less {shake}, or a viewpoint more",
-    )
+    hint = "a smaller {clearance_m}, less {shake}, or a viewpoint more"
+    raise InputError(f"viewpoints whose trajectory keeps {clear_m:g} m from every surface", found=found, hint=hint)
 
 
 def _viewpoints(waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float) -> tuple[Viewpoint, ...]:
@@ -247,10 +240,8 @@ def rounded(point: np.ndarray) -> Point:
 
 def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSettings) -> Recipe:
     """With the length that the viewpoints give at this pace, so that nothing is scaled."""
-    shakes = tuple(
-        replace(s, position_mm=settings.shake * s.position_mm, rotation_deg=settings.shake * s.rotation_deg)
-        for s in SHAKES
-    )
+    much = settings.shake
+    shakes = (replace(s, position_mm=much * s.position_mm, rotation_deg=much * s.rotation_deg) for s in SHAKES)
     recipe = Recipe(
         scene=scene,
         about="A walk through viewpoints, clear of the surfaces.",
@@ -258,7 +249,7 @@ def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSetting
         length_m=1.0,
         seed=settings.seed,
         pace=Pace(settings.speed_m_s, 40.0, 0.9),
-        shakes=shakes,
+        shakes=tuple(shakes),
         viewpoints=viewpoints,
     )
     frames = int(np.ceil(handheld.unhurried_s(recipe) * handheld.FRAME_RATE_HZ)) + 1

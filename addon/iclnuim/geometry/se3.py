@@ -33,9 +33,8 @@ class SE3:
         rotation = np.array(self.rotation, float)
         translation = np.array(self.translation, float)
         if rotation.shape[-2:] != (3, 3) or translation.shape != (*rotation.shape[:-2], 3):
-            raise InputError(
-                "rotation (..., 3, 3) and translation (..., 3)", found=f"{rotation.shape} and {translation.shape}"
-            )
+            found = f"{rotation.shape} and {translation.shape}"
+            raise InputError("rotation (..., 3, 3) and translation (..., 3)", found=found)
         object.__setattr__(self, "rotation", read_only(rotation))
         object.__setattr__(self, "translation", read_only(translation))
 

@@ -124,9 +124,8 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     if not off <= MATRIX_TOLERANCE:
         raise InputError("rotation matrices", found=f"R^T R off the identity by {off:.3g}")
     if m.size and np.linalg.det(m).min() < 0:
-        raise InputError(
-            "rotation matrices with determinant +1", found="a reflection", hint="converting its axes first"
-        )
+        hint = "converting its axes first"
+        raise InputError("rotation matrices with determinant +1", found="a reflection", hint=hint)
     if off < 1e-14:
         return m
     u, _, vt = np.linalg.svd(m)

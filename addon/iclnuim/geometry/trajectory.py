@@ -83,19 +83,11 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     usual_s = float(np.median(steps_s))
     speeds = trajectory.step_lengths_m() / steps_s
     rates = np.degrees(trajectory.step_angles_rad()) / steps_s
-    length_m, duration_s = trajectory.length_m(), float(steps_s.sum())
-    return TrajectoryStatistics(
-        len(trajectory),
-        length_m,
-        duration_s,
-        rate_hz=1.0 / usual_s,
-        mean_speed=length_m / duration_s,
-        max_speed=float(speeds.max()),
-        mean_rotation_rate=float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s),
-        max_rotation_rate=float(rates.max()),
-        gaps=int((steps_s > 1.5 * usual_s).sum()),
-        longest_gap_s=float(steps_s.max()),
-    )
+    length_m, duration_s, count = trajectory.length_m(), float(steps_s.sum()), len(trajectory)
+    mean_rate = float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s)
+    extremes = length_m / duration_s, float(speeds.max()), mean_rate, float(rates.max())
+    gaps = int((steps_s > 1.5 * usual_s).sum())
+    return TrajectoryStatistics(count, length_m, duration_s, 1.0 / usual_s, *extremes, gaps, float(steps_s.max()))
 
 
 def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Trajectory:
@@ -119,9 +111,8 @@ def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
         raise InputError("at least two poses to interpolate between", found=len(own))
     slack = 1e-9 * max(1.0, abs(own[-1]))
     if stamps_s.size and (stamps_s.min() < own[0] - slack or stamps_s.max() > own[-1] + slack):
-        raise InputError(
-            f"stamps within {own[0]:.6f}..{own[-1]:.6f} s", found=f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s"
-        )
+        found = f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s"
+        raise InputError(f"stamps within {own[0]:.6f}..{own[-1]:.6f} s", found=found)
     before = np.clip(np.searchsorted(own, stamps_s, side="right") - 1, 0, len(own) - 2)
     share = np.clip((stamps_s - own[before]) / (own[before + 1] - own[before]), 0.0, 1.0)
     poses = trajectory.T_world_camera

@@ -58,15 +58,11 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     if not use.any():
         raise InputError("pixels that are neither black nor white under two exposures", found="none")
     gamma = _gamma(gains, means, use)
-    curves = {
-        "linear": lambda v: v / 255,
-        "srgb": lambda v: light_from_srgb(v / 255),
-        "gamma": lambda v: (v / 255) ** gamma,
-    }
-    spreads = {name: _spread(gains, curve(means), use) for name, curve in curves.items()}
+    curves = {"linear": lambda v: v, "srgb": light_from_srgb, "gamma": lambda v: v**gamma}  # of shares of white
+    spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
     # the free exponent fits its own family best; a named curve that is hardly worse is the simpler word
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
-    light, variance = _noise_points(images, curves[best](np.arange(256.0)))
+    light, variance = _noise_points(images, curves[best](np.arange(256.0) / 255))
     line = _line(light, variance, np.ones_like(light))
     for _ in range(4):
         line = _line(light, variance, 1 / np.maximum(line[0] + line[1] * light, 1e-12))

@@ -109,9 +109,8 @@ class ReleasedDepthNoise(NoiseModel):
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_z_m = images.as_depth(depth_z_m)
-        normals = images.surface_normals(
-            depth_z_m, camera, backward=True
-        )  # none in the first row and column, which go missing
+        # none in the first row and column, which go missing
+        normals = images.surface_normals(depth_z_m, camera, backward=True)
         depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng, self.offset_px)
         depth_z_m = images.sample_with_zeros(depth_z_m, u, v)

@@ -93,9 +93,8 @@ def _mean_of_nearest_surface(depth_z_m: np.ndarray, weights: np.ndarray, edge_sh
     nearest = np.take_along_axis(depth_z_m, np.argmax(weights, 0)[None], 0)
     limit = np.float32(1 + edge_share)
     weights = weights * ((depth_z_m > 0) & (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit))
-    return np.divide(
-        (weights * depth_z_m).sum(0), weights.sum(0), out=np.zeros(nearest.size, np.float32), where=nearest[0] > 0
-    )
+    nothing = np.zeros(nearest.size, np.float32)
+    return np.divide((weights * depth_z_m).sum(0), weights.sum(0), out=nothing, where=nearest[0] > 0)
 
 
 @dataclass(frozen=True)

@@ -74,10 +74,8 @@ def check_free(raw: Path) -> None:
     for folder in raw.glob(f".work-{platform.node()}-*"):
         process = int(folder.name.rsplit("-", 1)[1])
         if process != os.getpid() and os.name != "nt" and process_lives(process):
-            raise WorkError(
-                f"{raw}: another render (process {process}) works in this folder",
-                hint="again when it ends, or another {out}",
-            )
+            text = f"{raw}: another render (process {process}) works in this folder"
+            raise WorkError(text, hint="again when it ends, or another {out}")
 
 
 def light_map_line(settings: bpy.types.PropertyGroup) -> str:
@@ -91,19 +89,14 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
         line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
         try:
             if found := light_map.find(state.cache_folder(), settings.to_job(name, "kt2")):
-                size = f"{found.size_bytes / 1e6:.1f} MB"
-                line = f"this scene's light is in the cache: {size}, baked {_age(found.age_s)} ago"
+                units = (("day", 86400), ("hour", 3600), ("minute", 60))
+                ages = ((int(found.age_s // seconds), unit) for unit, seconds in units)
+                age = next((f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n), "less than a minute")
+                line = f"this scene's light is in the cache: {found.size_bytes / 1e6:.1f} MB, baked {age} ago"
         except (IclnuimError, OSError):
             line = "no scene file is chosen yet"
         known = held.light_map = asked, time.monotonic(), line
     return known[2]
-
-
-def _age(seconds: float) -> str:
-    for unit_s, unit in ((86400, "day"), (3600, "hour"), (60, "minute")):
-        if count := int(seconds // unit_s):
-            return f"{count} {unit}{'' if count == 1 else 's'}"
-    return "less than a minute"
 
 
 def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tuple[Trajectory, str]:
@@ -142,11 +135,8 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
         return scene_name(settings)
     path = out / "scene.blend"
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
-        raise InputError(
-            "an output folder without frames of an earlier state of the open scene",
-            path=out,
-            hint="Resume, which continues with the scene as it was, or another {out}",
-        )
+        hint = "Resume, which continues with the scene as it was, or another {out}"
+        raise InputError("an output folder without frames of an earlier state of the open scene", path=out, hint=hint)
     _make(out)
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)

@@ -136,9 +136,8 @@ def resume(self, context):
     out = inputs.output_folder(settings)
     recipe = out / "raw" / "sequence.json"
     if not recipe.is_file():
-        raise InputError(
-            "a render to resume", path=recipe.parent, found="none", hint="Render, or the {out} it was started in"
-        )
+        hint = "Render, or the {out} it was started in"
+        raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
     inputs.check_free(out / "raw")
     job = RenderJob.from_dict(read_json(recipe).get("job", {}))
     poses = read_trajectory(out / "raw" / "groundtruth.txt", "tum").trajectory

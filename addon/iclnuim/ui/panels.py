@@ -166,6 +166,5 @@ def evaluate(layout, settings, context):
         _text(layout, context, line)
 
 
-register, unregister = bpy.utils.register_classes_factory(
-    (main, scene, trajectory, camera, light, sensor, output, render, evaluate)
-)
+_PANELS = (main, scene, trajectory, camera, light, sensor, output, render, evaluate)
+register, unregister = bpy.utils.register_classes_factory(_PANELS)

@@ -24,8 +24,11 @@ _RENAMED = {"dialects": "formats", "alignment": "align_method"}
 
 def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
     """What differs from the defaults, as plain values."""
-    names = (name for name in properties_of_a_preset() if settings.is_property_set(name))
-    return {name: _plain(getattr(settings, name)) for name in names}
+    found = {name: getattr(settings, name) for name in properties_of_a_preset() if settings.is_property_set(name)}
+    for name, value in found.items():
+        if not isinstance(value, bool | int | float | str):
+            found[name] = sorted(value) if isinstance(value, set) else list(value)
+    return found
 
 
 def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
@@ -46,12 +49,6 @@ def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
 def own() -> dict[str, Path]:
     """The user's presets by name."""
     return {path.stem: path for path in sorted(state.user_folder("presets").glob("*.json"))}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, (bool, int, float, str)):
-        return value
-    return sorted(value) if isinstance(value, set) else list(value)
 
 
 @operator("Use Preset", undo=True, preset=StringProperty())

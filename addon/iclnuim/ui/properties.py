@@ -20,7 +20,9 @@ from ..settings import Setting, Settings, declared, setting
 from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
-#: What is no built-in scene or trajectory, by the number that a saved .blend keeps: (value, name, tooltip).
+#: Of an enum: value, name, tooltip.
+Entry = tuple[str, str, str]
+#: What is no built-in scene or trajectory, by the number that a saved .blend keeps.
 _OTHER_SCENES = {
     2: ("OPEN", "The open file", "The scene in this window; a copy of it is put into the output folder and rendered"),
     3: ("FILE", "A file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres"),
@@ -29,6 +31,8 @@ _OTHER_TRAJECTORIES = {
     4: ("FILE", "A file", "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; recognised by name and content"),
     5: ("CAMERA", "Active camera", "The animation of the scene's active camera, one pose per frame of the timeline"),
 }
+_FILE_OF_POSES = "Camera-to-world poses; right-handed unless named *.gt.freiburg or starting as the released ones do"
+_OUT = "raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is not saved"
 _AUTO = {0: ("AUTO", "Auto", "The default")}
 _EQUATION_2 = "paper, equation 2"
 
@@ -82,6 +86,7 @@ _MOVES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotation
 def properties_of_this_file() -> dict[str, Any]:
     """Name -> property of what belongs to this file or this machine: presets leave it alone."""
     scenes = ((s.name, s.title, s.description) for s in SCENES.values())
+    paths = ((name, name, text) for name, text in TRAJECTORIES.items())
     units = ((name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items())
     return {
         "scene_source": EnumProperty(name="Scene", items=_items(scenes, _OTHER_SCENES), update=_trajectory_changed),
@@ -89,21 +94,10 @@ def properties_of_this_file() -> dict[str, Any]:
         **_properties(SceneReading),
         "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
         "trajectory_source": EnumProperty(
-            name="Trajectory",
-            items=_items(((name, name, text) for name, text in TRAJECTORIES.items()), _OTHER_TRAJECTORIES),
-            default="kt2",
-            update=_trajectory_changed,
+            name="Trajectory", items=_items(paths, _OTHER_TRAJECTORIES), default="kt2", update=_trajectory_changed
         ),
-        "trajectory_file": _file(
-            "File",
-            "Camera-to-world poses; right-handed unless named *.gt.freiburg or starting as the released ones do",
-            update=_trajectory_changed,
-        ),
-        "out": _file(
-            "Output folder",
-            "raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is not saved",
-            "DIR_PATH",
-        ),
+        "trajectory_file": _file("File", _FILE_OF_POSES, update=_trajectory_changed),
+        "out": _file("Output folder", _OUT, "DIR_PATH"),
         "estimate": _file("Estimate", "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"),
         "truth": _file("Ground truth", "Ground-truth trajectory; empty: the trajectory chosen above"),
     }
@@ -114,12 +108,6 @@ def properties_of_a_preset() -> dict[str, Any]:
     noise = {"depth_noise": "released", "rgb_noise": "released"}
     groups = (PanelSettings, PinholeCamera, SequenceOptions, RenderJob, AlignmentSettings)
     return {name: made for group in groups for name, made in _properties(group, **noise).items()}
-
-
-def names_that_move_the_trajectory() -> list[str]:
-    """Properties whose change makes the trajectory another one."""
-    made = {**properties_of_this_file(), **properties_of_a_preset()}
-    return [name for name, one in made.items() if "update" in one.keywords]
 
 
 def label_of(setting: str) -> str:
@@ -168,10 +156,8 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         models = {"clean": ("none", "none")} if self.write_clean else {}
         if self.write_noisy:
             models["noisy"] = (options.depth_noise, options.rgb_noise)
-        variants = {
-            str(out / name): {"depth": depth, "rgb": rgb, "seed": options.seed, "depth_units": options.depth_units}
-            for name, (depth, rgb) in models.items()
-        }
+        rest = {"seed": options.seed, "depth_units": options.depth_units}
+        variants = {str(out / name): {"depth": depth, "rgb": rgb, **rest} for name, (depth, rgb) in models.items()}
         return {"dialects": list(options.formats), "variants": variants}
 
 
@@ -234,7 +220,7 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _choice(s: Setting, entries: Iterable[tuple[str, str, str]], default: Any = None) -> Any:
+def _choice(s: Setting, entries: Iterable[Entry], default: Any = None) -> Any:
     """The enum of a setting; one of flags where several values are allowed."""
     if s.length == 0:
         flags = [(*entry, 1 << k) for k, entry in enumerate(entries)]
@@ -243,9 +229,7 @@ def _choice(s: Setting, entries: Iterable[tuple[str, str, str]], default: Any = 
     return EnumProperty(items=items, default=default or items[0][0], **_words(s))
 
 
-def _items(
-    entries: Iterable[tuple[str, str, str]], own: Mapping[int, tuple[str, str, str]]
-) -> list[tuple[str, str, str, int]]:
+def _items(entries: Iterable[Entry], own: Mapping[int, Entry]) -> list[tuple[str, str, str, int]]:
     """Items of an enum with the numbers that a .blend keeps: entries of a registry take those that `own` leaves."""
     free = (number for number in itertools.count() if number not in own)
     numbered = {**dict(zip(free, entries, strict=False)), **own}

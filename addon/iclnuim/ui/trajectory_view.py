@@ -55,7 +55,8 @@ def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.
 
 
 def _key(scene: bpy.types.Scene) -> tuple:
-    values = (getattr(scene.iclnuim, name) for name in properties.names_that_move_the_trajectory())
+    made = {**properties.properties_of_this_file(), **properties.properties_of_a_preset()}
+    values = (getattr(scene.iclnuim, name) for name, one in made.items() if "update" in one.keywords)
     shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
     return scene.name, shown, *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values)
 
@@ -68,11 +69,8 @@ def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     depsgraph, points = context.evaluated_depsgraph_get(), trajectory.positions_m
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    through = [
-        i
-        for i in np.flatnonzero(lengths > 1e-9)
-        if context.scene.ray_cast(depsgraph, points[i], steps[i] / lengths[i], distance=float(lengths[i]))[0]
-    ]
+    moving, cast = np.flatnonzero(lengths > 1e-9), context.scene.ray_cast
+    through = [i for i in moving if cast(depsgraph, points[i], steps[i] / lengths[i], distance=float(lengths[i]))[0]]
     more = f" and {len(through) - 1} more" if len(through) > 1 else ""
     return f"the trajectory passes through a surface at frame {through[0]}{more}" if through else ""
 
@@ -115,9 +113,8 @@ def draw() -> None:
     for name, (points, colours) in held.shapes.items():
         if name not in held.batches:
             faint = colours * np.array([1, 1, 1, HIDDEN_ALPHA], np.float32)
-            held.batches[name] = [
-                batch_for_shader(shader, "LINES", {"pos": points, "color": c}) for c in (faint, colours)
-            ]
+            both = ({"pos": points, "color": c} for c in (faint, colours))
+            held.batches[name] = [batch_for_shader(shader, "LINES", content) for content in both]
         shader.uniform_float("lineWidth", 1.2 if name == "frusta" else 3.0)
         for batch, test in zip(held.batches[name], ("NONE", "LESS_EQUAL"), strict=True):
             gpu.state.depth_test_set(test)

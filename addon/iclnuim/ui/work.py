@@ -110,22 +110,16 @@ class Work:
                 text = named(event.template or event.text, self.name_of)
                 text += "; finished frames stay, Resume continues from here" if resume else ""
                 self.phase, self.message = "failed", text
-            case events.Exited():
-                self._exited(event)
+            case events.Exited(code, log):
+                self.worker = self._stopping_since_s = None
+                ended = f"the background Blender ended unexpectedly (code {code}); finished frames stay, try Resume"
+                if self.phase == "stopping" or (code == 130 and self.phase != "failed"):
+                    self.phase, self.message = "stopped", "stopped; finished frames stay, Resume continues from here"
+                elif code == 0 and self.phase != "failed":
+                    self.phase, self.message = "done", self._when_done
+                elif self.phase != "failed":
+                    self.phase, self.message = "failed", ended + (f". The end of its log: {log}" if log else "")
 
     def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":
             self.phase, self.message = phase, message
-
-    def _exited(self, event: events.Exited) -> None:
-        self.worker = self._stopping_since_s = None
-        if self.phase == "failed":
-            return
-        if self.phase == "stopping" or event.code == 130:
-            self.phase, self.message = "stopped", "stopped; finished frames stay, Resume continues from here"
-        elif event.code == 0:
-            self.phase, self.message = "done", self._when_done
-        else:
-            ended = f"the background Blender ended unexpectedly (code {event.code})"
-            log = f". The end of its log: {event.log}" if event.log else ""
-            self.phase, self.message = "failed", f"{ended}; finished frames stay, try Resume{log}"
