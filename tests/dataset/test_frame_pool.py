@@ -72,7 +72,7 @@ for fails in ("work", "finish"):
         if fails == "finish":
             raise KeyError(n)
     try:
-        with FramePool(lambda n: 1 / (fails == "finish" or n > 0) and time.sleep(0.1) or n, 2, finish) as pool:
+        with FramePool(lambda n: 1 / (fails == "finish" or n > 0) and time.sleep(0.3) or n, 2, finish) as pool:
             for n in range(100):
                 pool.add(n)
             for _ in range(30):
@@ -106,7 +106,7 @@ def test_all_end_when_the_parent_is_killed():
     parent.stdout.readline()
     children = _children(psutil.Process(parent.pid), 3)
     parent.send_signal(signal.SIGKILL)
-    _, alive = psutil.wait_procs(children, timeout=10)
+    _, alive = psutil.wait_procs(children, timeout=60)
     parent.communicate()
     assert len(children) == 3 and not alive
 

@@ -104,9 +104,9 @@ def test_a_frame_that_kills_three_workers_is_given_up_with_its_log_and_its_neigh
 
 def test_a_stopped_worker_is_replaced(farm):
     begun = time.monotonic()
-    outcome, heard, _ = farm(list(range(12)), {"3": ("stop", 1)}, worker_timeout_s=5.0)
+    outcome, heard, _ = farm(list(range(12)), {"3": ("stop", 1)}, worker_timeout_s=8.0)
     assert sorted(heard) == list(range(12)) and outcome.deaths == 1
-    assert time.monotonic() - begun < 20
+    assert time.monotonic() - begun < 60  # not the two minutes of FarmSettings
 
 
 def test_a_full_disk_ends_the_run_with_the_workers_words(farm):

@@ -49,7 +49,7 @@ def test_in_the_render_script(sabotaged, repository):
 
 def test_in_a_worker(sabotaged, repository, tmp_path):
     pytest.importorskip("bpy", reason="needs the bpy package")
-    script = repository / "headless/render.py"
-    done = sabotaged("iclnuim.dataset.run_folder", "RunFolder.write_frame", script, *RENDER, "--out", "raw")
+    words = (repository / "headless/render.py", *RENDER, "--scene", repository / "tests/room.obj", "--out", "raw")
+    done = sabotaged("iclnuim.dataset.run_folder", "RunFolder.write_frame", *words)
     assert done.returncode == 3, done.stderr
     assert "sabotaged" in done.stderr + "".join(p.read_text() for p in tmp_path.rglob("*.log"))
