@@ -12,7 +12,7 @@ from iclnuim.settings import Setting, Settings, declared, find, plain
 from .console import Console
 
 S = TypeVar("S", bound=Settings)
-#: Scene files, for help texts; iclnuim.blender.user_scene decides.
+#: Scene files, for help texts; iclnuim.blender.scene decides.
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 

@@ -9,7 +9,6 @@ from iclnuim.errors import InputError
 WIRE = [
     (events.Note("text"), '{"event": "note", "text": "text"}'),
     (events.Started(frames=882, pid=7), '{"event": "start", "frames": 882, "pid": 7}'),
-    (events.Started(frames=3, missing=0), '{"event": "start", "frames": 3, "missing": 0}'),
     (events.Ready(), '{"event": "ready"}'),
     (events.Missing("frames", 4), '{"event": "missing", "of": "frames", "missing": 4}'),
     (events.FrameDone(0, 0.5, 0.0, True), '{"event": "frame", "frame": 0, "cycles": 0.5, "close": 0.0, "found": true}'),

@@ -161,7 +161,8 @@ def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
         if isinstance(event, FrameDone):
             times.append(event.cycles or 0.0)
 
-    worker.render_run(job, out, "::", listen, bool)
+    with worker.Session(job, out, listen) as session:
+        session.render("::", lambda: False)
     run = read_run(out)
     frames = [read_exr(run.frame_file(n)) for n in run.frame_numbers()]
     rgb = np.stack([np.stack([f[c] for c in "RGB"], -1) for f in frames]).astype(np.float32)

@@ -1,6 +1,6 @@
 """What a render worker reports: typed events <-> one JSON object each. No Blender is needed to read them.
 
-`worker.render_run` and `worker.Session` emit them in this process, child.py as lines on its standard output.
+`worker.Session` emits them in this process, child.py as lines on its standard output.
 """
 
 from dataclasses import MISSING, dataclass, fields
@@ -33,10 +33,9 @@ class Note(Event, name="note"):
 
 
 class Started(Event, name="start"):
-    """The run folder exists. frames: of the trajectory (worker process) or asked for (render_run); missing: still to be rendered."""
+    """The run folder exists. frames: of the trajectory."""
 
     frames: int
-    missing: int | None = None
     pid: int | None = None
 
 
@@ -106,9 +105,6 @@ class Failed(Event, name="error"):
 
 class Done(Event, name="done"):
     """All that was asked for is done."""
-
-    rendered: int | None = None
-    seconds: float | None = None
 
 
 class Exited(Event, name="exit"):

@@ -39,7 +39,8 @@ def measure(job: RenderJob, frames_asked: str) -> Breakdown:
     """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
         events: list[Event] = []
-        worker.render_run(job, Path(folder) / "run", frames_asked, events.append, lambda: False)
+        with worker.Session(job, Path(folder) / "run", events.append) as session:
+            session.render(frames_asked, lambda: False)
         closed = [event for event in events if isinstance(event, FrameDone)]
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))

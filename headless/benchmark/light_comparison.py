@@ -112,7 +112,8 @@ class Comparison:
                 self.note(event.text)
 
         folder.parent.mkdir(parents=True, exist_ok=True)
-        worker.render_run(job, folder, numbers, listen, lambda: False)
+        with worker.Session(job, folder, listen) as session:
+            session.render(numbers, lambda: False)
         return times
 
     def _flicker(self, folder: Path, firsts: list[int]) -> float:

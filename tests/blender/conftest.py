@@ -101,9 +101,9 @@ def render_here(cornered_room, forward_path):
             job = RenderJob("test", str(scene), str(trajectory), camera=lens, **{**small, **settings})
         notes = []
         out.parent.mkdir(parents=True, exist_ok=True)
-        whole = worker.render_run(
-            job, out, frames, lambda event: notes.append(event.text) if isinstance(event, Note) else None, lambda: False
-        )
+        listen = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
+        with worker.Session(job, out, listen) as session:
+            _, whole = session.render(frames, lambda: False)
         assert whole
         return notes
 

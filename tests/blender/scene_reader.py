@@ -10,7 +10,7 @@ if __name__ == "__main__":
 
     answers = open(sys.argv[1], "a", encoding="utf-8")  # noqa: SIM115
     import bpy
-    from iclnuim.blender import preflight, scene, surfaces, user_scene
+    from iclnuim.blender import preflight, scene, surfaces
 
     for file in sys.argv[2:]:
         answers.write(json.dumps({"file": file, "begun": True}) + "\n")
@@ -18,7 +18,7 @@ if __name__ == "__main__":
         try:
             scene.open_scene(file)
             scene.scene_sha256(file)
-            user_scene.why_not_baked(bpy.context.scene)
+            scene.why_not_baked(bpy.context.scene)
             preflight.moving_names(bpy.context.scene)
             outcome = {"triangles": len(surfaces.triangles().triangles)}
         except InputError as error:

@@ -105,7 +105,7 @@ def test_another_lamp_is_another_map(render_here, tmp_path, monkeypatch):
 
 
 def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache, pictures):
-    from iclnuim.blender import bake, scene
+    from iclnuim.blender import light_map, scene
 
     scene.open_empty()
     bpy.ops.wm.open_mainfile(filepath=str(room))
@@ -118,7 +118,7 @@ def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache
 
     before = state()
     folder = next(iter(cache.glob("light/*/light.exr"))).parent
-    lit = bake.apply(folder)
+    lit = light_map.apply(folder)
     assert state() != before
     lit.revert()
     assert state() == before

@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender import preflight, sanitize, scene, surfaces, user_scene  # noqa: E402
+from iclnuim.blender import preflight, sanitize, scene, surfaces  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
@@ -236,12 +236,12 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
 def test_what_moves_leads_to_path_tracing_with_a_word(room):
     opened(room)
     job = RenderJob("own", str(room), "kt2")
-    assert user_scene.lit_as_it_can_be(job) == (job, [])  # the camera moves, nothing else
+    assert scene.lit_as_it_can_be(job) == (job, [])  # the camera moves, nothing else
     crate = bpy.data.objects["crate"]
     for frame, z in ((1, 0.0), (9, 1.0)):
         crate.location.z = z
         crate.keyframe_insert("location", frame=frame)
-    changed, words = user_scene.lit_as_it_can_be(job)
+    changed, words = scene.lit_as_it_can_be(job)
     assert changed.light == "path"
     assert "move (crate): path traced" in words[0]
 
@@ -304,7 +304,7 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
 def test_the_file_stays_as_it_was(room):
     before = room.read_bytes()
     opened(room)
-    user_scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
+    scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
     assert room.read_bytes() == before
 
 

@@ -51,7 +51,8 @@ def rendered(tmp_path_factory):
         camera = PinholeCamera.parse("48x36")
         job = RenderJob("gallery", str(file), str(base / "poses.txt"), camera=camera, light=light, **settings)
         take = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
-        worker.render_run(job, folder / "run", [0], take, lambda: False)
+        with worker.Session(job, folder / "run", take) as session:
+            session.render([0], lambda: False)
         made_by = json.loads((folder / "run/sequence.json").read_text())["job"]["light"]
         return read_exr(folder / "run/exr/000000.exr"), made_by, notes
 

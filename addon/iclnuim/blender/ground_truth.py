@@ -17,7 +17,7 @@ from ..geometry.points import upright_box
 from ..geometry.se3 import SE3
 from . import surfaces
 from .frames import channel_ending
-from .surfaces import SURFACE_TYPES, Part, array_of
+from .surfaces import SURFACE_TYPES, Part
 
 SCHEMA_VERSION = 1
 _DIGITS = 6  # micrometres
@@ -79,14 +79,9 @@ def objects_table() -> dict:
     `T_world_object`: Blender's matrix, rows; may hold a scale. `box_world_m`: least and greatest x, y, z. `box_m`: the smallest upright
     box: centre and quaternion (x y z w) in the world, its x along the longer level side; its full sides.
     """
-    with surfaces.as_rendered(bpy.context.scene) as depsgraph:
-        found = surfaces.parts(depsgraph)
-        try:
-            kinds = classes.kinds_of([_class_name(part.source) for part in found])
-            rows = [_row(part, kinds[_class_name(part.source)]) for part in found]
-        finally:
-            for part in found:
-                bpy.data.meshes.remove(part.mesh)
+    with surfaces.rendered_parts() as (found, _):
+        kinds = classes.kinds_of([_class_name(part.source) for part in found])
+        rows = [_row(part, kinds[_class_name(part.source)]) for part in found]
     rows.sort(key=lambda row: (row["id"], row["box_m"]["centre"]))
     listed = sorted({kind.id: kind for kind in kinds.values()}.values(), key=lambda kind: kind.id)
     return {
@@ -103,8 +98,7 @@ def _class_name(thing: bpy.types.Object) -> str | None:
 
 
 def _row(part: Part, kind: classes.Kind) -> dict:
-    matrix = np.array(part.matrix, float)
-    points_m = array_of(part.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    points_m = part.vertices_m()
     box = upright_box(points_m)
     return {
         "id": part.source.pass_index,
@@ -112,7 +106,7 @@ def _row(part: Part, kind: classes.Kind) -> dict:
         "class": kind.name,
         "class_id": kind.id,
         "nyu40_id": kind.nyu40_id,
-        "T_world_object": _listed(matrix),
+        "T_world_object": _listed(np.array(part.matrix)),
         "box_world_m": {"min": _listed(points_m.min(0)), "max": _listed(points_m.max(0))},
         "box_m": {
             "centre": _listed(box.T_world_box.translation),

@@ -20,13 +20,8 @@ _SHADERS = {
 def scene_model() -> SceneModel:
     """Numbers its objects as frames have them. Raises InputError for a scene without surfaces."""
     ground_truth.number_objects()
-    with surfaces.as_rendered(bpy.context.scene) as depsgraph:
-        parts = surfaces.parts(depsgraph)
-        try:
-            return _model([part for part in parts if part.source.visible_camera])
-        finally:
-            for part in parts:
-                bpy.data.meshes.remove(part.mesh)
+    with surfaces.rendered_parts() as (parts, _):
+        return _model([part for part in parts if part.source.visible_camera])
 
 
 def _model(parts: list[Part]) -> SceneModel:

@@ -1,15 +1,38 @@
-"""Opening a scene: a shipped one, or a user-provided file. The file itself is never written."""
+"""Opening a scene: a shipped one, or a user-provided file of any kind, made fit to be rendered: in metres, z up, repaired, lit.
+
+The file itself is never written.
+"""
 
 import hashlib
+import logging
+import math
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 
 from .. import shipped
 from ..errors import InputError
+from ..formats.ply import check_ply
 from ..geometry.scene_axes import SceneReading
+from ..job import RenderJob
 from ..shipped import SCENES
-from . import compat, scene_paths, user_scene
+from . import baked_materials, compat, neutral_light, orient, preflight, sanitize, scene_paths, surfaces
+
+#: The file's own axes are kept: turning and scaling is left to orient.py.
+_OWN_AXES = {"forward_axis": "Y", "up_axis": "Z"}
+
+IMPORTERS: dict[str, Callable[[str], object]] = {
+    ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path, **_OWN_AXES),
+    ".ply": lambda path: bpy.ops.wm.ply_import(filepath=path, **_OWN_AXES),
+    ".glb": lambda path: bpy.ops.import_scene.gltf(filepath=path),
+    ".gltf": lambda path: bpy.ops.import_scene.gltf(filepath=path),
+    ".fbx": compat.import_fbx,
+    **{kind: compat.import_usd for kind in (".usd", ".usda", ".usdc", ".usdz")},
+}
+KINDS = (".blend", *IMPORTERS)
+#: A light map has about as many texels; more triangles than that gain nothing from it, and laying them out takes minutes.
+MAX_BAKED = 2_000_000
 
 
 def open_empty() -> None:
@@ -23,9 +46,9 @@ def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
     """Open `name`; returns notes worth telling. Raises InputError for what cannot be opened."""
     open_empty()
     if is_shipped(name):
-        bpy.ops.wm.open_mainfile(filepath=str(_shipped_file(name)), load_ui=False, use_scripts=False)
+        bpy.ops.wm.open_mainfile(filepath=str(shipped_file(name)), load_ui=False, use_scripts=False)
         return []
-    return user_scene.open_file(_checked_file(name), reading or SceneReading())
+    return open_file(checked_file(name), reading or SceneReading())
 
 
 def is_shipped(name: str) -> bool:
@@ -38,22 +61,130 @@ def scene_sha256(name: str) -> str:
     Textures of a file that only Blender can read count once it is open: open it first.
     """
     if not is_shipped(name):
-        return scene_paths.sha256(_checked_file(name))
-    return hashlib.sha256(_shipped_file(name).read_bytes()).hexdigest()
+        return scene_paths.sha256(checked_file(name))
+    return hashlib.sha256(shipped_file(name).read_bytes()).hexdigest()
 
 
-def _checked_file(name: str) -> Path:
-    try:
-        return user_scene.checked_file(name)
-    except InputError as error:
-        if error.path is not None:
-            raise
-        raise InputError(f"a scene: {', '.join(SCENES)} or {error.expected[2:]}", found=name) from None
-
-
-def _shipped_file(name: str) -> Path:
+def shipped_file(name: str) -> Path:
     """The built .blend of a shipped scene. Raises InputError where it is not there."""
     path = shipped.folder("blend") / f"{name}.blend"
     if not path.is_file():
         raise InputError("the shipped scene", path=path, found="no such file", hint="installing iclnuim again")
     return path
+
+
+def open_file(path: Path, reading: SceneReading) -> list[str]:
+    """Into the empty session; returns notes worth telling, first how it was taken. Raises InputError for what cannot be used."""
+    scene_paths.refuse_outside(path, reading.textures)
+    load(path)
+    scene_paths.refuse_open_outside(path, reading.textures)
+    scene = bpy.context.scene
+    if path.suffix.lower() != ".blend":
+        scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
+        _timeline_of_actions(scene)
+    notes = sanitize.sanitize(scene)
+    if not any(o.type in surfaces.SURFACE_TYPES for o in scene.objects) and not _instances(scene):
+        raise InputError("a scene with at least one surface", path=path, found="none")
+    placed = orient.orient(path, reading, list(scene.objects))
+    notes = [*([placed.sentence] if placed.worth_telling else []), *notes]
+    bpy.context.view_layer.update()
+    notes += sanitize.displace_meshes(scene)
+    _choose_camera(scene)
+    return [*notes, *neutral_light.add_where_there_is_none(scene)]
+
+
+def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
+    """The job with the light that the open scene allows, and a word where that is not the light asked for."""
+    if job.light != "baked":
+        return job, []
+    hindrance = why_not_baked(bpy.context.scene)
+    if hindrance is None:
+        return job, []
+    return job.changed(light="path"), [f"{hindrance}: path traced instead of baked light"]
+
+
+def why_not_baked(scene: bpy.types.Scene) -> str | None:
+    """What stands against a light map, or None."""
+    hindrances = {
+        "objects or lights that move": preflight.moving_names(scene),
+        "hair, curves or points": preflight.strand_names(scene),
+        "volumes": preflight.volume_names(scene),
+        "light linking": preflight.light_linking_names(scene),
+    }
+    for what, names in hindrances.items():
+        if names:
+            return f"{what} ({', '.join(names)[:120]})"
+    kinds = map(baked_materials.kind, _shown_materials(scene))
+    if not any(kind.diffuse or kind.translucent for kind in kinds):
+        return "no diffuse surface"
+    count = surfaces.triangle_count()
+    return f"{count} triangles, more than the texels of a light map" if count > MAX_BAKED else None
+
+
+def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
+    """Of all surfaces, instanced collections included; None for a surface without a material."""
+    things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}
+    shown = [thing for thing in things if thing.type in surfaces.SURFACE_TYPES]
+    return {s.material for thing in shown for s in thing.material_slots} | (
+        {None} if any(not t.material_slots for t in shown) else set()
+    )
+
+
+def _instances(scene: bpy.types.Scene) -> bool:
+    return any(o.instance_collection is not None for o in scene.objects)
+
+
+def _timeline_of_actions(scene: bpy.types.Scene) -> None:
+    """Readers leave the timeline as it was: as long as what moves."""
+    ranges = [tuple(action.frame_range) for action in bpy.data.actions]
+    if ranges:
+        scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
+        scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
+
+
+def _choose_camera(scene: bpy.types.Scene) -> None:
+    """Formats without an active camera: their only one is."""
+    cameras = [o for o in scene.objects if o.type == "CAMERA"]
+    if scene.camera is None and len(cameras) == 1:
+        scene.camera = cameras[0]
+
+
+def checked_file(name: str) -> Path:
+    """The full path of a user-provided file. Raises InputError for what is not there or of no known kind."""
+    path = Path(name).expanduser().resolve()
+    if path.suffix.lower() not in KINDS:
+        raise InputError(f"a scene: {', '.join(SCENES)} or a scene file ending in {', '.join(KINDS)}", found=name)
+    if not path.is_file():
+        raise InputError("a scene file", path=path, found="a folder" if path.is_dir() else "nothing of that name")
+    if not path.stat().st_size:
+        raise InputError("a scene file", path=path, found="an empty file")
+    return path
+
+
+def load(path: Path) -> None:
+    """Bring the file into the open session; a .blend takes the session's place, and its scripts stay asleep. Raises InputError."""
+    if path.suffix.lower() == ".ply":
+        check_ply(path)
+    logging.disable(logging.WARNING)  # readers written in Python tell every node of the file
+    try:
+        if path.suffix.lower() == ".blend":
+            result = bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+        else:
+            result = IMPORTERS[path.suffix.lower()](str(path))
+    except AttributeError:
+        raise InputError(
+            "a Blender that reads this kind of file", path=path, found=f"{compat.version_line()} without its reader"
+        ) from None
+    except (RuntimeError, TypeError, UnicodeDecodeError) as error:
+        raise InputError("a scene that Blender can read", path=path, found=_last_line(error)) from None
+    finally:
+        logging.disable(logging.NOTSET)
+    if result != {"FINISHED"}:
+        raise InputError("a scene that Blender can read", path=path, found="a file that its reader gives up on")
+
+
+def _last_line(error: Exception) -> str:
+    """What the reader said last; a Python reader's whole traceback comes with it."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    told = [line for line in lines if not line.startswith(("Location:", "File "))]
+    return (told or lines or ["no reason given"])[-1].removeprefix("Error: ")

@@ -39,34 +39,24 @@ class Part:
     origin: bpy.types.Object
     single: bool
 
+    def vertices_m(self) -> np.ndarray:
+        """(n, 3) in metres, our world."""
+        matrix = np.array(self.matrix)
+        return array_of(self.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+
 
 def triangles() -> Surface:
     """All surfaces a camera ray can meet: evaluated as for a render (modifiers, instances), without what is hidden from it."""
-    with as_rendered(bpy.context.scene) as depsgraph:
-        return _triangles(depsgraph)
-
-
-def _triangles(depsgraph: bpy.types.Depsgraph) -> Surface:
-    vertices, faces, owners, count = [], [], [], 0
+    vertices, faces, owners, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)], 0
     names: list[str] = []
-    for instance in depsgraph.object_instances:
-        thing = instance.object
-        if not _is_seen(thing, instance.is_instance):
-            continue
-        mesh = thing.to_mesh()
-        mesh.calc_loop_triangles()
-        points = array_of(mesh.vertices, "co", 3).astype(float)
-        corners = array_of(mesh.loop_triangles, "vertices", 3, np.int32)
-        thing.to_mesh_clear()
-        if len(corners):
-            to_world = np.array(instance.matrix_world)
-            vertices.append(points @ to_world[:3, :3].T + to_world[:3, 3])
-            faces.append(corners + count)
-            owners.append(np.full(len(corners), len(names), np.int32))
-            names.append(thing.name)
-            count += len(points)
-    if not vertices:
-        return Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int32), ())
+    with rendered_parts() as (found, _):
+        for part in found:
+            if part.source.visible_camera and len(part.mesh.loop_triangles):
+                vertices.append(part.vertices_m())
+                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32) + count)
+                owners.append(np.full(len(faces[-1]), len(names), np.int32))
+                names.append(part.name)
+                count += len(vertices[-1])
     return Surface(np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners), tuple(names))
 
 
@@ -74,13 +64,9 @@ def triangle_count() -> int:
     """How many triangles the open scene renders, those of every instance counted; curves and texts left out."""
     with as_rendered(bpy.context.scene) as depsgraph:
         shown = ((i.object, i.is_instance) for i in depsgraph.object_instances)
-        meshes = (thing.data for thing, instanced in shown if thing.type == "MESH" and _is_seen(thing, instanced))
+        seen = (thing for thing, instanced in shown if thing.visible_camera and (instanced or not thing.hide_render))
+        meshes = (thing.data for thing in seen if thing.type == "MESH")
         return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
-
-
-def _is_seen(thing: bpy.types.Object, instanced: bool) -> bool:
-    """Geometry Nodes show instances also of an object that is hidden itself."""
-    return thing.type in SURFACE_TYPES and thing.visible_camera and (instanced or not thing.hide_render)
 
 
 @contextmanager
@@ -121,20 +107,29 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         mesh = bpy.data.meshes.new_from_object(thing, preserve_all_data_layers=True, depsgraph=depsgraph)
         if mesh is None or not len(mesh.polygons):
             continue
+        mesh.calc_loop_triangles()
         _own_materials(mesh, thing)
-        _same_texture_space(mesh, thing.data)
+        if isinstance(
+            thing.data, bpy.types.Mesh
+        ):  # generated coordinates span the box of the mesh before its modifiers
+            mesh.use_auto_texspace = False
+            mesh.texspace_location, mesh.texspace_size = thing.data.texspace_location, thing.data.texspace_size
         origin = instance.parent.original if instance.is_instance else thing.original
-        found.append(
-            Part(thing.name, mesh, instance.matrix_world.copy(), thing.original, origin, not instance.is_instance)
-        )
+        matrix, single = instance.matrix_world.copy(), not instance.is_instance
+        found.append(Part(thing.name, mesh, matrix, thing.original, origin, single))
     return found
 
 
-def _same_texture_space(mesh: bpy.types.Mesh, evaluated: bpy.types.ID) -> None:
-    """Generated coordinates span the box of the mesh before its modifiers."""
-    if isinstance(evaluated, bpy.types.Mesh):
-        mesh.use_auto_texspace = False
-        mesh.texspace_location, mesh.texspace_size = evaluated.texspace_location, evaluated.texspace_size
+@contextmanager
+def rendered_parts() -> Iterator[tuple[list[Part], bpy.types.Depsgraph]]:
+    """The parts of the open scene, as rendered, for a while."""
+    with as_rendered(bpy.context.scene) as depsgraph:
+        found = parts(depsgraph)
+        try:
+            yield found, depsgraph
+        finally:
+            for part in found:
+                bpy.data.meshes.remove(part.mesh)
 
 
 def _own_materials(mesh: bpy.types.Mesh, thing: bpy.types.Object) -> None:
@@ -154,8 +149,7 @@ def joined(found: list[Part]) -> Surfaces:
 
 def _surfaces(part: Part) -> Surfaces:
     mesh, matrix = part.mesh, np.array(part.matrix)
-    mesh.calc_loop_triangles()
-    vertices = array_of(mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    vertices = part.vertices_m()
     vertex_of_corner = array_of(mesh.loops, "vertex_index", 1, np.int32)
     normals = array_of(mesh.corner_normals, "vector", 3).astype(float) @ _normal_matrix(matrix[:3, :3])
     triangles = array_of(mesh.loop_triangles, "loops", 3, np.int32).astype(int)

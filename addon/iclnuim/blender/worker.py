@@ -1,6 +1,6 @@
 """The frame loop: any trajectory through any scene, one EXR a frame, resumable anywhere.
 
-`render_run` is the same for the command line, the farm and the panel. It reports through `emit`, see worker_events.py.
+A `Session` is the same for the command line, the farm and the panel. It reports through `emit`, see worker_events.py.
 """
 
 import os
@@ -25,32 +25,9 @@ from ..formats.files import make_folder, process_lives, read_bytes, sha256, writ
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
-from . import bake, camera, compat, frames, ground_truth, light_map, output, preflight, scene, settings, user_scene
+from . import camera, compat, frames, ground_truth, light_map, output, preflight, scene, settings
 
 Emit = Callable[[Event], None]
-
-
-def render_run(
-    job: RenderJob, out: Path, frames_asked: str | Sequence[int], emit: Emit, should_stop: Callable[[], bool]
-) -> bool:
-    """Render the frames of `job` that are missing in `out`; True when all asked for are done, False when stopped.
-
-    `frames_asked` is a slice as text or the frames' numbers. Raises InputError, WorkError.
-    """
-    compat.require_supported_version()
-    numbers = checked_frames(frames_asked, len(load_trajectory(job)))
-    with Session(job, out, emit) as session:
-        missing = session.run.missing(numbers)
-        emit(events.Started(frames=len(numbers), missing=len(missing)))
-        if not missing:
-            return True
-        session.run.check_space(len(missing))
-        session.prepare()
-        started = time.perf_counter()
-        rendered, whole = session.loop(missing, should_stop)
-    seconds = time.perf_counter() - started
-    emit(events.Done(rendered, seconds) if whole else events.Stopped(rendered, seconds))
-    return whole
 
 
 class Session:
@@ -66,7 +43,11 @@ class Session:
         self._opened = not scene.is_shipped(job.scene)
         self.job = _opened(job, emit) if self._opened else job
         self.run = open_run(out, recipe(self.job), self.trajectory)
-        _note_other_processor(self.run, emit)
+        begun, features = read_run(out).recipe.get("machine", {}).get("features"), _features()
+        if begun is not None and begun != features:
+            processors = f"a processor with {' '.join(begun)}, this one has {' '.join(features)}"
+            expected = "its frames will equal those of one kind by tolerance, not to the byte"
+            emit(events.Note(f"this run was begun on {processors}: {expected}"))
         self.work = _work_folder(self.run)
         self._output = output.blender_output_in(self.work / "blender.log")
         self._ready = False
@@ -85,34 +66,34 @@ class Session:
             table = self._build()
             if table is not None:
                 write_json(self.run.path / OBJECTS, table)
-            self._use_threads()
             self._ready, self._opened = True, False
             self.emit(events.Ready())
 
     def bake(self) -> Path:
         """Find or make the light map; leaves the scene to be built anew."""
         opened, self._ready, self._opened = self._opened, False, False
-        return bake_light(self.job, self.emit, self._use_threads, opened)
+        return bake_light(self.job, self.emit, self.threads, opened)
 
     def save_blend(self, file: Path) -> None:
         """A copy of the prepared scene, camera keyed, to be played in Blender."""
         self.prepare()
         bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=True)
 
-    def render(self, numbers: Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
-        """Frames of `numbers` rendered now, and whether all of them are there."""
-        missing = self.run.missing(checked_frames(numbers, len(self.trajectory)))
+    def render(self, asked: str | Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
+        """Frames of `asked`, a slice as text or numbers, that were missing and are rendered now, and whether all of them are there.
+
+        Each frame is closed while Cycles is at the next: at most one is open besides the one in work. Raises InputError for a frame
+        that the trajectory does not have, WorkError.
+        """
+        count = len(self.trajectory)
+        numbers = frame_slice(asked, count) if isinstance(asked, str) else asked
+        if any(not 0 <= n < count for n in numbers):
+            raise InputError(f"frames of 0..{count - 1}", found=f"{min(numbers)}..{max(numbers)}")
+        missing = self.run.missing(numbers)
         self.emit(events.Missing("frames", len(missing)))
         if missing:
             self.run.check_space(len(missing))
             self.prepare()
-        return self.loop(missing, should_stop)
-
-    def loop(self, missing: list[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
-        """As render, for frames known to be missing, once the scene stands.
-
-        Each frame is closed while Cycles is at the next: at most one is open besides the one in work.
-        """
         job, rendered, closing = self.job, 0, None
         with ThreadPoolExecutor(1) as closer:
             for number in missing:
@@ -136,15 +117,13 @@ class Session:
     def _build(self) -> dict | None:
         """Open the scene unless that was done, light it, key the camera, fix every setting. With ground truth, the table of objects."""
         job, table = self.job, None
-        notes = [] if self._opened else scene.open_scene(job.scene, job.reading)
-        _note_all(self.emit, [*notes, *preflight.findings(job.light == "baked")])
-        settings.apply(job)
+        _set_up(job, self.emit, self.threads, self._opened)
         if job.ground_truth:
             ground_truth.number_objects()
             table = ground_truth.objects_table()
         if job.light == "baked":
-            bake.apply(_light(job, self.emit))
-            bake.apply_render_settings(bpy.context.scene)
+            light_map.apply(_light(job, self.emit))
+            light_map.apply_render_settings(bpy.context.scene)
         if job.ground_truth:
             ground_truth.add_passes()
         camera.keyframe(self.trajectory.T_world_camera, job.camera)
@@ -163,27 +142,6 @@ class Session:
             further = ground_truth.read(raw_depth, self.trajectory.T_world_camera[number])
         self.run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
         return self.emit(events.FrameDone(number, cycles_seconds, time.perf_counter() - begun))
-
-    def _use_threads(self) -> None:
-        if self.threads:
-            render = bpy.context.scene.render
-            render.threads_mode, render.threads = "FIXED", self.threads
-
-
-def _note_other_processor(run: RunFolder, emit: Emit) -> None:
-    """A run begun on another kind of processor goes on, but its frames are no longer those of one kind."""
-    begun = read_run(run.path).recipe.get("machine", {}).get("features")
-    if begun is not None and begun != _features():
-        text = f"this run was begun on a processor with {' '.join(begun)}, this one has {' '.join(_features())}: its frames will equal"
-        emit(events.Note(f"{text} those of one kind by tolerance, not to the byte"))
-
-
-def checked_frames(asked: str | Sequence[int], count: int) -> Sequence[int]:
-    """Frame numbers of a slice or a list. Raises InputError for a frame that the trajectory does not have."""
-    numbers = frame_slice(asked, count) if isinstance(asked, str) else asked
-    if any(not 0 <= n < count for n in numbers):
-        raise InputError(f"frames of 0..{count - 1}", found=f"{min(numbers)}..{max(numbers)}")
-    return numbers
 
 
 def recipe(job: RenderJob) -> dict:
@@ -205,27 +163,32 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     """Open a user-provided scene before its run begins: its textures count in the recipe, and what moves decides the light."""
     with output.blender_output_in(Path(os.devnull)):
         notes = scene.open_scene(job.scene, job.reading)
-        job, more = user_scene.lit_as_it_can_be(job)
+        job, more = scene.lit_as_it_can_be(job)
     _note_all(emit, [*notes, *more])
     return job
 
 
-def bake_light(job: RenderJob, emit: Emit, configure: Callable[[], None] = lambda: None, opened: bool = False) -> Path:
-    """Open the job's scene, unless it is, and find or make its light map, in the folder that is returned. `configure()` before the work.
+def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False) -> Path:
+    """Open the job's scene, unless it is, and find or make its light map, in the folder that is returned.
 
     Raises InputError for a scene that cannot be lit so.
     """
-    compat.require_supported_version()
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
-        _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
-        hindrance = user_scene.why_not_baked(bpy.context.scene)
-        if hindrance:
-            wanted = "a scene whose light can be baked"
-            raise InputError(wanted, path=job.scene, found=hindrance, hint="{light} path")
-        _note_all(emit, preflight.findings(True))
-        settings.apply(job)
-        configure()
+        _set_up(job, emit, threads, opened, must_bake=True)
         return _light(job, emit)
+
+
+def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False) -> None:
+    """Open the job's scene unless it is, note what is worth telling, fix every setting."""
+    _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
+    if must_bake and (hindrance := scene.why_not_baked(bpy.context.scene)):
+        wanted = "a scene whose light can be baked"
+        raise InputError(wanted, path=job.scene, found=hindrance, hint="{light} path")
+    _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
+    settings.apply(job)
+    if threads:
+        render = bpy.context.scene.render
+        render.threads_mode, render.threads = "FIXED", threads
 
 
 def _note_all(emit: Emit, texts: list[str]) -> None:
@@ -235,9 +198,7 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
 
 def _light(job: RenderJob, emit: Emit) -> Path:
     """The light map of the open scene."""
-    map_settings = bake.BakeSettings(size=job.map_size, samples=job.map_samples, seed=job.seed)
-    cache = light_map.cache_folder()
-    folder = bake.prepare(map_settings, cache, lambda text: emit(events.Note(text)))
+    folder = light_map.prepare(job, cache := light_map.cache_folder(), lambda text: emit(events.Note(text)))
     light_map.note(cache, job, folder)
     return folder
 

@@ -150,7 +150,9 @@ def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) ->
     """
     light, known = light.copy(), known.copy()
     for _ in range(steps):
-        rows = np.nonzero(~known & _beside(known))
+        beside = known | shifted(known, 1, 0, False) | shifted(known, -1, 0, False)
+        beside |= shifted(beside, 0, 1, False) | shifted(beside, 0, -1, False)
+        rows = np.nonzero(~known & beside)
         if not len(rows[0]):
             break
         total, count = np.zeros((len(rows[0]), light.shape[2])), np.zeros(len(rows[0]))
@@ -167,12 +169,6 @@ def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) ->
         light[y, x] = total[reached] / count[reached, None]
         known[y, x] = True
     return light, known
-
-
-def _beside(known: np.ndarray) -> np.ndarray:
-    """Texels with a known one among their eight neighbours, or known themselves."""
-    rows = known | shifted(known, 1, 0, False) | shifted(known, -1, 0, False)
-    return rows | shifted(rows, 0, 1, False) | shifted(rows, 0, -1, False)
 
 
 def contrast(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> np.ndarray:

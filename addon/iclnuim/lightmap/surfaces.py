@@ -1,10 +1,16 @@
-"""The surfaces of a scene as plain arrays, in world coordinates: what a light map is laid out over."""
+"""The surfaces of a scene as plain arrays, in world coordinates, and the point of a surface behind each texel of a light map.
+
+Texels that hold part of a chart lie inside it; the ones that interpolation reaches beyond its rim take the rim's nearest point.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 FRONT, BACK = 0, 1
+#: Points on a rim move inwards by this much of a texel, so that they do not lie in the surface that meets them there.
+_INWARDS = 0.1
+_PAIRS_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +85,7 @@ def join(parts: list[Surfaces]) -> Surfaces:
 
 
 def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
-    """The sides (F, 2) asked for, front ones first. Corners of a side keep the order they have on the face."""
+    """The sides (F, 2) asked for, front ones first. Corners of a side keep the order they have on the face; triangles of backs are turned over."""
     sides = [np.flatnonzero(wanted[:, side]) for side in (FRONT, BACK)]
     face = np.concatenate(sides)
     side = np.repeat([FRONT, BACK], [len(s) for s in sides])
@@ -87,36 +93,142 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     start = np.concatenate([[0], np.cumsum(count)])
     corner = np.arange(start[-1]) - np.repeat(start[:-1], count) + np.repeat(surfaces.face_start[face], count)
     at_back = np.repeat(side, count) == BACK
-    triangles, triangle_face = _selected_triangles(surfaces, face, side, start)
+    place = np.full((surfaces.faces, 2), -1)
+    place[face, side] = np.arange(len(face))
+    triangles, owners = [], []
+    for which in (FRONT, BACK):
+        owner = place[surfaces.triangle_face, which]
+        kept, owner = owner >= 0, owner[owner >= 0]
+        moved = surfaces.triangles[kept] - surfaces.face_start[surfaces.triangle_face[kept], None] + start[owner, None]
+        triangles.append(moved[:, ::-1] if which == BACK else moved)
+        owners.append(owner)
     chosen = Surfaces(
         corners_m=surfaces.corners_m[corner],
         normals=surfaces.normals[corner] * np.where(at_back, -1.0, 1.0)[:, None],
         vertex=surfaces.vertex[corner] + np.where(at_back, int(surfaces.vertex.max(initial=0)) + 1, 0),
         face_start=start,
-        triangles=triangles,
-        triangle_face=triangle_face,
+        triangles=np.concatenate(triangles),
+        triangle_face=np.concatenate(owners),
         face_object=surfaces.face_object[face],
     )
     return Sides(chosen, face, side, corner)
 
 
-def _selected_triangles(
-    surfaces: Surfaces, face: np.ndarray, side: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of the chosen sides; those of backs are turned over."""
-    triangles, owners = [], []
-    for which in (FRONT, BACK):
-        place = np.full(surfaces.faces, -1)
-        rows = np.flatnonzero(side == which)
-        place[face[rows]] = rows
-        kept = place[surfaces.triangle_face] >= 0
-        owner = place[surfaces.triangle_face[kept]]
-        moved = surfaces.triangles[kept] - surfaces.face_start[surfaces.triangle_face[kept], None] + start[owner, None]
-        triangles.append(moved[:, ::-1] if which == BACK else moved)
-        owners.append(owner)
-    return np.concatenate(triangles), np.concatenate(owners)
-
-
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(...,) of vectors (..., 2) in the plane: twice the area of the triangle between them, with its sign."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """index (N,) = row * size + column, rising; triangle (N,) and weights (N, 3) say which point of the surfaces; chart (N,)."""
+
+    size: int
+    index: np.ndarray
+    triangle: np.ndarray
+    weights: np.ndarray
+    chart: np.ndarray
+
+    def points(self, surfaces: Surfaces) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) points in metres and (N, 3) unit shading normals."""
+        corners = surfaces.triangles[self.triangle]
+        points = np.einsum("nk,nkj->nj", self.weights, surfaces.corners_m[corners])
+        normals = np.einsum("nk,nkj->nj", self.weights, surfaces.normals[corners])
+        return points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+    def image(self, values: np.ndarray, empty: float = 0.0) -> np.ndarray:
+        """(size, size, ...) with values (N, ...) in their texels."""
+        image = np.full((self.size * self.size, *values.shape[1:]), empty, values.dtype)
+        image[self.index] = values
+        return image.reshape(self.size, self.size, *values.shape[1:])
+
+
+def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size: int) -> Texels:
+    """All texels that interpolation between texel centres can reach. chart (F,), corners_map (C, 2) in texels."""
+    triangles = corners_map[surfaces.triangles] - 0.5
+    rim = _rims(surfaces, chart)
+    low = np.clip(np.floor(triangles.min(1)).astype(int), 0, size - 1)
+    high = np.clip(np.floor(triangles.max(1)).astype(int) + 1, 0, size - 1)
+    counts = (high - low + 1).prod(1)
+    group = np.cumsum(counts) // _PAIRS_AT_ONCE  # as many as fit in memory
+    batches = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(group)) + 1)
+    found = [_nearest(triangles, rows, low, high, size) for rows in batches]
+    index, triangle, weights, distance = (np.concatenate([f[k] for f in found]) for k in range(4))
+    order = np.lexsort((distance, index))
+    first = order[np.flatnonzero(np.diff(index[order], prepend=-1))]
+    index, triangle, weights = index[first], triangle[first], weights[first]
+    weights = _inwards(weights, triangles[triangle], rim[triangle])
+    return Texels(size, index, triangle, weights, chart[surfaces.triangle_face[triangle]])
+
+
+def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
+    """(T, 3) bool: whether the edge opposite each corner of a triangle is a rim of its chart, not shared within it."""
+    vertex = surfaces.vertex[surfaces.triangles]
+    ends = np.stack([np.roll(vertex, -1, 1), np.roll(vertex, -2, 1)], -1)
+    ends.sort(-1)
+    owner = np.repeat(chart[surfaces.triangle_face], 3)
+    keys = np.concatenate([owner[:, None], ends.reshape(-1, 2)], 1)
+    _, place, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    return (count[place.reshape(-1)] == 1).reshape(-1, 3)
+
+
+def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
+    """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, distance in texels."""
+    span = high[rows] - low[rows] + 1
+    counts = span.prod(1)
+    triangle = np.repeat(rows, counts)
+    k = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    width = np.repeat(span[:, 0], counts)
+    column, row = low[triangle, 0] + k % width, low[triangle, 1] + k // width
+    corners, texel = triangles[triangle], np.stack([column, row], -1).astype(float)
+    weights = _inside(corners, texel)
+    outside = np.flatnonzero((weights < 0).any(1))
+    weights[outside] = _on_rim(corners[outside], texel[outside])
+    offset = np.zeros_like(texel)
+    offset[outside] = np.einsum("nk,nkj->nj", weights[outside], corners[outside]) - texel[outside]
+    near = np.abs(offset).max(1) < 1.0
+    return row[near] * size + column[near], triangle[near], weights[near], np.hypot(*offset[near].T)
+
+
+def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2), one below 0 outside; all below 0 for a flat triangle."""
+    a, b, c = corners[:, 0] - p, corners[:, 1] - p, corners[:, 2] - p
+    parts = np.stack([cross(b, c), cross(c, a), cross(a, b)], -1)
+    area = parts.sum(1, keepdims=True)
+    flat = np.abs(area) < 1e-12
+    return np.where(flat, -1.0, parts / np.where(flat, 1.0, area))
+
+
+def _on_rim(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Barycentric weights (n, 3) of the point on the triangle's edges nearest to p (n, 2)."""
+    best, least = np.zeros((len(p), 3)), np.full(len(p), np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        start, edge = corners[:, i], corners[:, j] - corners[:, i]
+        t = np.clip(((p - start) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-12), 0, 1)
+        distance = ((start + t[:, None] * edge - p) ** 2).sum(1)
+        rows = distance < least
+        best[rows] = 0.0
+        best[rows, i], best[rows, j] = 1 - t[rows], t[rows]
+        least[rows] = distance[rows]
+    return best
+
+
+def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """Weights (n, 3) of points nearer than _INWARDS to a rim edge, moved straight away from it to that distance.
+
+    Where the triangle is narrow this may lead just beyond another, inner edge: the same plane goes on there.
+    """
+    edge = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)  # edge k lies opposite corner k
+    squared = np.maximum((edge**2).sum(2), 1e-12)
+    area = np.abs(cross(edge[:, 0], edge[:, 1]))
+    height = area[:, None] / np.sqrt(squared)
+    for k in range(3):
+        wanted = np.minimum(_INWARDS, height[:, k] / 3)
+        shift = np.where(rim[:, k] & (height[:, k] > 1e-6), np.maximum(wanted - weights[:, k] * height[:, k], 0), 0)
+        gain = shift / np.maximum(height[:, k], 1e-6)
+        step = np.zeros_like(weights)
+        for j in ((k + 1) % 3, (k + 2) % 3):  # weights fall in proportion to the edges' projections on edge k
+            step[:, j] = (edge[:, j] * edge[:, k]).sum(1) / squared[:, k] * gain
+        step[:, k] = gain
+        weights = weights + step
+    return weights

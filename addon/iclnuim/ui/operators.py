@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, StringProperty
 
 from .. import shipped
 from ..blender import camera as keyed_camera
-from ..blender import orient, sanitize, scene_paths, user_scene
+from ..blender import orient, sanitize, scene, scene_paths
 from ..dataset.frames import read_frame
 from ..dataset.sequence import noisy_images
 from ..dataset.sequence_options import SequenceOptions
@@ -211,7 +211,7 @@ def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
     if settings.scene_source == "FILE":
         if not settings.scene_file:
             raise InputError("a scene file", found="none", hint="choosing one under {scene}")
-        return user_scene.checked_file(inputs.scene_name(settings))
+        return scene.checked_file(inputs.scene_name(settings))
     file = shipped.folder("blend") / f"{settings.scene_source}.blend"
     if not file.is_file():
         raise InputError("the built-in scene", path=file, found="no such file", hint="installing the extension again")
@@ -234,7 +234,7 @@ def _import(context: bpy.types.Context, file: Path, reading: SceneReading, colle
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:
-        user_scene.load(file)
+        scene.load(file)
         placed = orient.orient(file, reading, list(own.objects))
         for thing in list(own.collection.all_objects):
             collection.objects.link(thing)
