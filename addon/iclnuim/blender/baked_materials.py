@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import bpy
 from bpy.types import Image, Material, Node, NodeSocket, NodeTree
+
+from .compat import matt_material, nodes_of, redirect, unlink
 
 FRONT_UV, BACK_UV = "light map", "light map back"
 _DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
@@ -22,7 +23,7 @@ _H = (1.019, 0.207, -0.801)
 _A = (0.108, -0.681, -8.445, 6.591)
 _B = (6.599, -8.765, 6.947)
 #: What can be fed into a node: a constant, an output, or an input whose source is shared.
-Source: TypeAlias = float | NodeSocket
+Source: TypeAlias = float | tuple[float, ...] | NodeSocket
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def kind(material: Material | None) -> Kind:
     tree = _tree(material)
     if tree is None:
         return Kind(True, False, True)
-    nodes = _nodes(tree)
+    nodes = nodes_of(tree)
     types, principled = {n.type for n in nodes}, [n for n in nodes if n.type == "BSDF_PRINCIPLED"]
     diffuse, translucent = bool(types & _DIFFUSE), "BSDF_TRANSLUCENT" in types
     sends = diffuse or translucent or any(map(_reflects, principled))
@@ -51,10 +52,12 @@ def baked_copy(material: Material | None, image: Image, two_sided: bool, gatheri
 
     gathering: as light from it falls on others, not as a camera sees it.
     """
-    copy = material.copy() if material is not None else bpy.data.materials.new("no material")
-    copy.name = f"{material.name if material else 'no material'} (baked)"
-    if _tree(copy) is None:
-        _make_diffuse(copy, material.diffuse_color if material is not None else _PLAIN_GREY)
+    name = f"{material.name if material else 'no material'} (baked)"
+    if material is None or _tree(material) is None:  # what Cycles shows for it
+        copy = matt_material(name, material.diffuse_color if material is not None else _PLAIN_GREY)[0]
+    else:
+        copy = material.copy()
+        copy.name = name
     copy.cycles.emission_sampling = "NONE"  # taken for a lamp, each surface would cost a second a frame
     _bake_tree(copy.node_tree, image, two_sided, gathering)
     return copy
@@ -64,28 +67,12 @@ def _tree(material: Material | None) -> NodeTree | None:
     return material.node_tree if material is not None and material.use_nodes else None
 
 
-def _make_diffuse(material: Material, colour: tuple[float, ...]) -> None:
-    """The surface that Cycles shows for a material without nodes."""
-    material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    output, diffuse = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeBsdfDiffuse")
-    diffuse.inputs["Color"].default_value = colour
-    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
-
-
-def _nodes(tree: NodeTree) -> list[Node]:
-    """All nodes, those of groups too."""
-    own = list(tree.nodes)
-    return own + [n for g in own if g.type == "GROUP" and g.node_tree for n in _nodes(g.node_tree)]
-
-
 def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool) -> None:
     bake, lit = (_bake_for_gathering, _reflects) if gathering else (_bake_principled, _has_diffuse)
     light = None
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree:
-            if {n.type for n in _nodes(node.node_tree)} & {*_DIFFUSE, "BSDF_TRANSLUCENT", "BSDF_PRINCIPLED"}:
+            if {n.type for n in nodes_of(node.node_tree)} & {*_DIFFUSE, "BSDF_TRANSLUCENT", "BSDF_PRINCIPLED"}:
                 node.node_tree = node.node_tree.copy()
                 _bake_tree(node.node_tree, image, two_sided, gathering)
         elif node.type == "BSDF_PRINCIPLED" and lit(node):
@@ -95,26 +82,20 @@ def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool) -
             light = light or _light_sockets(tree, image, two_sided)
             side = light[node.type == "BSDF_TRANSLUCENT"]
             shine = _node(tree, "Emission", _vectors(tree, "MULTIPLY", node.inputs["Color"], side))
-            for link in list(node.outputs[0].links):
-                tree.links.new(shine, link.to_socket)
+            redirect(node.outputs[0], shine)
             tree.nodes.remove(node)
 
 
 def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple:
     """Sockets of the light on the side that is seen, and on the other one."""
-    front = _map_socket(tree, image, FRONT_UV)
+    maps = []
+    for name in (FRONT_UV, BACK_UV)[: 1 + two_sided]:
+        uv = _node(tree, "UVMap", uv_map=name)
+        maps.append(_node(tree, "TexImage", uv, image=image, interpolation="Linear", extension="EXTEND"))
     if not two_sided:
-        return front, front
-    back = _map_socket(tree, image, BACK_UV)
+        return maps[0], maps[0]
     facing = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
-    return _blend(tree, facing, front, back), _blend(tree, facing, back, front)
-
-
-def _map_socket(tree: NodeTree, image: Image, uv_name: str) -> NodeSocket:
-    uv, texture = tree.nodes.new("ShaderNodeUVMap"), tree.nodes.new("ShaderNodeTexImage")
-    uv.uv_map, texture.image, texture.interpolation, texture.extension = uv_name, image, "Linear", "EXTEND"
-    tree.links.new(uv.outputs["UV"], texture.inputs["Vector"])
-    return texture.outputs["Color"]
+    return _blend(tree, facing, *maps), _blend(tree, facing, *maps[::-1])
 
 
 def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> NodeSocket:
@@ -142,7 +123,9 @@ def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket) -> None:
     """Principled = its gloss, metal and glass as they are, plus the light map on its diffuse share."""
     colour = _scaled(tree, _vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
     targets = [link.to_socket for link in node.outputs[0].links]
-    _add_shaders(tree, _node(tree, "Emission", colour), _without_diffuse(tree, node), targets)
+    both = _node(tree, "AddShader", _node(tree, "Emission", colour), _without_diffuse(tree, node))
+    for target in targets:
+        tree.links.new(both, target)
 
 
 def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket) -> None:
@@ -152,19 +135,24 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket) -> None:
     """
     gloss = _product(tree, _gloss(tree, node), _one_minus(tree, _input(node, "Metallic")))
     base = _scaled(tree, _vectors(tree, "ADD", node.inputs["Base Color"]), _one_minus(tree, gloss))
-    sent = _vectors(tree, "ADD", base, _grey(tree, gloss))
+    sent = _vectors(tree, "ADD", base, _scaled(tree, (1.0, 1.0, 1.0), gloss))
     share = _product(tree, _one_minus(tree, _input(node, "Transmission Weight")), _input(node, "Alpha"))
     shine = _node(tree, "Emission", _scaled(tree, _vectors(tree, "MULTIPLY", sent, light), share))
-    targets = [link.to_socket for link in node.outputs[0].links]
     for name in ("Metallic", "Subsurface Weight"):
-        _put(tree, node.inputs[name], 0.0)
-    _put(tree, node.inputs["Base Color"], _BLACK)
-    _add_shaders(tree, shine, node.outputs[0], targets)
+        _put(node.inputs[name], 0.0)
+    _put(node.inputs["Base Color"], _BLACK)
+    both = _node(tree, "AddShader", shine)
+    redirect(node.outputs[0], both)
+    tree.links.new(node.outputs[0], both.node.inputs[1])
 
 
 def _diffuse_share(tree: NodeTree, node: Node) -> Source:
     """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): what light the diffuse base gets and gives, seen from here."""
-    covers = [_input(node, "Metallic"), _input(node, "Transmission Weight"), _gloss(tree, node), _coat(tree, node)]
+    coat = _input(node, "Coat Weight")
+    if coat != 0.0:
+        f0, normal = _f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
+        coat = _product(tree, coat, _albedo(tree, f0, _input(node, "Coat Roughness"), normal))
+    covers = [_input(node, "Metallic"), _input(node, "Transmission Weight"), _gloss(tree, node), coat]
     return _product(tree, *(_one_minus(tree, c) for c in covers), _input(node, "Alpha"))
 
 
@@ -174,14 +162,6 @@ def _gloss(tree: NodeTree, node: Node) -> Source:
     return _albedo(tree, f0, _input(node, "Roughness"), node.inputs["Normal"])
 
 
-def _coat(tree: NodeTree, node: Node) -> Source:
-    weight = _input(node, "Coat Weight")
-    if weight == 0.0:
-        return 0.0
-    covered = _albedo(tree, _f0(node.inputs["Coat IOR"]), _input(node, "Coat Roughness"), node.inputs["Coat Normal"])
-    return _product(tree, weight, covered)
-
-
 def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) -> Source:
     """Of a rough dielectric surface, seen from the camera."""
     if f0 <= 0.0:
@@ -189,7 +169,7 @@ def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) ->
     facing = tree.nodes.new("ShaderNodeLayerWeight")
     facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
     if normal.is_linked:
-        _same_source(tree, normal, facing.inputs["Normal"])
+        _feed(tree, normal, facing.inputs["Normal"])
     cosine = _calculate(tree, "SUBTRACT", 1.0, facing.outputs["Facing"])
     exponent = _calculate(tree, "MULTIPLY", _polynomial(tree, tuple(-b for b in _B), roughness), cosine)
     exponent = _calculate(tree, "ADD", exponent, _polynomial(tree, _A, roughness))
@@ -208,59 +188,41 @@ def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:
     for name in ("Transmission Weight", "Metallic"):
         if _constant(node.inputs[name]) == 0.0:
             continue
-        pure = _twin(tree, node)
-        _put(tree, pure.inputs[name], 1.0)
+        pure = tree.nodes.new(node.bl_idname)
+        pure.distribution = node.distribution
+        for source, target in zip(node.inputs, pure.inputs, strict=True):
+            if source.is_linked or hasattr(source, "default_value"):
+                _feed(tree, source, target)
+        _put(pure.inputs[name], 1.0)
         if name == "Transmission Weight":
-            _put(tree, pure.inputs["Metallic"], 0.0)
+            _put(pure.inputs["Metallic"], 0.0)
         result = _node(tree, "MixShader", node.inputs[name], result, pure.outputs[0])
     for name in ("Transmission Weight", "Metallic", "Subsurface Weight"):
-        _put(tree, node.inputs[name], 0.0)
-    _put(tree, node.inputs["Base Color"], _BLACK)
+        _put(node.inputs[name], 0.0)
+    _put(node.inputs["Base Color"], _BLACK)
     return result
-
-
-def _twin(tree: NodeTree, node: Node) -> Node:
-    twin = tree.nodes.new(node.bl_idname)
-    twin.distribution = node.distribution
-    for source, target in zip(node.inputs, twin.inputs, strict=True):
-        if source.is_linked:
-            tree.links.new(source.links[0].from_socket, target)
-        elif hasattr(source, "default_value"):
-            target.default_value = source.default_value
-    return twin
 
 
 # Arithmetic in node trees: every function adds nodes and returns the socket of the result.
 
 
 def _feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
-    """Give `target` a constant, an output, or whatever feeds another input."""
-    if isinstance(source, int | float):
-        target.default_value = source
-    elif source.is_output:
-        tree.links.new(source, target)
-    else:
-        _same_source(tree, source, target)
-
-
-def _same_source(tree: NodeTree, source: NodeSocket, target: NodeSocket) -> None:
-    """Feed `target` with what feeds the input `source`: its link, or its value, grey where only one of them is a colour."""
-    if source.is_linked:
-        tree.links.new(source.links[0].from_socket, target)
+    """Give `target` a constant, an output, or what feeds another input: its link, or its value, grey where only one is a colour."""
+    if isinstance(source, NodeSocket) and (source.is_output or source.is_linked):
+        tree.links.new(source if source.is_output else source.links[0].from_socket, target)
         return
-    value, wanted = source.default_value, target.default_value
+    value, wanted = source.default_value if isinstance(source, NodeSocket) else source, target.default_value
     if isinstance(wanted, float):
-        target.default_value = value if isinstance(value, float) else sum(tuple(value)[:3]) / 3
-    elif isinstance(value, float):
+        target.default_value = value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
+    elif isinstance(value, int | float):
         target.default_value = (value,) * 3 + (1.0,) * (len(wanted) - 3)
     else:
         target.default_value = (*tuple(value)[: len(wanted)], *(1.0,) * (len(wanted) - len(value)))
 
 
-def _put(tree: NodeTree, socket: NodeSocket, value: float | tuple) -> None:
+def _put(socket: NodeSocket, value: float | tuple) -> None:
     """A constant in place of whatever fed an input."""
-    for link in list(socket.links):
-        tree.links.remove(link)
+    unlink(socket)
     socket.default_value = value
 
 
@@ -274,7 +236,7 @@ def _input(node: Node, name: str) -> Source:
     return node.inputs[name] if value is None else value
 
 
-def _node(tree: NodeTree, kind: str, *sources: Source, **settings: str) -> NodeSocket:
+def _node(tree: NodeTree, kind: str, *sources: Source, **settings: object) -> NodeSocket:
     """A node's first output; its first inputs are fed with the sources."""
     node = tree.nodes.new(f"ShaderNode{kind}")
     for name, value in settings.items():
@@ -289,24 +251,17 @@ def _calculate(tree: NodeTree, operation: str, *sources: Source) -> NodeSocket:
     return _node(tree, "Math", *sources, operation=operation)
 
 
-def _vectors(tree: NodeTree, operation: str, *sources: NodeSocket) -> NodeSocket:
+def _vectors(tree: NodeTree, operation: str, *sources: Source) -> NodeSocket:
     """A Vector Math node on colours: `ADD`, `MULTIPLY`."""
     return _node(tree, "VectorMath", *sources, operation=operation)
 
 
-def _scaled(tree: NodeTree, vector: NodeSocket, factor: Source) -> NodeSocket:
+def _scaled(tree: NodeTree, vector: Source, factor: Source) -> Source:
     """A colour times a number."""
     if isinstance(factor, int | float) and factor == 1.0:
         return vector
     result = _vectors(tree, "SCALE", vector)
     _feed(tree, factor, result.node.inputs["Scale"])
-    return result
-
-
-def _grey(tree: NodeTree, value: Source) -> NodeSocket:
-    result = _vectors(tree, "SCALE")
-    result.node.inputs[0].default_value = (1.0, 1.0, 1.0)
-    _feed(tree, value, result.node.inputs["Scale"])
     return result
 
 
@@ -332,9 +287,3 @@ def _polynomial(tree: NodeTree, coefficients: tuple[float, ...], x: Source) -> S
     for c in reversed(coefficients[:-1]):
         result = _calculate(tree, "MULTIPLY_ADD", result, x, c)
     return result
-
-
-def _add_shaders(tree: NodeTree, a: NodeSocket, b: NodeSocket, targets: list[NodeSocket]) -> None:
-    both = _node(tree, "AddShader", a, b)
-    for target in targets:
-        tree.links.new(both, target)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import axes
-from ..geometry.camera import BlenderCamera, PinholeCamera, blender_from_pinhole
+from ..geometry.camera import PinholeCamera, blender_from_pinhole
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from . import compat
@@ -15,7 +15,8 @@ NAME = "ICL-NUIM camera"
 
 
 def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
-    """Make the scene's active camera follow the poses (n,), pose i at frame i, and look through `camera`.
+    """Make the scene's active camera follow the poses (n,), pose i at frame i, and look through `camera`: the exact view
+    of its K, without depth of field, clipping from 1 mm to 10 km.
 
     Keys are linear and the quaternions continuous in sign, so that the timeline plays the motion as it is.
     """
@@ -25,19 +26,7 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     scene.camera = thing
     for marker in scene.timeline_markers:
         marker.camera = None
-    set_intrinsics(scene, thing.data, blender_from_pinhole(camera))
-    thing.rotation_mode = "QUATERNION"
-    curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
-    for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
-        for index in range(values.shape[1]):
-            _linear_keys(curves.new(data_path=path, index=index), values[:, index])
-    scene.frame_start, scene.frame_end = 0, len(T_world_cv) - 1
-    return thing
-
-
-def set_intrinsics(scene: bpy.types.Scene, lens: bpy.types.Camera, settings: BlenderCamera) -> None:
-    """The exact view of a K, without depth of field, clipping from 1 mm to 10 km."""
-    render = scene.render
+    render, lens, settings = scene.render, thing.data, blender_from_pinhole(camera)
     render.resolution_x, render.resolution_y = settings.resolution_x, settings.resolution_y
     render.resolution_percentage = 100
     render.pixel_aspect_x, render.pixel_aspect_y = settings.pixel_aspect_x, settings.pixel_aspect_y
@@ -46,6 +35,20 @@ def set_intrinsics(scene: bpy.types.Scene, lens: bpy.types.Camera, settings: Ble
     lens.shift_x, lens.shift_y = settings.shift_x, settings.shift_y
     lens.dof.use_dof = False
     lens.clip_start, lens.clip_end = 1e-3, 1e4
+    thing.rotation_mode = "QUATERNION"
+    curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
+    for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
+        for index in range(values.shape[1]):
+            curve, co = (
+                curves.new(data_path=path, index=index),
+                np.stack([np.arange(len(values)), values[:, index]], -1),
+            )
+            curve.keyframe_points.add(len(values))
+            curve.keyframe_points.foreach_set("co", co.astype(np.float32).ravel())
+            curve.keyframe_points.foreach_set("interpolation", np.ones(len(values), np.int32))  # 1 is LINEAR
+            curve.update()
+    scene.frame_start, scene.frame_end = 0, len(T_world_cv) - 1
+    return thing
 
 
 def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]:
@@ -59,14 +62,6 @@ def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]
         locations.append(location)
         quaternions.append(quaternion)
     return np.array(locations), np.array(quaternions)
-
-
-def _linear_keys(curve: bpy.types.FCurve, values: np.ndarray) -> None:
-    points = curve.keyframe_points
-    points.add(len(values))
-    points.foreach_set("co", np.stack([np.arange(len(values)), values], -1).astype(np.float32).ravel())
-    points.foreach_set("interpolation", np.ones(len(values), np.int32))  # 1 is LINEAR
-    curve.update()
 
 
 def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:

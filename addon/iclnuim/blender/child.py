@@ -29,8 +29,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from iclnuim.blender import worker
     from iclnuim.worker_events import Event
-
-    Emit = Callable[[Event], None]
 #: A process whose parent is gone gets this long to finish its frame.
 GRACE_S = 60.0
 #: Signs of life, so that a stopped process can be told from a long frame.
@@ -38,32 +36,25 @@ ALIVE_S = 2.0
 
 
 class EventStream:
-    """One JSON object a line on what was standard output; all else that is printed goes to standard error."""
+    """One JSON object a line on what was standard output; all else that is printed goes to standard error.
+
+    With a `journal`, finished frames are appended to that file first: one line each, whole lines even where several processes write.
+    """
 
     def __init__(self) -> None:
         self._stream = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
         os.dup2(2, 1)
         self._lock = threading.Lock()
+        self.journal: int | None = None
 
     def __call__(self, event: Event) -> None:
-        with self._lock, suppress(OSError):  # the parent is gone: the watch below ends this process
-            self._stream.write(json.dumps(event.to_dict()) + "\n")
-
-
-class Journal:
-    """Passes events on, and appends finished frames to a file first: one line each, whole lines even where several processes write."""
-
-    def __init__(self, path: str, emit: Emit) -> None:
-        self._file, self._emit = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644), emit
-
-    def __call__(self, event: Event) -> None:
-        from iclnuim.worker_events import FrameDone
-
-        if isinstance(event, FrameDone) and not event.found:
-            line = {"frame": event.frame, "pid": os.getpid(), "time_s": round(time.time(), 3)}
+        content = event.to_dict()
+        if self.journal is not None and content["event"] == "frame" and not content.get("found"):
+            line = {"frame": content["frame"], "pid": os.getpid(), "time_s": round(time.time(), 3)}
             with suppress(OSError):  # a full disk: the next frame says so
-                os.write(self._file, json.dumps(line).encode() + b"\n")
-        self._emit(event)
+                os.write(self.journal, json.dumps(line).encode() + b"\n")
+        with self._lock, suppress(OSError):  # the parent is gone: the watch below ends this process
+            self._stream.write(json.dumps(content) + "\n")
 
 
 class Commands:
@@ -124,7 +115,7 @@ def main(arguments: list[str]) -> int:
         return 3
 
 
-def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
+def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> int:
     from iclnuim import worker_events as events
     from iclnuim.blender import compat, worker
     from iclnuim.job import RenderJob
@@ -133,7 +124,8 @@ def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
     if job.denoise and not compat.has_denoiser():
         emit(events.Note("this Blender has no OpenImageDenoise: rendering without"))
         job = job.changed(denoise=False)
-    emit = Journal(options["journal"], emit) if options.get("journal") else emit
+    if options.get("journal"):
+        emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     with worker.Session(job, out, emit, options.get("threads")) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
         threading.Thread(target=_signs_of_life, args=(emit,), daemon=True).start()
@@ -154,7 +146,9 @@ def _serve(options: dict, out: Path, emit: Emit, commands: Commands) -> int:
     return 0
 
 
-def _render(session: worker.Session, command: dict, emit: Emit, should_stop: Callable[[], bool]) -> tuple[int, bool]:
+def _render(
+    session: worker.Session, command: dict, emit: EventStream, should_stop: Callable[[], bool]
+) -> tuple[int, bool]:
     """Frames, then the sequences made of them; what is wrong with these is said before the first frame."""
     from iclnuim.dataset.sequence import writer_of
     from iclnuim.worker_events import Missing, Written
@@ -168,7 +162,7 @@ def _render(session: worker.Session, command: dict, emit: Emit, should_stop: Cal
     return rendered, whole
 
 
-def _signs_of_life(emit: Emit) -> None:
+def _signs_of_life(emit: EventStream) -> None:
     from iclnuim.worker_events import Alive
 
     while True:

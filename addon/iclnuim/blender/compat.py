@@ -1,12 +1,16 @@
-"""Every difference between Blender versions, one function a difference. Each asks for the feature, not for the version."""
+"""Every difference between Blender versions, one function a difference, and what several modules ask of Blender in one way.
 
+Each asks for the feature, not for the version.
+"""
+
+import io
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from typing import Any
 
 import bpy
 
-from ..errors import InputError
+from ..errors import InputError, WorkError
 
 OLDEST = (4, 2, 0)
 
@@ -35,21 +39,59 @@ def temporarily(thing: object, **settings: object) -> Iterator[None]:
             setattr(thing, name, value)
 
 
-def empty_material(name: str) -> tuple[bpy.types.Material, bpy.types.NodeTree]:
-    """A new material and its node tree, without nodes. From 5.0 on every material has a tree."""
+def matt_material(name: str, colour: tuple[float, ...] | None = None) -> tuple[bpy.types.Material, bpy.types.Node]:
+    """A new material that is a Diffuse BSDF, and that node. From 5.0 on every material has a tree."""
     material = bpy.data.materials.new(name)
     if material.node_tree is None:
         material.use_nodes = True
-    material.node_tree.nodes.clear()
-    return material, material.node_tree
+    tree = material.node_tree
+    tree.nodes.clear()
+    output, diffuse = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    if colour is not None:
+        diffuse.inputs["Color"].default_value = colour
+    return material, diffuse
+
+
+def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
+    """All nodes of a tree, those of groups too."""
+    own = list(tree.nodes)
+    return own + [n for g in own if g.type == "GROUP" and g.node_tree for n in nodes_of(g.node_tree)]
+
+
+def unlink(socket: bpy.types.NodeSocket) -> None:
+    """Remove all links of an input or output."""
+    for link in list(socket.links):
+        socket.id_data.links.remove(link)
+
+
+def redirect(old: bpy.types.NodeSocket, new: bpy.types.NodeSocket) -> None:
+    """Feed whatever the output `old` feeds by the output `new` instead."""
+    for target in [link.to_socket for link in old.links]:
+        old.id_data.links.new(new, target)
+
+
+def bake(thing: bpy.types.Object, **options: object) -> None:
+    """Bake one object with Cycles. Raises WorkError with Blender's own words."""
+    layer = bpy.context.view_layer
+    layer.update()  # else an object that was just linked may not be among its objects yet
+    for other in layer.objects:
+        other.select_set(other == thing)
+    layer.objects.active = thing
+    try:
+        with redirect_stdout(io.StringIO()):  # where Blender says each time that the image is not saved
+            result = bpy.ops.object.bake(**options)
+    except RuntimeError as error:
+        raise WorkError(f"{thing.name}: cannot be baked: Blender: {' '.join(str(error).split())}") from None
+    if result != {"FINISHED"}:
+        raise WorkError(f"{thing.name}: Blender stopped baking")
 
 
 def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
     """32-bit float multilayer EXR, not compressed. From 5.0 on the kind of medium is chosen before the format."""
     if hasattr(image_settings, "media_type"):
         image_settings.media_type = "MULTI_LAYER_IMAGE"
-    image_settings.file_format = "OPEN_EXR_MULTILAYER"
-    image_settings.color_depth = "32"
+    image_settings.file_format, image_settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
     image_settings.exr_codec = "NONE"
 
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import InputError, WorkError
 from ..formats import exr
-from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, sample
-from ..sensor.exposure import Band, Exposure, motion_px, plan
+from ..job import RenderJob
+from ..sensor.exposure import Band, motion_px, plan
 from .compat import temporarily
 
 #: Blender writes 1e10 where a ray meets nothing.
@@ -60,41 +60,26 @@ def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
     return found[0]
 
 
-def shoot(
-    number: int,
-    exposure: Exposure,
-    trajectory: Trajectory,
-    camera: PinholeCamera,
-    depth_z_m: np.ndarray,
-    raw_file: Path,
-) -> np.ndarray:
+def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.ndarray, raw_file: Path) -> np.ndarray:
     """(h, w, 3) scene-linear RGB of frame `number` of the open scene; depth_z_m (h, w) is that of its stamp.
 
     At the ends of the trajectory the camera is taken to stand still.
     """
-    bands = plan(exposure, camera.height, *_motions_px(number, exposure, trajectory, camera, depth_z_m))
-    rgb = np.empty((camera.height, camera.width, 3), np.float32)
-    for band in bands:
-        with _rows(band, camera.height):
-            rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
-    return rgb
-
-
-def _motions_px(
-    number: int, exposure: Exposure, trajectory: Trajectory, camera: PinholeCamera, depth_z_m: np.ndarray
-) -> list[float]:
-    """During exposure and during readout."""
-    here, stamps_s = trajectory.T_world_camera[number], trajectory.stamps_s
-    result = []
-    for duration in (exposure.exposure_s, exposure.readout_s):
+    camera, here, stamps_s = job.camera, trajectory.T_world_camera[number], trajectory.stamps_s
+    motions_px = []
+    for duration in (job.exposure_s, job.readout_s):
         first, last = np.clip(stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1])
         # the speed may change at every pose of the trajectory
         stops = np.concatenate([[first], stamps_s[(stamps_s > first) & (stamps_s < last)], [last]])
         moved = 0.0
         if len(trajectory) > 1 and last > first:
             moved = motion_px(depth_z_m, camera, here.inverse() @ sample(trajectory, stops), stops)
-        result.append(moved * duration / (last - first) if moved else 0.0)
-    return result
+        motions_px.append(moved * duration / (last - first) if moved else 0.0)
+    rgb = np.empty((camera.height, camera.width, 3), np.float32)
+    for band in plan(job.exposure, camera.height, *motions_px):
+        with _rows(band, camera.height):
+            rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
+    return rgb
 
 
 def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:

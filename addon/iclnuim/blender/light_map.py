@@ -32,20 +32,16 @@ from ..lightmap.denoise import beside_known, contrast, denoise, fill
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
 from ..shipped import cache_folder as cache_folder
-from . import baked_materials, compat, light_sampling, lit_scene, scene, scene_key, surfaces
+from . import baked_materials, compat, light_sampling, lit_scene, scene, scene_key, settings, surfaces
 from .light_sampling import Halves
 from .lit_scene import LitScene, MapLayout
 from .surfaces import Part
 
 MAP, LAYOUT, RECIPE = "light.exr", "layout.npz", "recipe.json"
 #: A frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
-RENDER_SETTINGS = {
-    "max_bounces": 8,
-    "diffuse_bounces": 0,
-    "glossy_bounces": 2,
-    "transmission_bounces": 8,
-    "transparent_max_bounces": 16,
-}
+_BOUNCES = {
+    "max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16,
+}  # fmt: skip
 _VIEWPOINTS = 64
 #: The back of a surface needs no light when this little of it is seen, compared with the front: cracks between walls.
 _GLIMPSE = 0.02
@@ -72,7 +68,7 @@ def prepare(job: RenderJob, cache: Path, report: Callable[[str], None]) -> Path:
     with surfaces.rendered_parts() as (found, depsgraph):
         if not found:
             raise InputError("a scene with surfaces to bake light on", found="none")
-        settings = {
+        asked = {
             "size": job.map_size,
             "samples": job.map_samples,
             "coarse_size": min(_COARSE_SIZE, job.map_size),
@@ -80,11 +76,11 @@ def prepare(job: RenderJob, cache: Path, report: Callable[[str], None]) -> Path:
             "seed": job.seed,
         }
         versions = {"blender": compat.version_line(), "iclnuim": __version__, "extra": {}}
-        key = {**scene_key.key_parts(found, bpy.context.scene), "settings": settings, **versions}
+        key = {**scene_key.key_parts(found, bpy.context.scene), "settings": asked, **versions}
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
         folder = cache / "light" / name
         if not is_whole(folder):
-            _make(folder, found, depsgraph, settings, key, report)
+            _make(folder, found, depsgraph, asked, key, report)
     return folder
 
 
@@ -94,14 +90,21 @@ def apply(folder: Path) -> LitScene:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)
         image.colorspace_settings.name = "Non-Color"
         lit = lit_scene.show(surfaces.parts(depsgraph), load_layout(folder), image)
-    lit_scene.disable_lamps(lit)
+    for lamp in bpy.context.scene.objects:  # those that reflections do not show have given all their light to the map
+        portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
+        if (
+            lamp.type == "LIGHT"
+            and not lamp.hide_render
+            and (portal or not (lamp.visible_glossy or lamp.visible_camera))
+        ):
+            lit.hidden.append((lamp, lamp.name, False))
+            lamp.hide_render = True
     return lit
 
 
 def apply_render_settings(scene: bpy.types.Scene) -> None:
     """For frames by baked light: bounces; and reflections find the sky by themselves, at less cost than by aiming at it."""
-    for name, value in RENDER_SETTINGS.items():
-        setattr(scene.cycles, name, value)
+    settings.assign(scene.cycles, _BOUNCES)
     if scene.world is not None:
         scene.world.cycles.sampling_method = "NONE"
 
@@ -110,24 +113,24 @@ def _make(
     folder: Path,
     found: list[Part],
     depsgraph: bpy.types.Depsgraph,
-    settings: dict[str, int],
+    asked: dict[str, int],
     key: dict,
     report: Callable[[str], None],
 ) -> None:
-    started, seed = time.perf_counter(), settings["seed"]
+    started, seed = time.perf_counter(), asked["seed"]
     whole = surfaces.joined(found)
     places = light_sampling.viewpoints(depsgraph, whole, _VIEWPOINTS, seed)
     report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
-    layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), settings["coarse_size"])
+    layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), asked["coarse_size"])
     seen = light_sampling.seen(*layout.points(), places, seed)
     wanted, exposure = _seen_sides(layout, seen, shows, translucent)
-    coarse = _Points(layout, seen > 0, places, settings["coarse_samples"], seed, translucent)
+    coarse = _Points(layout, seen > 0, places, asked["coarse_samples"], seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
-    layout = lay_out(whole, wanted, settings["size"], exposure, coarse.contrast(first))
+    layout = lay_out(whole, wanted, asked["size"], exposure, coarse.contrast(first))
     seen = light_sampling.seen(*layout.points(), places, seed + 1)
-    fine = _Points(layout, seen > 0, places, settings["samples"], seed + 1, translucent)
+    fine = _Points(layout, seen > 0, places, asked["samples"], seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct() + fine.gathered())
@@ -138,7 +141,7 @@ def _make(
         "seconds": round(seconds, 1),
         "charts": len(fine.layout.charts.size_m),
         "texels": len(fine.points_m),
-        "coverage": round(len(fine.points_m) / settings["size"] ** 2, 4),
+        "coverage": round(len(fine.points_m) / asked["size"] ** 2, 4),
         "texels_per_metre": round(fine.layout.density, 2),
     }
     store(folder, light, _map_layout(found, fine.layout), recipe)
@@ -202,15 +205,11 @@ class _Points:
         self.points_m, self.normals = layout.points()
         image = layout.texels.image
         self.chart, self.facing = image(layout.texels.chart, -1), image(self.normals.astype(np.float32))
-        self.visible = image(self._shown(seen, places, translucent[layout.face_of_texel]), False)
+        # what is seen, and what lets its light shine through to a side in view
+        seen, rows = seen.copy(), np.flatnonzero(translucent[layout.face_of_texel] & ~seen)
+        seen[rows] = light_sampling.seen(self.points_m[rows], -self.normals[rows], places, seed) > 0
+        self.visible = image(seen, False)
         self._into_view(places)
-
-    def _shown(self, seen: np.ndarray, places: np.ndarray, translucent: np.ndarray) -> np.ndarray:
-        """(N,) texels that show: those `seen`, and those whose light shines through to a side in view."""
-        seen = seen.copy()
-        rows = np.flatnonzero(translucent & ~seen)
-        seen[rows] = light_sampling.seen(self.points_m[rows], -self.normals[rows], places, self.seed) > 0
-        return seen
 
     def _into_view(self, places: np.ndarray) -> None:
         """Hidden texels beside a seen one take the light of the last point that is seen on the way to it.
@@ -262,9 +261,8 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
     Light beyond what half floats hold, as close to a lamp of radius 0, is cut. Raises WorkError for light that is not a number.
     """
     if np.isnan(light).any():
-        raise WorkError(
-            "the light map has values that are not numbers and is not stored", hint="path tracing: {light} path"
-        )
+        problem = "the light map has values that are not numbers and is not stored"
+        raise WorkError(problem, hint="path tracing: {light} path")
     light = np.minimum(light, np.finfo(np.float16).max)
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))

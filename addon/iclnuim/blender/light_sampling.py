@@ -8,16 +8,14 @@ bring far more noise than each one alone: with one lamp a sample is wasted only 
 windows, skies and surfaces need many.
 """
 
-import io
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..errors import WorkError
 from ..geometry.points import farthest_points
 from ..lightmap.surfaces import Surfaces
 from . import compat
@@ -97,11 +95,11 @@ def _sampled(
     """The sum of passes: lamps, whether the world shines, samples of each half, seed."""
     light = Halves(np.zeros((len(points_m), 3), np.float32), np.zeros((len(points_m), 3), np.float32))
     for part in batches(len(points_m)):
-        with Target(points_m[part], normals[part]) as target:
+        with target(points_m[part], normals[part]) as irradiance:
             for lamps, world, samples, seed in passes:
                 with only(lamps, world):
-                    light.a[part] += target.irradiance(samples, 2 * seed)
-                    light.b[part] += target.irradiance(samples, 2 * seed + 1)
+                    light.a[part] += irradiance(samples, 2 * seed)
+                    light.b[part] += irradiance(samples, 2 * seed + 1)
     return light
 
 
@@ -139,24 +137,17 @@ def only(lamps: list[bpy.types.Object], world: bool) -> Iterator[None]:
 @contextmanager
 def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
     """Materials that emit nothing for a while."""
+    trees = [material.node_tree for material in materials if material.node_tree is not None]
     with ExitStack() as stack:
-        for material in materials:
-            if material.node_tree is not None:
-                _darken(material.node_tree, stack)
+        for node in (node for tree in trees for node in compat.nodes_of(tree)):
+            if node.type == "EMISSION":
+                stack.enter_context(temporarily(node, mute=True))
+            elif node.type == "BSDF_PRINCIPLED":
+                strength = node.inputs["Emission Strength"]
+                stack.enter_context(temporarily(strength, default_value=0.0))
+                for link in strength.links:
+                    stack.enter_context(temporarily(link, is_muted=True))
         yield
-
-
-def _darken(tree: bpy.types.NodeTree, stack: ExitStack) -> None:
-    for node in tree.nodes:
-        if node.type == "EMISSION":
-            stack.enter_context(temporarily(node, mute=True))
-        elif node.type == "BSDF_PRINCIPLED":
-            strength = node.inputs["Emission Strength"]
-            stack.enter_context(temporarily(strength, default_value=0.0))
-            for link in strength.links:
-                stack.enter_context(temporarily(link, is_muted=True))
-        elif node.type == "GROUP" and node.node_tree:
-            _darken(node.node_tree, stack)
 
 
 def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int) -> np.ndarray:
@@ -172,9 +163,8 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     lamps = [lamp.matrix_world.translation for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
     if lamps and not any(_sees_one(depsgraph, place, lamps) for place in free):
         # the walls' normals may point outward: the room is where the lamps are
-        free = np.concatenate(
-            [free, [place for place in places if _sees_one(depsgraph, place, lamps)] or np.zeros((0, 3))]
-        )
+        seeing = [place for place in places if _sees_one(depsgraph, place, lamps)]
+        free = np.concatenate([free, seeing or np.zeros((0, 3))])
     return free if len(free) <= count else farthest_points(free, count)
 
 
@@ -194,10 +184,8 @@ def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.ra
 def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vector]) -> bool:
     """Whether nothing stands between the place and one of the lamps, and no surface is close to the place."""
     scene, origin = depsgraph.scene, Vector(place)
-    if any(
-        scene.ray_cast(depsgraph, origin, Vector(way), distance=_NEAREST_M)[0]
-        for way in np.vstack([np.eye(3), -np.eye(3)])
-    ):
+    around = np.vstack([np.eye(3), -np.eye(3)])
+    if any(scene.ray_cast(depsgraph, origin, Vector(way), distance=_NEAREST_M)[0] for way in around):
         return False
     ways = [(lamp - origin) for lamp in lamps]
     return not all(scene.ray_cast(depsgraph, origin, way, distance=way.length)[0] for way in ways if way.length > 0)
@@ -232,8 +220,8 @@ def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: 
             dark = np.flatnonzero(light == 0)
             for part in batches(len(dark)):
                 rows = dark[part]
-                with Target(points_m[rows], normals[rows]) as target:
-                    light[rows] = target.irradiance(4 ** (turn + 1), seed + turn).max(1)
+                with target(points_m[rows], normals[rows]) as irradiance:
+                    light[rows] = irradiance(4 ** (turn + 1), seed + turn).max(1)
             light[light < _GLOW] = 0.0
     return light
 
@@ -256,76 +244,51 @@ def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
             bpy.data.lights.remove(data)
 
 
-class Target:
-    """Points (n, 3) in metres with unit normals (n, 3), in the open scene for as long as the `with` block lasts."""
+@contextmanager
+def target(points_m: np.ndarray, normals: np.ndarray) -> Iterator[Callable[[int, int], np.ndarray]]:
+    """Points (n, 3) in metres with unit normals (n, 3), in the open scene for as long as the `with` block lasts.
 
-    def __init__(self, points_m: np.ndarray, normals: np.ndarray) -> None:
-        self.count = len(points_m)
-        self.rows = -(-self.count // _ROW)
-        self.image = bpy.data.images.new("light points", _ROW, self.rows, float_buffer=True, is_data=True)
-        self.material = _white(self.image)
-        self.mesh = _target_mesh(points_m, normals, self.rows)
-        self.mesh.materials.append(self.material)
-        self.object = bpy.data.objects.new("light points", self.mesh)
-        # camera rays may see it: baking sends none, and needs one kind that does
-        for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
-            setattr(self.object, f"visible_{ray}", False)
+    Returns `irradiance(samples, seed)`: (n, 3) light on a white surface at each point, as the radiance that it sends back: what lamps,
+    world and glowing surfaces give directly. It raises WorkError where Cycles fails.
+    """
+    scene, count = bpy.context.scene, len(points_m)
+    rows = -(-count // _ROW)
+    image = bpy.data.images.new("light points", _ROW, rows, float_buffer=True, is_data=True)
+    material, _ = compat.matt_material("light points", (1.0, 1.0, 1.0, 1.0))
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    material.node_tree.nodes.active = texture  # the one that Blender bakes into
+    mesh = _target_mesh(points_m, normals, rows)
+    mesh.materials.append(material)
+    thing = bpy.data.objects.new("light map", mesh)
+    # camera rays may see it: baking sends none, and needs one kind that does
+    for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(thing, f"visible_{ray}", False)
+    scene.collection.objects.link(thing)
 
-    def __enter__(self) -> "Target":
-        bpy.context.scene.collection.objects.link(self.object)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        bpy.data.objects.remove(self.object)
-        bpy.data.meshes.remove(self.mesh)
-        bpy.data.materials.remove(self.material)
-        bpy.data.images.remove(self.image)
-
-    def irradiance(self, samples: int, seed: int) -> np.ndarray:
-        """(n, 3) light on a white surface at each point, as the radiance that it sends back: what lamps, world and glowing
-        surfaces give directly. Raises WorkError where Cycles fails.
-        """
-        scene = bpy.context.scene
+    def irradiance(samples: int, seed: int) -> np.ndarray:
         with (
             temporarily(scene.cycles, samples=samples, seed=seed, **_CYCLES),
             temporarily(scene.render, engine="CYCLES", use_persistent_data=False),
             temporarily(scene.render.bake, **_BAKE),
         ):
-            _run_bake(self.object)
-        pixels = np.empty(self.rows * _ROW * 4, np.float32)
-        self.image.pixels.foreach_get(pixels)
-        return pixels.reshape(-1, 4)[: self.count, :3]
+            compat.bake(thing, type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"})
+        pixels = np.empty(rows * _ROW * 4, np.float32)
+        image.pixels.foreach_get(pixels)
+        return pixels.reshape(-1, 4)[:count, :3]
+
+    try:
+        yield irradiance
+    finally:
+        for blocks, block in zip(
+            ("objects", "meshes", "materials", "images"), (thing, mesh, material, image), strict=True
+        ):
+            getattr(bpy.data, blocks).remove(block)
 
 
 def batches(count: int) -> list[slice]:
     """Slices of at most AT_ONCE points."""
     return [slice(first, min(first + AT_ONCE, count)) for first in range(0, count, AT_ONCE)]
-
-
-def _run_bake(target: bpy.types.Object) -> None:
-    layer = bpy.context.view_layer
-    layer.update()  # else an object that was just linked may not be among its objects yet
-    for thing in layer.objects:
-        thing.select_set(thing == target)
-    layer.objects.active = target
-    try:
-        with redirect_stdout(io.StringIO()):  # where Blender says each time that the image is not saved
-            result = bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"})
-    except RuntimeError as error:
-        raise WorkError(f"light map: Blender: {' '.join(str(error).split())}") from None
-    if result != {"FINISHED"}:
-        raise WorkError("light map: Blender stopped baking")
-
-
-def _white(image: bpy.types.Image) -> bpy.types.Material:
-    """White diffuse, with the image that Blender bakes into as its active node."""
-    material, tree = compat.empty_material("light points")
-    output, diffuse, texture = (tree.nodes.new(f"ShaderNode{n}") for n in ("OutputMaterial", "BsdfDiffuse", "TexImage"))
-    diffuse.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
-    texture.image = image
-    tree.nodes.active = texture
-    return material
 
 
 def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.types.Mesh:

@@ -58,10 +58,14 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
     starts = np.cumsum((0, *corners))
     _keep_instanced_lamps(lit, {p.origin for p in found if not p.single})
     for part, start in zip(found, starts[:-1], strict=True):
-        _hide(lit, part)
+        if not any(part.origin == thing for thing, _, _ in lit.hidden):
+            lit.hidden.append((part.origin, part.origin.name, part.origin.hide_render))
+            part.origin.hide_render = True
+            part.origin.name = part.name + ".unlit" if part.single else part.origin.name
         corners_of_part = slice(start, start + len(part.mesh.loops))
         two_sided = _add_uvs(part.mesh, layout, corners_of_part)
-        for slot in _lit_slots(part, layout.has[:, corners_of_part].any(0)):
+        slots = np.repeat(material_of_face(part), array_of(part.mesh.polygons, "loop_total", 1, np.int32))
+        for slot in set(np.unique(slots[layout.has[:, corners_of_part].any(0)])):  # those of which a side is in the map
             original = part.mesh.materials[slot] if slot >= 0 else None
             key = (original, two_sided)
             if key not in materials:
@@ -79,16 +83,6 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
     return lit
 
 
-def disable_lamps(lit: LitScene) -> None:
-    """Lamps that reflections do not show have given all their light to the map."""
-    for lamp in bpy.context.scene.objects:
-        portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
-        unseen = portal or not (lamp.visible_glossy or lamp.visible_camera)
-        if lamp.type == "LIGHT" and not lamp.hide_render and unseen:
-            lit.hidden.append((lamp, lamp.name, False))
-            lamp.hide_render = True
-
-
 def image_from_pixels(light: np.ndarray) -> bpy.types.Image:
     """A new float image from (rows, columns, 3), row 0 at the bottom."""
     image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
@@ -102,21 +96,6 @@ def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
     pixels[..., :3] = light
     image.pixels.foreach_set(pixels.ravel())
     image.update()
-
-
-def _hide(lit: LitScene, part: Part) -> None:
-    if any(part.origin == thing for thing, _, _ in lit.hidden):
-        return
-    lit.hidden.append((part.origin, part.origin.name, part.origin.hide_render))
-    part.origin.hide_render = True
-    if part.single:
-        part.origin.name = part.name + ".unlit"
-
-
-def _lit_slots(part: Part, lit_corners: np.ndarray) -> set:
-    """Material slots, -1 for none, of faces of which a side is in the map."""
-    slots = np.repeat(material_of_face(part), array_of(part.mesh.polygons, "loop_total", 1, np.int32))
-    return set(np.unique(slots[lit_corners]))
 
 
 def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> bool:

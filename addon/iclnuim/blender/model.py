@@ -20,26 +20,23 @@ _SHADERS = {
 def scene_model() -> SceneModel:
     """Numbers its objects as frames have them. Raises InputError for a scene without surfaces."""
     ground_truth.number_objects()
-    with surfaces.rendered_parts() as (parts, _):
-        return _model([part for part in parts if part.source.visible_camera])
-
-
-def _model(parts: list[Part]) -> SceneModel:
-    if not parts:
-        raise InputError("a scene with surfaces", found="none")
-    found = surfaces.joined(parts)
-    looks: dict[bpy.types.Material | None, int] = {}
-    faces = [array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32) for part in parts]
-    material = [_materials(part, looks)[of_triangle] for part, of_triangle in zip(parts, faces, strict=True)]
-    return SceneModel(
-        corners_m=found.corners_m[found.triangles],
-        normals=found.normals[found.triangles],
-        uv=np.concatenate([_uv(part) for part in parts]),
-        material=np.concatenate(material),
-        instance=np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts]),
-        looks=tuple(_look(m) for m in looks),
-        names={part.source.pass_index: part.source.name for part in parts},
-    )
+    with surfaces.rendered_parts() as (found, _):
+        parts = [part for part in found if part.source.visible_camera]
+        if not parts:
+            raise InputError("a scene with surfaces", found="none")
+        joined = surfaces.joined(parts)
+        looks: dict[bpy.types.Material | None, int] = {}
+        faces = [array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32) for part in parts]
+        material = [_materials(part, looks)[of_triangle] for part, of_triangle in zip(parts, faces, strict=True)]
+        return SceneModel(
+            corners_m=joined.corners_m[joined.triangles],
+            normals=joined.normals[joined.triangles],
+            uv=np.concatenate([_uv(part) for part in parts]),
+            material=np.concatenate(material),
+            instance=np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts]),
+            looks=tuple(_look(m) for m in looks),
+            names={part.source.pass_index: part.source.name for part in parts},
+        )
 
 
 def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:
@@ -60,21 +57,13 @@ def _uv(part: Part) -> np.ndarray:
 def _look(material: bpy.types.Material | None) -> Look:
     if material is None:
         return Look("no material", _srgb(_GREY))
-    socket = _colour_socket(material)
-    if socket is None:
-        return Look(material.name, _srgb(material.diffuse_color[:3]))
-    image = _image_behind(socket)
-    constant = (1.0, 1.0, 1.0) if image is not None else socket.default_value[:3]
-    return Look(material.name, _srgb(constant), None if image is None else _pixels(image))
-
-
-def _colour_socket(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
     nodes = list(material.node_tree.nodes) if material.use_nodes and material.node_tree else []
-    for kind, name in _SHADERS.items():
-        for node in nodes:
-            if node.type == kind:
-                return node.inputs[name]
-    return None
+    shaders = [n.inputs[socket] for kind, socket in _SHADERS.items() for n in nodes if n.type == kind]
+    if not shaders:
+        return Look(material.name, _srgb(material.diffuse_color[:3]))
+    image = _image_behind(shaders[0])
+    constant = (1.0, 1.0, 1.0) if image is not None else shaders[0].default_value[:3]
+    return Look(material.name, _srgb(constant), None if image is None else _pixels(image))
 
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:

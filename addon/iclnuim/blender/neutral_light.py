@@ -5,7 +5,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..geometry.points import farthest_points
-from . import surfaces
+from . import compat, surfaces
 
 #: Places tried, and sight lines from each.
 _PLACES, _RAYS = 400, 48
@@ -25,8 +25,8 @@ def add_where_there_is_none(scene: bpy.types.Scene) -> list[str]:
     world = bpy.data.worlds.new("Neutral light")
     if world.node_tree is None:
         world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    world.node_tree.nodes["Background"].inputs["Strength"].default_value = 1.0
+    sky = world.node_tree.nodes["Background"].inputs
+    sky["Color"].default_value, sky["Strength"].default_value = (1.0, 1.0, 1.0, 1.0), 1.0
     scene.world = world
     lamps = _light_inside(scene)
     inside = f", and {lamps} soft lamps inside, where the sky does not reach" if lamps else ""
@@ -38,13 +38,9 @@ def _has_light(scene: bpy.types.Scene) -> bool:
     instanced = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects) and bpy.data.lights
     if any(lamp.energy > 0 for lamp in lamps) or instanced or _shines(scene.world):
         return True
-    return any(_shines_on_others(o) for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render)
-
-
-def _shines_on_others(thing: bpy.types.Object) -> bool:
-    """Whether it emits, and is large enough to light more than itself: no side of a status lamp."""
-    emits = any(s.material and s.material.node_tree and _emits(s.material.node_tree) for s in thing.material_slots)
-    return emits and max(thing.dimensions) > _SMALLEST_EMITTER_M
+    things = [o for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
+    glowing = [o for o in things if any(s.material and _emits(s.material.node_tree) for s in o.material_slots)]
+    return any(max(o.dimensions) > _SMALLEST_EMITTER_M for o in glowing)
 
 
 def _shines(world: bpy.types.World | None) -> bool:
@@ -52,17 +48,16 @@ def _shines(world: bpy.types.World | None) -> bool:
         return False
     if world.node_tree is None or not world.use_nodes:
         return max(world.color) > 0
-    return any(_is_on(n, "Color", "Strength") for n in world.node_tree.nodes if n.type == "BACKGROUND") or any(
-        n.type in ("EMISSION", "GROUP") for n in world.node_tree.nodes
-    )
+    nodes = world.node_tree.nodes
+    sky = any(_is_on(n, "Color", "Strength") for n in nodes if n.type == "BACKGROUND")
+    return sky or any(n.type in ("EMISSION", "GROUP") for n in nodes)
 
 
-def _emits(tree: bpy.types.NodeTree) -> bool:
-    return any(
+def _emits(tree: bpy.types.NodeTree | None) -> bool:
+    return tree is not None and any(
         (n.type == "EMISSION" and _is_on(n, "Color", "Strength"))
         or (n.type == "BSDF_PRINCIPLED" and _is_on(n, "Emission Color", "Emission Strength"))
-        or (n.type == "GROUP" and n.node_tree and _emits(n.node_tree))
-        for n in tree.nodes
+        for n in compat.nodes_of(tree)
     )
 
 
@@ -75,7 +70,9 @@ def _is_on(node: bpy.types.Node, *names: str) -> bool:
 def _light_inside(scene: bpy.types.Scene) -> int:
     """Lamps at free places that are shut in, far from one another; how many."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    low, high = _bounds(scene)
+    shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render and len(o.data.polygons)]
+    corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or [np.zeros(4)])
+    low, high = corners[:, :3].min(0), corners[:, :3].max(0)
     rng = np.random.default_rng(0)
     places = low + (high - low) * rng.uniform(0.05, 0.95, (_PLACES, 3))
     rays = rng.normal(size=(_RAYS, 3))
@@ -89,14 +86,12 @@ def _light_inside(scene: bpy.types.Scene) -> int:
     size = high - low
     watts = _W_PER_M2 * 2 * float(size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
     for place in chosen:
-        _lamp(scene, place, watts / len(chosen))
+        data = bpy.data.lights.new("Neutral light", "POINT")
+        data.energy, data.shadow_soft_size = watts / len(chosen), _RADIUS_M
+        lamp = bpy.data.objects.new("Neutral light", data)
+        lamp.location, lamp.visible_camera = place, False  # seen in gloss: metal shows nothing else
+        scene.collection.objects.link(lamp)
     return len(chosen)
-
-
-def _bounds(scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
-    shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render and len(o.data.polygons)]
-    corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or [np.zeros(4)])
-    return corners[:, :3].min(0), corners[:, :3].max(0)
 
 
 def _look_round(depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray) -> tuple[float, float, float]:
@@ -111,11 +106,3 @@ def _look_round(depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndar
             backs += normal.dot(Vector(ray)) > 0
             nearest = min(nearest, (location - origin).length)
     return sky / len(rays), backs / len(rays), nearest
-
-
-def _lamp(scene: bpy.types.Scene, place: np.ndarray, watts: float) -> None:
-    data = bpy.data.lights.new("Neutral light", "POINT")
-    data.energy, data.shadow_soft_size = watts, _RADIUS_M
-    lamp = bpy.data.objects.new("Neutral light", data)
-    lamp.location, lamp.visible_camera = place, False  # seen in gloss: metal shows nothing else
-    scene.collection.objects.link(lamp)

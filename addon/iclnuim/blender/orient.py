@@ -1,7 +1,6 @@
 """The axes and units of an imported scene: what was brought into the session is turned, scaled and mirrored into metres, z up."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -15,42 +14,22 @@ from . import surfaces
 from .surfaces import array_of
 
 ROOT = "placed in metres, z up"
-#: What Blender's importer itself has done to the file's axes.
-_TURNED = {".glb": axes.Z_UP_FROM_Y_UP, ".gltf": axes.Z_UP_FROM_Y_UP}
+#: Formats with y up, which Blender's importer itself has turned.
+_Y_UP = (".glb", ".gltf")
 #: Formats that say nothing about axes and units, and the axis that mostly points up in them.
 _SILENT = {".obj": "y", ".ply": "z"}
 
 
-@dataclass(frozen=True)
-class Oriented:
-    """How the file is read: up, unit_m, mirror, and a sentence that says so, guesses included.
+def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> tuple[str, bool]:
+    """Put the `objects` that came from `path` in their place, in metres, z up, below an empty where they have to move.
 
-    worth_telling: not just as its format has it.
+    Returns a sentence that says how the file is read, guesses included, and whether that is not just as its format has it. Raises
+    InputError for a file without surfaces whose shape should be guessed by.
     """
-
-    up: str
-    unit_m: float
-    mirror: str
-    sentence: str
-    worth_telling: bool
-
-
-def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> Oriented:
-    """Put the `objects` that came from `path` in their place, below an empty where they have to move.
-
-    Raises InputError for a file without surfaces whose shape should be guessed by.
-    """
-    kind, turn = path.suffix.lower(), _TURNED.get(path.suffix.lower(), np.eye(3))
-    oriented = _decided(path, kind, reading)
-    matrix = scene_axes.linear(oriented.up, oriented.unit_m, oriented.mirror) @ turn.T
-    if not np.allclose(matrix, np.eye(3), atol=1e-9):
-        _move(objects, matrix)
-    return oriented
-
-
-def _decided(path: Path, kind: str, reading: SceneReading) -> Oriented:
-    usual = "y" if kind in (".glb", ".gltf") else "z"
-    up, unit_m, reasons = reading.up or usual, reading.unit_m, []
+    kind, reasons = path.suffix.lower(), []
+    turn = axes.Z_UP_FROM_Y_UP if kind in _Y_UP else np.eye(3)
+    usual = "y" if kind in _Y_UP else "z"
+    up, unit_m = reading.up or usual, reading.unit_m
     if kind in _SILENT and (reading.up is None or unit_m is None):
         found = surfaces.triangles()
         if not len(found.triangles):
@@ -63,10 +42,13 @@ def _decided(path: Path, kind: str, reading: SceneReading) -> Oriented:
         settings = bpy.context.scene.unit_settings
         in_metres = kind != ".blend" or settings.system == "NONE"
         unit_m = 1.0 if in_metres else round(float(settings.scale_length), 9)
-    sentence = f"{up} up, {scene_axes.unit_name(unit_m)}"
+    matrix = scene_axes.linear(up, unit_m, reading.mirror) @ turn.T
+    if not np.allclose(matrix, np.eye(3), atol=1e-9):
+        _move(objects, matrix)
+    sentence = f"the scene is read as {up} up, {scene_axes.unit_name(unit_m)}"
     sentence += f", {reading.mirror} mirrored" if reading.mirror != "none" else ""
     told = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
-    return Oriented(up, unit_m, reading.mirror, "; ".join([f"the scene is read as {sentence}", *reasons]), told)
+    return "; ".join([sentence, *reasons]), told
 
 
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
@@ -93,8 +75,12 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
         thing.parent, thing.parent_type = root, "OBJECT"
         thing.matrix_parent_inverse.identity()
     scale = abs(float(np.linalg.det(matrix))) ** (1 / 3)
-    if abs(scale - 1) > 1e-6:
-        _scale_lamps(objects, scale)
+    # the same picture at another size: power grows with the area, radii with the length; a sun has neither
+    for lamp in {o.data for o in objects if o.type == "LIGHT"} if abs(scale - 1) > 1e-6 else ():
+        if lamp.type != "SUN":
+            lamp.energy *= scale**2
+        if lamp.type in ("POINT", "SPOT"):
+            lamp.shadow_soft_size *= scale
 
 
 def _is_plain(thing: bpy.types.Object) -> bool:
@@ -105,26 +91,19 @@ def _is_plain(thing: bpy.types.Object) -> bool:
 
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
-    shading = array_of(mesh.corner_normals, "vector", 3)
-    agree = _wound_as_shaded(mesh, shading)
+    shading, mirrored = array_of(mesh.corner_normals, "vector", 3), whole.determinant() < 0
+    # a file that was mirrored by a change of sign alone has kept its normals outside and turned its faces inside
+    normals, sizes = array_of(mesh.polygons, "normal", 3), array_of(mesh.polygons, "loop_total", 1, np.int32)
+    wound_as_shaded = float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
     custom = mesh.has_custom_normals
     mesh.transform(whole)
     thing.matrix_basis.identity()
-    if whole.determinant() < 0 and agree:
+    if mirrored and wound_as_shaded:
         shading = shading[_flip(mesh)]
-    if custom and whole.determinant() < 0:
+    if mirrored and custom:
         turned = shading @ np.linalg.inv(np.array(whole)[:3, :3])
         mesh.normals_split_custom_set(turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12))
     mesh.update()
-
-
-def _wound_as_shaded(mesh: bpy.types.Mesh, shading: np.ndarray) -> bool:
-    """Whether faces are wound counter-clockwise about the normals that the file gives them, on the whole.
-
-    A file that was mirrored by a change of sign alone has kept its normals outside and turned its faces inside.
-    """
-    normals, sizes = array_of(mesh.polygons, "normal", 3), array_of(mesh.polygons, "loop_total", 1, np.int32)
-    return float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
 
 
 def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
@@ -135,12 +114,3 @@ def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
     order = array_of(mesh.attributes["corner before"].data, "value", 1, np.int32)
     mesh.attributes.remove(mesh.attributes["corner before"])
     return order
-
-
-def _scale_lamps(objects: Sequence[bpy.types.Object], scale: float) -> None:
-    """The same picture at another size: power grows with the area, radii with the length. A sun has neither."""
-    for lamp in {o.data for o in objects if o.type == "LIGHT"}:
-        if lamp.type != "SUN":
-            lamp.energy *= scale**2
-        if lamp.type in ("POINT", "SPOT"):
-            lamp.shadow_soft_size *= scale

@@ -4,19 +4,17 @@ by materials, drivers written in Python.
 All in memory. Functions that return sentences say what was found and done.
 """
 
-import io
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, redirect_stdout, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import bmesh
 import bpy
 import numpy as np
 
-from ..errors import WorkError
 from . import compat
 from .compat import temporarily
-from .surfaces import array_of
+from .surfaces import array_of, as_rendered
 
 _ATTRIBUTE = "displaced position"
 #: Coordinates beyond this are as good as no number: float32 has no millimetres there.
@@ -27,31 +25,33 @@ _MIN_AREA = 1e-14
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
     """All of it, on the open session."""
-    return [*_lost_objects(scene), *_broken_meshes(), *missing_images(), *_vertex_colours(scene), *_scripts_not_run()]
-
-
-def _lost_objects(scene: bpy.types.Scene) -> list[str]:
-    """An object whose matrix holds no numbers cannot stand anywhere."""
     lost = [o for o in scene.objects if not np.isfinite(np.array(o.matrix_world)).all()]
-    for thing in lost:
+    for thing in lost:  # where no numbers say where it stands
         thing.hide_render = thing.hide_viewport = True
-    return [f"objects without a place ({_names(lost)}): left out"] if lost else []
-
-
-def _broken_meshes() -> list[str]:
     gone = flat = texture = repaired = 0
     for mesh in bpy.data.meshes:
         gone += _without_lost_vertices(mesh)
         repaired += bool(mesh.validate(clean_customdata=False))
         flat += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
-        texture += sum(_finite_uv(layer) for layer in mesh.uv_layers)
+        for layer in mesh.uv_layers:
+            uv = array_of(layer.data, "uv", 2).ravel()
+            wrong = ~np.isfinite(uv)
+            if wrong.any():
+                layer.data.foreach_set("uv", np.where(wrong, 0.0, uv).astype(np.float32))
+                texture += int(wrong.sum())
+    images, coloured = _missing_images(), _show_vertex_colours(scene)
+    scripts = [t for t in bpy.data.texts if t.use_module]
     found = {
+        f"objects without a place ({_names(lost)}): left out": lost,
         f"{gone} vertices are no numbers or farther than {_MAX_COORDINATE:.0e}: left out with their faces": gone,
         f"{repaired} meshes named vertices that are not there, or faces twice: such faces are left out": repaired,
         f"{flat} faces have no area: no ray meets them": flat,
         f"{texture} texture coordinates are no numbers: taken as 0": texture,
+        f"textures that are missing or broken ({images}): plain colour in their place": images,
+        "surfaces without a material show the colours of their vertices": coloured,
+        f"scripts in the file ({_names(scripts)}): not run": scripts,
     }
-    return [sentence for sentence, count in found.items() if count]
+    return [sentence for sentence, is_so in found.items() if is_so]
 
 
 def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
@@ -72,28 +72,18 @@ def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
     return len(lost)
 
 
-def _finite_uv(layer: bpy.types.MeshUVLoopLayer) -> int:
-    uv = array_of(layer.data, "uv", 2).ravel()
-    lost = ~np.isfinite(uv)
-    if lost.any():
-        layer.data.foreach_set("uv", np.where(lost, 0.0, uv).astype(np.float32))
-    return int(lost.sum())
-
-
-def missing_images() -> list[str]:
-    """Pictures that are not there, or cannot be read, are taken out of the materials: their plain values show, not magenta."""
+def _missing_images() -> str:
+    """Pictures that are not there, or cannot be read, are taken out of the materials: their plain values show, not magenta. Their names."""
     missing = [image for image in bpy.data.images if _is_missing(image)]
-    if not missing:
-        return []
-    shown = [n for tree in _trees() for n in tree.nodes if getattr(n, "image", None) in missing]
-    for node in shown:
-        for output in node.outputs:
-            for link in list(output.links):
-                node.id_data.links.remove(link)
+    owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
+    trees = [*bpy.data.node_groups, *(block.node_tree for block in owners if block.node_tree is not None)]
+    shown = [n for tree in trees for n in tree.nodes if getattr(n, "image", None) in missing]
+    for output in (output for node in shown for output in node.outputs):
+        compat.unlink(output)
     names = _names(missing)
     for image in missing:
         bpy.data.images.remove(image)
-    return [f"textures that are missing or broken ({names}): plain colour in their place"] if shown else []
+    return names if shown else ""
 
 
 def _is_missing(image: bpy.types.Image) -> bool:
@@ -106,38 +96,21 @@ def _is_missing(image: bpy.types.Image) -> bool:
     return True
 
 
-def _trees() -> Iterator[bpy.types.NodeTree]:
-    yield from bpy.data.node_groups
-    for block in (*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights):
-        if block.node_tree is not None:
-            yield block.node_tree
-
-
-def _vertex_colours(scene: bpy.types.Scene) -> list[str]:
-    """A mesh without any material that carries colours (a scan as PLY) shows them."""
+def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
+    """Whether meshes without any material carry colours (a scan as PLY): they show them then."""
     bare = [o for o in scene.objects if o.type == "MESH" and not any(s.material for s in o.material_slots)]
     coloured = [o for o in bare if o.data.color_attributes]
     for thing in coloured:
+        attribute = thing.data.color_attributes[0].name
+        material = bpy.data.materials.get(name := f"colours of {attribute}")
+        if material is None:
+            material, matt = compat.matt_material(name)
+            source = material.node_tree.nodes.new("ShaderNodeAttribute")
+            source.attribute_name = attribute
+            material.node_tree.links.new(source.outputs["Color"], matt.inputs["Color"])
         thing.data.materials.clear()
-        thing.data.materials.append(_coloured_by(thing.data.color_attributes[0].name))
-    return ["surfaces without a material show the colours of their vertices"] if coloured else []
-
-
-def _coloured_by(attribute: str) -> bpy.types.Material:
-    name = f"colours of {attribute}"
-    if name in bpy.data.materials:
-        return bpy.data.materials[name]
-    material, tree = compat.empty_material(name)
-    source, matt, output = (tree.nodes.new(f"ShaderNode{n}") for n in ("Attribute", "BsdfDiffuse", "OutputMaterial"))
-    source.attribute_name = attribute
-    tree.links.new(source.outputs["Color"], matt.inputs["Color"])
-    tree.links.new(matt.outputs[0], output.inputs["Surface"])
-    return material
-
-
-def _scripts_not_run() -> list[str]:
-    scripts = [t.name for t in bpy.data.texts if t.use_module]
-    return [f"scripts in the file ({_names(scripts)}): not run"] if scripts else []
+        thing.data.materials.append(material)
+    return bool(coloured)
 
 
 def _names(things: Iterable) -> str:
@@ -153,8 +126,9 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
     shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render]
     moved = [o for o in shown if {s.material for s in o.material_slots} & materials]
     if moved:
-        _as_rendered_meshes(moved)
-        _displace(scene, moved)
+        _as_rendered_meshes(scene, moved)
+        for thing in moved:
+            _displace(scene, thing)
     for material in materials:
         _flatten(material, set(moved))
     names = ", ".join(sorted(o.name for o in moved))[:120]
@@ -181,14 +155,9 @@ def _without_adaptive_subdivision(scene: bpy.types.Scene) -> list[str]:
     return [f"adaptive subdivision ({names}): the levels for rendering are used"] if found else []
 
 
-def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
+def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
     """Modifiers applied at the levels for rendering; each object owns its mesh then."""
-    with ExitStack() as stack:
-        for modifier in (m for o in objects for m in o.modifiers):
-            stack.enter_context(temporarily(modifier, show_viewport=modifier.show_render))
-            if hasattr(modifier, "render_levels"):
-                stack.enter_context(temporarily(modifier, levels=modifier.render_levels))
-        depsgraph = bpy.context.evaluated_depsgraph_get()
+    with as_rendered(scene) as depsgraph:
         kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
         made = [bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects]
     for thing, mesh in zip(objects, made, strict=True):
@@ -199,40 +168,24 @@ def _as_rendered_meshes(objects: list[bpy.types.Object]) -> None:
             slot.material = material
 
 
-def _displace(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
-    for thing in objects:
-        thing.hide_viewport = False
-        thing.hide_set(False)
-        mesh = thing.data
-        layer = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
-        mesh.color_attributes.active_color = layer
-        places = _baked(scene, thing, layer)
-        to_object = np.linalg.inv(np.array(thing.matrix_world))
-        places = places @ to_object[:3, :3].T + to_object[:3, 3]
-        mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
-        mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
-        mesh.update()
-
-
-def _baked(scene: bpy.types.Scene, thing: bpy.types.Object, layer: bpy.types.Attribute) -> np.ndarray:
-    """(n, 3) the displaced vertices in the world, as Cycles' position pass has them; loose ones stay."""
-    for other in bpy.context.view_layer.objects:
-        other.select_set(other == thing)
-    bpy.context.view_layer.objects.active = thing
+def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+    """Vertices go where Cycles' position pass has them; loose ones stay."""
+    thing.hide_viewport = False
+    thing.hide_set(False)
+    mesh = thing.data
+    mesh.color_attributes.active_color = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
     with (
         temporarily(scene.cycles, samples=1, use_denoising=False),
         temporarily(scene.render, engine="CYCLES"),
         temporarily(scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False),
     ):
-        try:
-            with redirect_stdout(io.StringIO()):
-                bpy.ops.object.bake(type="POSITION", target="VERTEX_COLORS", use_clear=False)
-        except RuntimeError as error:
-            reason = " ".join(str(error).split())
-            raise WorkError(f"{thing.name}: its displacement cannot be evaluated: {reason}") from None
-    values = np.empty(len(thing.data.vertices) * 4, np.float32)
-    thing.data.color_attributes[_ATTRIBUTE].data.foreach_get("color", values)
-    return values.reshape(-1, 4)[:, :3].astype(float)
+        compat.bake(thing, type="POSITION", target="VERTEX_COLORS", use_clear=False)
+    places = array_of(mesh.color_attributes[_ATTRIBUTE].data, "color", 4)[:, :3].astype(float)
+    to_object = np.linalg.inv(np.array(thing.matrix_world))
+    places = places @ to_object[:3, :3].T + to_object[:3, 3]
+    mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
+    mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
+    mesh.update()
 
 
 def _flatten(material: bpy.types.Material, moved: set[bpy.types.Object]) -> None:
@@ -240,9 +193,7 @@ def _flatten(material: bpy.types.Material, moved: set[bpy.types.Object]) -> None
     material.displacement_method = "BUMP"
     users = [o for o in bpy.data.objects if material.name in o.material_slots]
     if all(o in moved for o in users):
-        socket = material.node_tree.get_output_node("CYCLES").inputs["Displacement"]
-        for link in list(socket.links):
-            material.node_tree.links.remove(link)
+        compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:

@@ -81,24 +81,26 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     scene = bpy.context.scene
     if path.suffix.lower() != ".blend":
         scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
-        _timeline_of_actions(scene)
+        ranges = [tuple(action.frame_range) for action in bpy.data.actions]
+        if ranges:  # readers leave the timeline as it was: as long as what moves
+            scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
+            scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
     notes = sanitize.sanitize(scene)
-    if not any(o.type in surfaces.SURFACE_TYPES for o in scene.objects) and not _instances(scene):
+    if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found="none")
-    placed = orient.orient(path, reading, list(scene.objects))
-    notes = [*([placed.sentence] if placed.worth_telling else []), *notes]
+    sentence, worth_telling = orient.orient(path, reading, list(scene.objects))
+    notes = [*([sentence] if worth_telling else []), *notes]
     bpy.context.view_layer.update()
     notes += sanitize.displace_meshes(scene)
-    _choose_camera(scene)
+    cameras = [o for o in scene.objects if o.type == "CAMERA"]
+    if scene.camera is None and len(cameras) == 1:
+        scene.camera = cameras[0]  # formats without an active camera: their only one is
     return [*notes, *neutral_light.add_where_there_is_none(scene)]
 
 
 def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
     """The job with the light that the open scene allows, and a word where that is not the light asked for."""
-    if job.light != "baked":
-        return job, []
-    hindrance = why_not_baked(bpy.context.scene)
-    if hindrance is None:
+    if job.light != "baked" or (hindrance := why_not_baked(bpy.context.scene)) is None:
         return job, []
     return job.changed(light="path"), [f"{hindrance}: path traced instead of baked light"]
 
@@ -125,28 +127,8 @@ def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
     """Of all surfaces, instanced collections included; None for a surface without a material."""
     things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}
     shown = [thing for thing in things if thing.type in surfaces.SURFACE_TYPES]
-    return {s.material for thing in shown for s in thing.material_slots} | (
-        {None} if any(not t.material_slots for t in shown) else set()
-    )
-
-
-def _instances(scene: bpy.types.Scene) -> bool:
-    return any(o.instance_collection is not None for o in scene.objects)
-
-
-def _timeline_of_actions(scene: bpy.types.Scene) -> None:
-    """Readers leave the timeline as it was: as long as what moves."""
-    ranges = [tuple(action.frame_range) for action in bpy.data.actions]
-    if ranges:
-        scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
-        scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
-
-
-def _choose_camera(scene: bpy.types.Scene) -> None:
-    """Formats without an active camera: their only one is."""
-    cameras = [o for o in scene.objects if o.type == "CAMERA"]
-    if scene.camera is None and len(cameras) == 1:
-        scene.camera = cameras[0]
+    bare = {None for thing in shown if not thing.material_slots}
+    return bare | {slot.material for thing in shown for slot in thing.material_slots}
 
 
 def checked_file(name: str) -> Path:
@@ -172,19 +154,15 @@ def load(path: Path) -> None:
         else:
             result = IMPORTERS[path.suffix.lower()](str(path))
     except AttributeError:
-        raise InputError(
-            "a Blender that reads this kind of file", path=path, found=f"{compat.version_line()} without its reader"
-        ) from None
+        without = f"{compat.version_line()} without its reader"
+        raise InputError("a Blender that reads this kind of file", path=path, found=without) from None
     except (RuntimeError, TypeError, UnicodeDecodeError) as error:
-        raise InputError("a scene that Blender can read", path=path, found=_last_line(error)) from None
+        # what the reader said last; a Python reader's whole traceback comes with it
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        told = [line for line in lines if not line.startswith(("Location:", "File "))]
+        last = (told or lines or ["no reason given"])[-1].removeprefix("Error: ")
+        raise InputError("a scene that Blender can read", path=path, found=last) from None
     finally:
         logging.disable(logging.NOTSET)
     if result != {"FINISHED"}:
         raise InputError("a scene that Blender can read", path=path, found="a file that its reader gives up on")
-
-
-def _last_line(error: Exception) -> str:
-    """What the reader said last; a Python reader's whole traceback comes with it."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    told = [line for line in lines if not line.startswith(("Location:", "File "))]
-    return (told or lines or ["no reason given"])[-1].removeprefix("Error: ")

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .compat import nodes_of
 from .surfaces import Part, array_of
 
 #: Cycles settings that change light itself, not its noise.
@@ -22,6 +23,8 @@ _NOT_LIGHT = {
     "warning_propagation", "name_full", "users", "use_fake_user", "tag", "session_uid", "is_missing", "preview", "asset_data",
     "library", "image_user", "show_texture",
 }  # fmt: skip
+#: What of a struct's pointers counts.
+_POINTED = (bpy.types.ColorRamp, bpy.types.CurveMapping, bpy.types.Image)
 
 
 def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
@@ -29,12 +32,14 @@ def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
     materials = {m for part in found for m in part.mesh.materials if m is not None}
     trees = [block.node_tree for block in (*materials, scene.world) if block is not None and block.node_tree]
     lamps = [_text(_lamp(thing)) for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
+    sky = scene.world
+    world = {} if sky is None else {"colour": tuple(sky.color), "nodes": _tree(sky.node_tree)}
     return {
         "surfaces": _hash(*[_part(p) for p in found]),
         "materials": _hash(*sorted(_text(_material(m)) for m in materials)),
-        "images": _hash(*sorted({_image(i) for t in trees for i in _images(t)})),
+        "images": _hash(*sorted({_image(n.image) for t in trees for n in nodes_of(t) if getattr(n, "image", None)})),
         "lamps": _hash(*sorted(lamps)),
-        "world": _hash(_text(_world(scene.world))),
+        "world": _hash(_text(world)),
         "bounces": _hash(_text({name: getattr(scene.cycles, name) for name in _CYCLES if hasattr(scene.cycles, name)})),
     }
 
@@ -87,10 +92,6 @@ def _lamp(thing: bpy.types.Object) -> dict:
     return {"matrix": matrix, "cycles": cycles, "rays": rays, **shines}
 
 
-def _world(world: bpy.types.World | None) -> dict:
-    return {} if world is None else {"colour": tuple(world.color), "nodes": _tree(world.node_tree)}
-
-
 def _tree(tree: bpy.types.NodeTree | None) -> list:
     """Nodes with their settings and unlinked inputs, and the links between them; layout and selection left out."""
     if tree is None:
@@ -112,42 +113,25 @@ def _plain_properties(thing: bpy.types.bpy_struct) -> dict:
     """Numbers, texts, colour ramps and curves of an RNA struct."""
     found = {}
     for entry in thing.bl_rna.properties:
-        name = entry.identifier
-        if name in _NOT_LIGHT or name.startswith("bl_"):
+        name, points = entry.identifier, entry.type == "POINTER"
+        left_out = name in _NOT_LIGHT or name.startswith("bl_") or entry.type == "COLLECTION"
+        if left_out or (entry.is_readonly and not points):
             continue
         value = getattr(thing, name, None)
-        if entry.type == "POINTER":
-            value = _pointed(value)
-        elif entry.type == "COLLECTION" or (entry.is_readonly and entry.type != "POINTER"):
-            continue
-        if value is not None:
+        if value is not None and (not points or isinstance(value, _POINTED)):
             found[name] = _value(value)
     return found
 
 
-def _pointed(value: object) -> object:
+def _value(value: Any) -> Any:
     if isinstance(value, bpy.types.ColorRamp):
         stops = [(e.position, tuple(e.color)) for e in value.elements]
         return [value.interpolation, value.color_mode, value.hue_interpolation, stops]
     if isinstance(value, bpy.types.CurveMapping):
         return [[(tuple(p.location), p.handle_type) for p in curve.points] for curve in value.curves]
-    if isinstance(value, bpy.types.Image):
-        return value.name
-    return None
-
-
-def _value(value: Any) -> Any:
     if isinstance(value, bool | int | float | str | list | tuple):
         return value
     return tuple(value) if hasattr(value, "__len__") else str(getattr(value, "name", ""))
-
-
-def _images(tree: bpy.types.NodeTree) -> set[bpy.types.Image]:
-    found = {node.image for node in tree.nodes if getattr(node, "image", None) is not None}
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree:
-            found |= _images(node.node_tree)
-    return found
 
 
 def _image(image: bpy.types.Image) -> str:

@@ -41,30 +41,23 @@ def sha256(path: Path) -> str:
 
 def _check(path: Path, target: Path, name: str, textures: str | None) -> None:
     allowed = [path.resolve().parent, *([Path(textures).expanduser().resolve()] if textures else [])]
-    if not any(_resolved(target).is_relative_to(folder) for folder in allowed):
+    try:
+        target = target.resolve()
+    except (OSError, RuntimeError, ValueError):
+        target = Path("/")
+    if not any(target.is_relative_to(folder) for folder in allowed):
         hint = "moving them there, packing them into the file, or {textures} DIR if DIR may be read"
         raise InputError("textures and other parts from the scene's own folder", path=path, found=name, hint=hint)
-
-
-def _resolved(target: Path) -> Path:
-    try:
-        return target.resolve()
-    except (OSError, RuntimeError, ValueError):
-        return Path("/")
 
 
 def _named(path: Path) -> list[str]:
     """Files that an OBJ with its materials, or a glTF, names in plain text."""
     if path.suffix.lower() == ".obj":
-        libraries = _libraries_of_obj(path)
+        with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            found = [m.group(1).decode("utf-8", "surrogateescape") for m in _MTLLIB.finditer(content)]
+        libraries = list(dict.fromkeys(name.strip().strip('"') for name in found))
         return [*libraries, *(name for library in libraries for name in _maps_of(path.parent / library))]
     return _uris_of(path) if path.suffix.lower() in (".gltf", ".glb") else []
-
-
-def _libraries_of_obj(path: Path) -> list[str]:
-    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        found = [m.group(1).decode("utf-8", "surrogateescape") for m in _MTLLIB.finditer(content)]
-    return list(dict.fromkeys(name.strip().strip('"') for name in found))
 
 
 def _maps_of(library: Path) -> list[str]:

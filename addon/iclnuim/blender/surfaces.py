@@ -91,9 +91,10 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         yield depsgraph
 
 
-def _layers(layer: bpy.types.LayerCollection) -> list[bpy.types.LayerCollection]:
-    """All below `layer`; the top one is never hidden."""
-    return [inner for child in layer.children for inner in (child, *_layers(child))]
+def _layers(layer: bpy.types.LayerCollection, rendered: bool = False) -> list[bpy.types.LayerCollection]:
+    """All below `layer`, or those that render; the top one is never hidden."""
+    shown = [c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))]
+    return [inner for child in shown for inner in (child, *_layers(child, rendered))]
 
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
@@ -108,10 +109,14 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         if mesh is None or not len(mesh.polygons):
             continue
         mesh.calc_loop_triangles()
-        _own_materials(mesh, thing)
-        if isinstance(
-            thing.data, bpy.types.Mesh
-        ):  # generated coordinates span the box of the mesh before its modifiers
+        for number, slot in enumerate(thing.material_slots):
+            # materials may hang on the object instead of its data; clearing the mesh's would reset the faces' indices
+            material = slot.material and slot.material.original
+            if number < len(mesh.materials):
+                mesh.materials[number] = material
+            else:
+                mesh.materials.append(material)
+        if isinstance(thing.data, bpy.types.Mesh):  # generated coordinates span its box before the modifiers
             mesh.use_auto_texspace = False
             mesh.texspace_location, mesh.texspace_size = thing.data.texspace_location, thing.data.texspace_size
         origin = instance.parent.original if instance.is_instance else thing.original
@@ -130,16 +135,6 @@ def rendered_parts() -> Iterator[tuple[list[Part], bpy.types.Depsgraph]]:
         finally:
             for part in found:
                 bpy.data.meshes.remove(part.mesh)
-
-
-def _own_materials(mesh: bpy.types.Mesh, thing: bpy.types.Object) -> None:
-    """Materials may hang on the object instead of its data: put what is shown into the mesh. Clearing would reset the faces' indices."""
-    for number, slot in enumerate(thing.material_slots):
-        material = slot.material and slot.material.original
-        if number < len(mesh.materials):
-            mesh.materials[number] = material
-        else:
-            mesh.materials.append(material)
 
 
 def joined(found: list[Part]) -> Surfaces:
@@ -176,18 +171,9 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
 
 def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The lamps that give light in a render: not hidden themselves, nor by every collection that they are in."""
-    shown = {
-        thing
-        for layer in _rendered_layers(bpy.context.view_layer.layer_collection)
-        for thing in layer.collection.objects
-    }
+    top = bpy.context.view_layer.layer_collection
+    shown = {thing for layer in (top, *_layers(top, rendered=True)) for thing in layer.collection.objects}
     return [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render and thing in shown]
-
-
-def _rendered_layers(layer: bpy.types.LayerCollection) -> list[bpy.types.LayerCollection]:
-    if layer.exclude or layer.collection.hide_render:
-        return []
-    return [layer, *(inner for child in layer.children for inner in _rendered_layers(child))]
 
 
 def material_of_face(part: Part) -> np.ndarray:

@@ -104,7 +104,7 @@ class Session:
                 blurred = None
                 if not job.exposure.instant:  # RGB through a shutter that takes its time; Z stays that of the stamp
                     depth_z_m, instant = frames.read(raw_depth, raw_depth)[1], self.work / "instant.exr"
-                    blurred = frames.shoot(number, job.exposure, self.trajectory, job.camera, depth_z_m, instant)
+                    blurred = frames.shoot(job, number, self.trajectory, depth_z_m, instant)
                 seconds = time.perf_counter() - begun
                 if closing is not None:
                     closing.result()

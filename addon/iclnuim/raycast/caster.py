@@ -1,6 +1,6 @@
 """Rays against triangles, distances to them, and which a camera saw: Embree, by way of open3d. Nothing else asks it for rays."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,9 +54,8 @@ class RayCaster:
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
         """Rays of directions (..., 3), of any length, from origins (..., 3) or one origin (3,)."""
-        hit = self._scene.cast_rays(
-            self._packed(np.concatenate([np.broadcast_to(origins, directions.shape), directions], -1))
-        )
+        rays = np.concatenate([np.broadcast_to(origins, directions.shape), directions], -1)
+        hit = self._scene.cast_rays(self._packed(rays))
         distance = hit["t_hit"].numpy()
         triangle = np.where(np.isfinite(distance), hit["primitive_ids"].numpy().astype(np.int64), -1)
         return Hits(distance, triangle, hit["primitive_uvs"].numpy(), hit["primitive_normals"].numpy())
@@ -72,9 +71,7 @@ class RayCaster:
             return np.zeros(0)
         return self._scene.compute_distance(self._packed(points_m)).numpy().astype(float)
 
-    def depth(
-        self, camera: PinholeCamera, T_world_camera: SE3, offset_px: tuple[float, float] = (0.0, 0.0)
-    ) -> np.ndarray:
+    def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
         """(h, w) planar Z in metres, 0 where a ray meets nothing. Rays have z = 1, so the distance along them is Z itself."""
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
         distance = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T).distance
@@ -97,25 +94,19 @@ class Visibility:
         self._normal = np.cross(b - a, c - a)
         self.seen = np.zeros((len(model), 2), bool)
 
-    def add(self, camera: PinholeCamera, T_world_camera: SE3) -> None:
-        """One pose: what pixel centres see, then triangles whose centroid is in the image with nothing in front of it."""
-        rays = camera.rays().reshape(-1, 3) @ T_world_camera.rotation.T
-        triangle = self._caster.cast(T_world_camera.translation, rays).triangle
-        self._mark(triangle[triangle >= 0], rays[triangle >= 0])
-        rows = self._in_image(camera, T_world_camera)
-        rays = self._centroid[rows] - T_world_camera.translation
-        hits = self._caster.cast(T_world_camera.translation, rays)
-        reached = (hits.triangle == rows) | (hits.distance > _ARRIVED)
-        self._mark(rows[reached], rays[reached])
-
-    def along(
-        self, camera: PinholeCamera, T_world_camera: SE3, on_pose: Callable[[], object] = lambda: None
-    ) -> np.ndarray:
-        """Add all poses (n,); returns the mask (m, 2) so far."""
+    def along(self, camera: PinholeCamera, T_world_camera: SE3, on_pose: Callable[[], object]) -> None:
+        """Poses (n,): what pixel centres see, then triangles whose centroid is in the image with nothing in front of it."""
         for k in range(len(T_world_camera)):
-            self.add(camera, T_world_camera[k])
+            T = T_world_camera[k]
+            rays = camera.rays().reshape(-1, 3) @ T.rotation.T
+            triangle = self._caster.cast(T.translation, rays).triangle
+            self._mark(triangle[triangle >= 0], rays[triangle >= 0])
+            rows = self._in_image(camera, T)
+            rays = self._centroid[rows] - T.translation
+            hits = self._caster.cast(T.translation, rays)
+            reached = (hits.triangle == rows) | (hits.distance > _ARRIVED)
+            self._mark(rows[reached], rays[reached])
             on_pose()
-        return self.seen
 
     def _in_image(self, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
         """(k,) triangles whose visible side was not seen yet and whose centroid projects into the image."""

@@ -27,10 +27,14 @@ def chosen(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     places = _inside(places, caster, rays)
     if len(places) < count:
-        raise InputError(
-            f"room for {count} viewpoints", found=f"{len(places)} free places", hint="giving the {viewpoints}"
-        )
-    places = _in_order(farthest_points(places, count))
+        found = f"{len(places)} free places"
+        raise InputError(f"room for {count} viewpoints", found=found, hint="giving the {viewpoints}")
+    places = farthest_points(places, count)
+    left, order = list(range(1, count)), [0]
+    while left:  # from one to the nearest that is left
+        here = places[order[-1]]
+        order.append(left.pop(int(np.argmin([np.linalg.norm(places[k] - here) for k in left]))))
+    places = places[order]
     return [Waypoint(rounded(p), rounded(_gaze(p, places, caster, rays))) for p in places]
 
 
@@ -54,15 +58,6 @@ def _look(caster: RayCaster, places: np.ndarray, directions: np.ndarray) -> tupl
     hits = caster.cast(np.broadcast_to(places[:, None], shape), np.broadcast_to(directions, shape))
     distance = hits.distance.astype(float)
     return distance, np.isfinite(distance) & ((hits.normal * directions).sum(-1) > 0)
-
-
-def _in_order(places: np.ndarray) -> np.ndarray:
-    """From one to the nearest that is left."""
-    left, order = list(range(1, len(places))), [0]
-    while left:
-        here = places[order[-1]]
-        order.append(left.pop(int(np.argmin([np.linalg.norm(places[k] - here) for k in left]))))
-    return places[order]
 
 
 def _gaze(place: np.ndarray, places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:

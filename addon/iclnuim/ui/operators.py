@@ -235,13 +235,13 @@ def _import(context: bpy.types.Context, file: Path, reading: SceneReading, colle
     context.window.scene = own
     try:
         scene.load(file)
-        placed = orient.orient(file, reading, list(own.objects))
+        sentence, _ = orient.orient(file, reading, list(own.objects))
         for thing in list(own.collection.all_objects):
             collection.objects.link(thing)
     finally:
         context.window.scene = before
         bpy.data.scenes.remove(own)
-    state.current().work.message = placed.sentence
+    state.current().work.message = sentence
 
 
 def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | None) -> None:
