@@ -1,5 +1,6 @@
 """Render settings: everything that decides a pixel is set here, so that nothing of the opened file's own settings leaks in."""
 
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 
 import bpy
@@ -60,7 +61,7 @@ def apply(job: RenderJob) -> None:
     layer.cycles.denoising_store_passes = False
 
 
-def assign(thing: object, values: dict[str, object]) -> None:
+def assign(thing: object, values: Mapping[str, object]) -> None:
     """Set properties of a Blender struct."""
     for name, value in values.items():
         setattr(thing, name, value)
