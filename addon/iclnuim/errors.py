@@ -1,6 +1,6 @@
 """What can go wrong, said in one line: what, where, expected, found, and what to try."""
 
-import functools
+import copy
 import os
 import re
 import sys
@@ -17,7 +17,9 @@ class IclnuimError(Exception):
 
     def __init__(self, message: str = "", *, hint: str | None = None) -> None:
         self.message, self.hint = message, hint
-        super().__init__(self.worded())
+
+    def __str__(self) -> str:
+        return self.worded()
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
         """The message, with settings called as `name_of` does."""
@@ -27,10 +29,6 @@ class IclnuimError(Exception):
     def template(self) -> str:
         """The message with `{name}` for each setting, for a process that words it with `named`."""
         return self.worded("{{{}}}".format)
-
-    def __reduce__(self) -> tuple:
-        """As errors from another process arrive: the same in every part."""
-        return functools.partial(type(self), hint=self.hint), (self.message,)
 
 
 class InputError(IclnuimError):
@@ -68,12 +66,9 @@ class InputError(IclnuimError):
     def at(self, path: str | os.PathLike[str]) -> "InputError":
         """The same error in that file, or part of one; a path that it has is a place in there."""
         path = path if self.path is None else f"{os.fspath(path)}: {os.fspath(self.path)}"
-        make, (expected,) = self.__reduce__()
-        return make(expected, path=path)
-
-    def __reduce__(self) -> tuple:
-        names = ("path", "line", "setting", "found", "hint")
-        return functools.partial(type(self), **{name: getattr(self, name) for name in names}), (self.expected,)
+        moved = copy.copy(self)
+        moved.path = path
+        return moved
 
 
 class WorkError(IclnuimError):

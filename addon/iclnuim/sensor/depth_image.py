@@ -37,9 +37,20 @@ def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, e
     than `edge_share`, get no weight, so that neither holes nor what lies behind an edge mix in. Missing where the
     nearest is.
     """
+    height, width = depth_z_m.shape
     result = np.empty_like(depth_z_m)
-    for rows in bands(len(depth_z_m)):
-        result[rows] = _within_surface(depth_z_m, u[rows], v[rows], edge_share)
+    for rows in bands(height):
+        place = np.clip(u[rows], 0, width - 1), np.clip(v[rows], 0, height - 1)
+        corners, weights_u, weights_v = _corners(depth_z_m, *place)
+        result[rows] = _blend(corners, weights_u, weights_v)
+        lowest = np.minimum(np.minimum(*corners[:2]), np.minimum(*corners[2:]))
+        highest = np.maximum(np.maximum(*corners[:2]), np.maximum(*corners[2:]))
+        mixed = np.flatnonzero(highest > lowest * np.float32(1 + edge_share))
+        if mixed.size:
+            fu, fv = weights_u.ravel()[mixed], weights_v.ravel()[mixed]
+            weights = np.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv])
+            depths = np.stack([c.ravel()[mixed] for c in corners])
+            result[rows].ravel()[mixed] = _mean_of_nearest_surface(depths, weights, edge_share)
     return result
 
 
@@ -52,21 +63,6 @@ def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np
     for rows in bands(height):
         corners = _corners(framed, np.clip(u[rows] + 1, 0, width + 1), np.clip(v[rows] + 1, 0, height + 1))
         result[rows] = _blend(*corners)
-    return result
-
-
-def _within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float) -> np.ndarray:
-    height, width = depth_z_m.shape
-    corners, weights_u, weights_v = _corners(depth_z_m, np.clip(u, 0, width - 1), np.clip(v, 0, height - 1))
-    result = _blend(corners, weights_u, weights_v)
-    lowest = np.minimum(np.minimum(*corners[:2]), np.minimum(*corners[2:]))
-    highest = np.maximum(np.maximum(*corners[:2]), np.maximum(*corners[2:]))
-    mixed = np.flatnonzero(highest > lowest * np.float32(1 + edge_share))
-    if mixed.size:
-        fu, fv = weights_u.ravel()[mixed], weights_v.ravel()[mixed]
-        weights = np.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv])
-        depths = np.stack([c.ravel()[mixed] for c in corners])
-        result.ravel()[mixed] = _mean_of_nearest_surface(depths, weights, edge_share)
     return result
 
 

@@ -13,7 +13,7 @@ from .. import shipped
 from ..blender import camera, light_map
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
-from ..formats.files import process_lives
+from ..formats.files import make_folder, process_lives
 from ..formats.libraries import first_library
 from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
 from ..geometry import axes
@@ -122,7 +122,7 @@ def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGrou
     if plain and settings.trajectory_source in TRAJECTORIES:
         return _shipped_name(settings)
     path, (poses, _) = out / "trajectory.txt", trajectory(context)
-    _make(out)
+    make_folder(out, "another {out}")
     if not path.is_file() or path.read_text() != trajectory_text(poses, "tum"):
         write_trajectory(path, poses, "tum")
     return str(path)
@@ -137,16 +137,9 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
         hint = "Resume, which continues with the scene as it was, or another {out}"
         raise InputError("an output folder without frames of an earlier state of the open scene", path=out, hint=hint)
-    _make(out)
+    make_folder(out, "another {out}")
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
     except RuntimeError as error:
         raise WorkError(f"{path}: cannot be written: {str(error).strip().splitlines()[-1]}") from None
     return str(path)
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{folder}: cannot be made: {error.strerror or error}", hint="another {out}") from None
