@@ -91,9 +91,17 @@ def find_truth(folder: Path) -> Path | None:
 
 
 def read_truth(folder: Path) -> Trajectory | None:
-    """Right-handed poses, or None where no ground truth lies there."""
-    path = find_truth(folder)
-    return _nerf_truth(folder) if path is None else read_trajectory(path).trajectory
+    """Right-handed poses, or None where no ground truth lies there: a trajectory file, or the poses in transforms.json."""
+    if (path := find_truth(folder)) is not None:
+        return read_trajectory(path).trajectory
+    if not (frames := _nerf_rows(folder)):
+        return None
+    try:
+        matrices = np.array([f["transform_matrix"] for f in read_json(folder / NERF)["frames"]], float)
+        poses = axes.world_cv_from_world_blender(SE3.from_matrix(matrices))
+        return Trajectory(np.array([row[0] for row in frames]), poses)
+    except (KeyError, TypeError, ValueError):
+        raise InputError("frames with a 4 x 4 transform_matrix", path=folder / NERF) from None
 
 
 @dataclass(frozen=True)
@@ -247,8 +255,11 @@ def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, SequenceFrame
     plain = all(path.endswith(".png") and path.split() == [path] and "#" not in path for path in every)
     if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
         return {}
-    named = zip(pairs, paths, strict=True)
-    return {p.number: SequenceFrame(p.number, p.stamp_s, rgb, depth, p.written) for p, (rgb, depth) in named}
+    kept = {}
+    for pair, named in zip(pairs, paths, strict=True):
+        by_kind = (dict(zip(("rgb", "depth"), texts, strict=True)) for texts in (named, pair.written))
+        kept[pair.number] = SequenceFrame(pair.number, pair.stamp_s, *by_kind)
+    return kept
 
 
 def _listed(folder: Path) -> list[Row]:
@@ -274,19 +285,6 @@ def _by_name(folder: Path) -> list[Row]:
     rgbs = sorted(p for p in (folder / "rgb").glob("*.png") if p.stem in depths)
     numbered = all(p.stem.isdigit() for p in rgbs)
     return sorted(((int(p.stem) if numbered else i) / FRAME_RATE_HZ, p, depths[p.stem]) for i, p in enumerate(rgbs))
-
-
-def _nerf_truth(folder: Path) -> Trajectory | None:
-    """Poses of transforms.json; None where it is not there. (Those of euroc are a trajectory file like others.)"""
-    frames = _nerf_rows(folder)
-    if not frames:
-        return None
-    try:
-        matrices = np.array([f["transform_matrix"] for f in read_json(folder / NERF)["frames"]], float)
-        poses = axes.world_cv_from_world_blender(SE3.from_matrix(matrices))
-        return Trajectory(np.array([row[0] for row in frames]), poses)
-    except (KeyError, TypeError, ValueError):
-        raise InputError("frames with a 4 x 4 transform_matrix", path=folder / NERF) from None
 
 
 def _euroc_rows(folder: Path) -> list[Row]:

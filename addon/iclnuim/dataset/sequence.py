@@ -288,18 +288,10 @@ def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceForm
 
 
 def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]]) -> dict[int, Places]:
-    """Colour, depth and ground-truth files of every frame, one a format: `depth/000000.png` -> `normal/000000.png`."""
-    kinds = ground_truth.KINDS if source.truth_images else ()
-    places = {}
-    for number in source.stamps_s:
-        frame = _frame(source, number)
-        depth = [(folder, format.depth(frame)) for format, folder in layout]
-        places[number] = {
-            "rgb": [folder / format.rgb(frame) for format, folder in layout],
-            "depth": [folder / path for folder, path in depth],
-            **{kind: [folder / path.replace("depth", kind, 1) for folder, path in depth] for kind in kinds},
-        }
-    return places
+    """Colour, depth and ground-truth files of every frame, one a format."""
+    kinds = ("rgb", "depth", *(ground_truth.KINDS if source.truth_images else ()))
+    frames = [_frame(source, number) for number in source.stamps_s]
+    return {f.number: {k: [folder / format.image(f, k) for format, folder in layout] for k in kinds} for f in frames}
 
 
 def _frame(source: FrameSource, number: int) -> SequenceFrame:

@@ -3,8 +3,8 @@
 A new format is one entry of FORMATS; the command line, the panel and the pages list what stands there.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -26,15 +26,14 @@ _BASELINE_M, _NEAR_M = 0.08, 3.0
 
 @dataclass(frozen=True)
 class SequenceFrame:
-    """One pair to be written: the frame's number and its stamp in seconds; and what the format tum keeps of a sequence that somebody has:
-    paths of both images in its folder, and their stamps as its lists write them ("" where there is none).
+    """One pair to be written: the frame's number and its stamp in seconds; and what the format tum keeps of a sequence that somebody has,
+    by kind of image (rgb, depth): its path in that folder, and its stamp as the lists write it ("" where there is none).
     """
 
     number: int
     stamp_s: float
-    rgb: str = ""
-    depth: str = ""
-    written: tuple[str, str] = ("", "")
+    paths: Mapping[str, str] = field(default_factory=dict)
+    written: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,25 +61,21 @@ class Contents:
 
 @dataclass(frozen=True)
 class SequenceFormat:
-    """`rgb` and `depth` give the path of a frame's image; `write_texts` writes all that is no image; `check` raises InputError for
-    contents that the format cannot hold.
+    """`image` gives the path of a frame's image: its rgb, its depth, or a kind of ground truth; `write_texts` writes all that is no image;
+    `check` raises InputError for contents that the format cannot hold.
     """
 
     name: str
     description: str
-    rgb: Callable[[SequenceFrame], str]
-    depth: Callable[[SequenceFrame], str]
+    image: Callable[[SequenceFrame, str], str]
     write_texts: "Callable[[Path, Contents, SequenceFormat], None]"
     check: Callable[[Contents], object] = lambda contents: None
 
-    def lists(self, contents: Contents) -> tuple[ImageList, ImageList]:
-        """Colour and depth images with their stamps."""
-        frames, stamps_s = contents.frames, tuple(frame.stamp_s for frame in contents.frames)
-        rgb, depth = (
-            ImageList(stamps_s, tuple(map(path, frames)), tuple(frame.written[i] for frame in frames))
-            for i, path in enumerate((self.rgb, self.depth))
-        )
-        return rgb, depth
+    def images(self, contents: Contents, kind: str) -> ImageList:
+        """All images of a kind with their stamps."""
+        frames = contents.frames
+        paths, written = (tuple(self.image(f, kind) for f in frames), tuple(f.written.get(kind, "") for f in frames))
+        return ImageList(tuple(frame.stamp_s for frame in frames), paths, written)
 
 
 def sequence_format(name: str) -> SequenceFormat:
@@ -94,7 +89,7 @@ def _write_tum(folder: Path, contents: Contents, format: SequenceFormat) -> None
     """rgb.txt, depth.txt, associations.txt, groundtruth.txt, camera.json; settings for ORB-SLAM3. Stamps that are to be kept are written
     as they were, to the character.
     """
-    rgb, depth = format.lists(contents)
+    rgb, depth = (format.images(contents, kind) for kind in ("rgb", "depth"))
     write_image_list(folder / "rgb.txt", rgb)
     write_image_list(folder / "depth.txt", depth)
     write_associations(folder / "associations.txt", Associations(rgb, depth))
@@ -160,7 +155,7 @@ Viewer.ViewpointF: 500.0
 
 def _write_icl_nuim(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     """The original's: depth first with integer ids, left-handed anchored poses without image 0, K with fy negative."""
-    rgb, depth = format.lists(contents)
+    rgb, depth = (format.images(contents, kind) for kind in ("rgb", "depth"))
     write_associations(folder / "associations.txt", Associations(rgb, depth, "icl-nuim"), "icl-nuim")
     c = contents.camera
     rows = ((c.fx, 0, c.cx), (0, -c.fy, c.cy), (0, 0, 1))
@@ -217,7 +212,7 @@ def _write_nerf(folder: Path, contents: Contents, format: SequenceFormat) -> Non
     NeRF programs count pixel centres at +0.5, so the principal point lies half a pixel further.
     """
     c, truth = contents.camera, _truth_for_nerf(contents)
-    rgb, depth = format.lists(contents)
+    rgb, depth = (format.images(contents, kind) for kind in ("rgb", "depth"))
     poses = axes.world_blender_from_world_cv(sample(truth, contents.stamps_s)).matrix
     rows = zip(rgb.paths, depth.paths, poses.tolist(), strict=True)
     content = {
@@ -249,30 +244,26 @@ _ALL = (
     SequenceFormat(
         "tum",
         "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml",
-        lambda f: f.rgb or f"rgb/{f.number:06}.png",
-        lambda f: f.depth or f"depth/{f.number:06}.png",
+        lambda f, kind: f.paths.get(kind) or f"{kind}/{f.number:06}.png",
         _write_tum,
     ),
     SequenceFormat(
         "icl-nuim",
         "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt",
-        lambda f: f"rgb/{f.number}.png",
-        lambda f: f"depth/{f.number}.png",
+        lambda f, kind: f"{kind}/{f.number}.png",
         _write_icl_nuim,
         _check_icl_nuim,
     ),
     SequenceFormat(
         "euroc",
         "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
-        lambda f: f"mav0/cam0/data/{_nanoseconds(f)}.png",
-        lambda f: f"mav0/depth0/data/{_nanoseconds(f)}.png",
+        lambda f, kind: f"mav0/{'cam' if kind == 'rgb' else kind}0/data/{_nanoseconds(f)}.png",
         _write_euroc,
     ),
     SequenceFormat(
         "nerf",
         "images/, depth/ and transforms.json, for nerfstudio and instant-ngp",
-        lambda f: f"images/{f.number:06}.png",
-        lambda f: f"depth/{f.number:06}.png",
+        lambda f, kind: f"{'images' if kind == 'rgb' else kind}/{f.number:06}.png",
         _write_nerf,
         _truth_for_nerf,
     ),
