@@ -18,7 +18,8 @@ from iclnuim.formats.exr import write_exr  # noqa: E402
 from iclnuim.tools.farm_chaos import Chaos, Damage, children, finished, kinds, still_there
 from iclnuim.tools.plain_blender import PlainBlender
 
-SMALL = ("--light", "path", "--samples", "1", "--no-denoise", "--camera", "80x60")
+ROOM = str(Path(__file__).resolve().parents[1] / "room.obj")
+SMALL = ("--scene", ROOM, "--light", "path", "--samples", "1", "--no-denoise", "--camera", "80x60")
 #: Enough for two disturbances: three frames before each, and what two workers do in the third of a second until it happens.
 SOME = ("--frames", "0:60")
 
@@ -27,7 +28,7 @@ def make(out: Path, *options: str) -> Chaos:
     return Chaos("kt2", (*SMALL, *options), out, np.random.default_rng(7))
 
 
-def wait_for(out: Path, count: int, parent: subprocess.Popen, seconds: float = 120) -> None:
+def wait_for(out: Path, count: int, parent: subprocess.Popen, seconds: float = 400) -> None:
     until = time.monotonic() + seconds
     while len(finished(out)) < count:
         assert parent.poll() is None and time.monotonic() < until, f"{len(finished(out))} of {count} frames"

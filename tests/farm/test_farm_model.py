@@ -52,12 +52,13 @@ def test_a_store_that_is_full_ends_the_scaling():
     assert slow.seconds(10) == pytest.approx(slow.seconds(1000)) == pytest.approx(9000)
 
 
-def test_a_measured_split_makes_sense_and_is_drawn(tmp_path):
+def test_a_measured_split_makes_sense_and_is_drawn(repository, tmp_path):
     pytest.importorskip("bpy", reason="needs the bpy package")
     from iclnuim.report import charts as plots
     from iclnuim.tools import farm_chart, farm_model, farm_throughput
 
-    job = shipped_job("kt2").changed(light="path", samples=1, denoise=False, camera=PinholeCamera.parse("80x60"))
+    small = {"scene": str(repository / "tests/room.obj"), "camera": PinholeCamera.parse("80x60")}
+    job = shipped_job("kt2").changed(light="path", samples=1, denoise=False, **small)
     r = farm_throughput.measure(job, 1, 2, 24)
     assert (r.workers, r.threads, r.frames) == (1, 2, 24)
     assert r.frames_an_hour > 0 and 0 < r.busy_share < 1.1 and 0 < r.startup_s < r.wall_s

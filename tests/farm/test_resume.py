@@ -12,8 +12,20 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 from iclnuim.blender import compat  # noqa: E402
 
 
-def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(tmp_path, capsys):
-    words = ("--light", "path", "--samples", "1", "--no-denoise", "--camera", "32x24", "--frames", "10:60:20")
+def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(repository, tmp_path, capsys):
+    words = (
+        "--scene",
+        str(repository / "tests/room.obj"),
+        "--light",
+        "path",
+        "--samples",
+        "1",
+        "--no-denoise",
+        "--camera",
+        "32x24",
+        "--frames",
+        "10:60:20",
+    )
     assert main(["render", "kt2", *words, "--out", str(tmp_path / "a")]) == 0
     (tmp_path / "a").rename(tmp_path / "b")
     lost = tmp_path / "b/exr/000030.exr"
