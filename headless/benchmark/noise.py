@@ -200,12 +200,19 @@ def _binned(error: np.ndarray) -> np.ndarray:
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
     """Left, with `overlaps`: each model's time and overlap; right: clean and noisy frames over their files alone."""
     drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
+    *left, right = drawn.subplots(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None, squeeze=False)[
+        0
+    ]
     if overlaps:
-        left, right = drawn.subplots(1, 2, width_ratios=(1.25, 1))
-        _draw_models(left, times_ms, overlaps)
-    else:
-        right = drawn.subplots()
-    _draw_pairs(right, pairs)
+        _draw_models(left[0], times_ms, overlaps)
+    names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
+    right.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
+    right.axhline(1, color="black", linewidth=0.8)
+    right.axhline(1.6, color=COLOURS[1], linewidth=1, linestyle="--")
+    for k, p in enumerate(pairs):
+        right.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
+    right.set_ylabel("processor time of clean + noisy over that\nof EXR read and PNGs written alone")
+    right.tick_params(axis="x", labelsize=8)
     return drawn
 
 
@@ -221,17 +228,6 @@ def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
     axes.set_ylim(0, 1.08)
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
-
-
-def _draw_pairs(axes: Axes, pairs: Sequence[PairTime]) -> None:
-    names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
-    axes.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
-    axes.axhline(1, color="black", linewidth=0.8)
-    axes.axhline(1.6, color=COLOURS[1], linewidth=1, linestyle="--")
-    for k, p in enumerate(pairs):
-        axes.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
-    axes.set_ylabel("processor time of clean + noisy over that\nof EXR read and PNGs written alone")
-    axes.tick_params(axis="x", labelsize=8)
 
 
 def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> str:

@@ -57,7 +57,12 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     both = sorted(files[0].keys() & files[1].keys())
     if not both:
         raise InputError("frames of the same numbers in both folders", path=b, found=f"none that {a} has too")
-    why = "asked for" if by_tolerance else _differences(*recipes)
+    parts = {  # what bytes depend on
+        "Blender": [r.get("blender", "unknown") for r in recipes],
+        "processor features": [" ".join(r.get("machine", {}).get("features", ["unknown"])) for r in recipes],
+    }
+    differences = [f"{name}: {one} and {other}" for name, (one, other) in parts.items() if one != other]
+    why = "asked for" if by_tolerance else "; ".join(differences)
     pngs = [next((file for file in found.values() if file.suffix == ".png"), None) for found in files]
     units = [read_camera(d, png).depth_units_per_metre if png else 1.0 for d, png in zip((a, b), pngs, strict=True)]
 
@@ -84,15 +89,6 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
         "channels": channels,
         "same": not channels and not alone,
     }
-
-
-def _differences(a: dict, b: dict) -> str:
-    """In which of the things that bytes depend on two runs differ; nothing where they do not."""
-    parts = {
-        "Blender": [r.get("blender", "unknown") for r in (a, b)],
-        "processor features": [" ".join(r.get("machine", {}).get("features", ["unknown"])) for r in (a, b)],
-    }
-    return "; ".join(f"{name}: {one} and {other}" for name, (one, other) in parts.items() if one != other)
 
 
 def _run_recipe(folder: Path) -> dict:

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim import shipped
-from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory
-from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
@@ -148,18 +146,16 @@ def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | No
     """
     if print_only and plan.farm.engine != "slurm":
         raise InputError("{print_only} with {engine} slurm", found=f"{plan.farm.engine}")
-    variants = plan.variants()
+    plan.variants()  # unknown noise models are refused before anything is begun
     if plan.farm.engine == "slurm":
         if blend is not None:
             raise InputError("{blend} on this machine alone", hint="{engine} local")
         return slurm.run(plan, print_only, console)
     with stop_on_signals() as stopped, open_run(plan, console, stopped) as run:
         plan.write_record()
-        if not variants:
+        if plan.sequences is None:
             return report(run.render(plan.numbers, blend=blend), console)
-        source = frames_of_run(run.run, load_trajectory(plan.job), list(plan.numbers))
-        writer = SequenceWriter(source, variants, plan.formats)
-        stage = tasks.SequenceStage(writer, run.run, len(own_cores()), plan.keep_raw)
+        stage = tasks.SequenceStage(plan, run.run, len(own_cores()))
         try:  # pairs are made of finished frames while others are being rendered
             missing = stage.add_finished(plan.numbers)
             outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)

@@ -119,9 +119,7 @@ def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     most = max(1, int(answer[1])) if answer else MAX_ARRAY_SIZE  # MaxArraySize counts from 0
     dataset_waits = any(job.stage == "dataset" and job.job in waiting for job in jobs)
     stages: list[tuple[str, Chunks]] = [("light", ())] if chunks else []
-    stages += [
-        ("frames", part) for part in chunks_of(chunks, most)
-    ]  # as few arrays as the limit allows, of even length
+    stages += [("frames", part) for part in chunks_of(chunks, most)]  # as few arrays as allowed, of even length
     if plan.sequences is not None and (chunks or not (dataset_waits or complete(plan))):
         stages.append(("dataset", ()))
     return Batch(stages, estimate(plan, [len(frames) for frames in chunks], known), waiting)

@@ -29,7 +29,7 @@ from .run_plan import RunPlan
 
 
 class SequenceStage:
-    """Finished frames turned into sequences, while others are still being rendered.
+    """The sequences of a plan: finished frames turned into sequences, while others are still being rendered.
 
     `add(number)` a rendered frame at any time; `complete()` waits for all, then writes lists and recipes.
 
@@ -38,16 +38,13 @@ class SequenceStage:
     """
 
     def __init__(
-        self,
-        writer: SequenceWriter,
-        raw: RunFolder,
-        workers: int,
-        keep_raw: bool,
-        on_frame: Callable[[int], None] = lambda number: None,
+        self, plan: RunPlan, raw: RunFolder, workers: int, on_frame: Callable[[int], None] = lambda number: None
     ) -> None:
-        self._writer, self._raw, self._keep_raw, self._on_frame = writer, raw, keep_raw, on_frame
-        self._pool = FramePool(writer.make, workers, self._made)
-        self._lacking = set(writer.missing)
+        source = frames_of_run(raw, load_trajectory(plan.job), list(plan.numbers))
+        self._writer = SequenceWriter(source, plan.variants(), plan.formats)
+        self._raw, self._keep_raw, self._on_frame = raw, plan.keep_raw, on_frame
+        self._pool = FramePool(self._writer.make, workers, self._made)
+        self._lacking = set(self._writer.missing)
 
     def add(self, number: int) -> None:
         """A frame whose raw file stands; those whose pairs stand already are dropped."""
@@ -117,7 +114,7 @@ def frames(
 
 def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 2 * STALE_S) -> int:
     """The last task: both sequences; how many frames they hold. Raises WorkError where frames are missing, once all others are in."""
-    run, trajectory = read_run(plan.raw), load_trajectory(plan.job)
+    run = read_run(plan.raw)
     with ExitStack() as held:
         end = time.monotonic() + patience_s
         while True:  # where the holder died on another machine, until its heartbeat is old
@@ -128,9 +125,7 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
                 if time.monotonic() > end:
                     raise
             time.sleep(2.0)
-        source = frames_of_run(run, trajectory, list(plan.numbers))
-        writer = SequenceWriter(source, plan.variants(), plan.formats)
-        stage = SequenceStage(writer, run, len(granted_cores()), plan.keep_raw, on_frame)
+        stage = SequenceStage(plan, run, len(granted_cores()), on_frame)
         try:
             lacking = stage.add_finished(plan.numbers)
         finally:
