@@ -157,7 +157,7 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     assert out.inputs["Surface"].links[0].from_node == diffuse
 
 
-def test_bake_prints_its_figures_and_nothing_else(room, tmp_path):
+def test_bake_prints_its_figures_and_nothing_else(room, tmp_path, command_here):
     import json
     import os
     import subprocess
@@ -171,5 +171,5 @@ def test_bake_prints_its_figures_and_nothing_else(room, tmp_path):
     figures = json.loads(done.stdout)
     assert figures["texels"] > 1000
     assert figures["folder"].startswith(str(tmp_path))
-    wrong = subprocess.run([*command[:4], "no such file.blend"], capture_output=True, text=True, timeout=60)
-    assert wrong.returncode == 2 and "no such file" in wrong.stderr
+    code, _, said = command_here("bake", "no such file.blend")
+    assert code == 2 and "no such file" in said

@@ -187,7 +187,7 @@ def check_kills(render, render_here, tmp_path, kills, *options, **paths):
 
 
 def test_killed_three_times_and_started_again_no_frame_is_lost_or_made_twice(render, render_here, tmp_path):
-    check_kills(render, render_here, tmp_path, 3, "--samples", "48", "--camera", "96x72")
+    check_kills(render, render_here, tmp_path, 3, "--samples", "32", "--camera", "64x48")
 
 
 @pytest.mark.slow

@@ -12,9 +12,11 @@ import pytest
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 
+bpy = pytest.importorskip(
+    "bpy", reason="needs the bpy package"
+)  # before open3d: both bring a TBB, and bpy 5.2 needs its own
 cv2 = pytest.importorskip("cv2")
 o3d = pytest.importorskip("open3d")
-bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim.blend.builder import build_scene  # noqa: E402
 from iclnuim.tools.official_views import OFFICE  # noqa: E402

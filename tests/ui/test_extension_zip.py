@@ -145,15 +145,17 @@ def test_settings_come_back_with_the_blend_and_presets_as_they_were_saved(driven
     assert driven["path_of_the_opened_file"]
 
 
-def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(driven, repository):
+def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(driven):
     import numpy as np
+    from iclnuim.blender import worker
     from iclnuim.formats.exr import read_exr
+    from iclnuim.geometry.camera import PinholeCamera
+    from iclnuim.job import shipped_job
 
     own, out = driven["home"] / "out_own", driven["home"] / "same"
-    command = [sys.executable, str(repository / "headless/render.py"), "kt2", "--frames", "100", "--out", str(out)]
-    size = "64x48,48.120300751879697,48,31.5,23.5"
-    options = ["--camera", size, "--light", "path", "--samples", "1", "--no-denoise"]
-    subprocess.run([*command, *options], check=True, capture_output=True, timeout=200)
+    camera = PinholeCamera.parse("64x48,48.120300751879697,48,31.5,23.5")
+    job = shipped_job("kt2").changed(camera=camera, light="path", samples=1, denoise=False)
+    worker.render_run(job, out, [100], lambda event: None, lambda: False)
     a, b = (read_exr(folder / "exr/000100.exr")["Z"] for folder in (own / "raw", out))
     assert np.abs(a - b).max() < 0.01 and np.median(np.abs(a - b)) < 1e-5
 
