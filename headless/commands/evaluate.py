@@ -15,7 +15,8 @@ from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.files import atomic_write_text
-from iclnuim.report.trajectory_report import AbsoluteReport, RelativeReport, Report, Source, error_text
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.report.trajectory_report import Report, Source, error_text
 
 from ..console import Console
 from ..options import action, add_settings, option_name, renamed, settings_from, subcommands
@@ -88,7 +89,7 @@ def spelled_out(argv: list[str]) -> list[str]:
 def run_ate(args: argparse.Namespace, console: Console) -> None:
     association, alignment = settings_from(args, AssociationSettings()), settings_from(args, AlignmentSettings())
     settings = AbsoluteErrorSettings(association, alignment)
-    _report(partial(AbsoluteReport.of, settings=settings), args, console)
+    _report(settings, args, console)
 
 
 def run_rpe(args: argparse.Namespace, console: Console) -> None:
@@ -96,16 +97,16 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
     association = settings_from(args, AssociationSettings())
     base = RelativeErrorSettings(delta, unit, args.pairs == "all", association=association)
     settings = settings_from(args, base, ("tolerance", "measured_on", "correct_scale"))
-    _report(partial(RelativeReport.of, settings=settings), args, console)
+    _report(settings, args, console)
 
 
-def _report(make: Callable[[Source, Source], Report], args: argparse.Namespace, console: Console) -> None:
+def _report(settings: AbsoluteErrorSettings | RelativeErrorSettings, args: argparse.Namespace, console: Console) -> None:
     """Of ground truth and estimate; how each was read is noted."""
     sources = []
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
-        sources.append(Source.read(path, format, args.file_rate))
-        console.note(f"{sources[-1].path}: {sources[-1].loaded.read_as.sentence}")
-    report = make(*sources)
+        sources.append(Source(path, read_trajectory(path, format, rate_hz=args.file_rate)))
+        console.note(f"{path}: {sources[-1].loaded.read_as.sentence}")
+    report = Report.of(sources[0], sources[1], settings)
     if args.csv:
         atomic_write_text(args.csv, report.csv())
     if args.plot:
@@ -145,7 +146,6 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
 
 def _given_transform(args: argparse.Namespace) -> "SE3":
     """T_model_mesh as far as the options give it."""
-    from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.fusion.models import read_transform
     from iclnuim.fusion.surface_error import first_poses_transform
     from iclnuim.geometry.se3 import SE3

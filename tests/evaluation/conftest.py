@@ -1,9 +1,14 @@
 """A wandering path and an estimate of it, for the tests of errors."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
-from iclnuim.evaluation.associate import Pairs
 from iclnuim.geometry.se3 import SE3
+
+sys.path.insert(0, str(Path(__file__).parent))
+from paired_poses import Pairs  # noqa: E402
 
 
 @pytest.fixture(scope="session")

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.evaluation.absolute_error import absolute_error_of_pairs
 from iclnuim.evaluation.align import AlignmentSettings, align, check_mirror, umeyama
-from iclnuim.evaluation.associate import Pairs
 from iclnuim.geometry import axes, so3
 from iclnuim.geometry.se3 import SE3
+from paired_poses import Pairs, absolute_error_of_pairs
 
 
 def turned(angle, up):
@@ -85,7 +84,7 @@ def test_a_path_in_a_plane_is_aligned(wander):
 
 def line(pairs, length_m, wobble_m):
     """The same rotations along a line of that length, with a wobble across it."""
-    t = np.linspace(0, 1, len(pairs))
+    t = np.linspace(0, 1, len(pairs.reference))
     return np.stack([length_m * t, wobble_m * np.sin(9 * t), wobble_m * np.cos(7 * t)], axis=1)
 
 

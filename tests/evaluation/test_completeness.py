@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from iclnuim.evaluation.absolute_error import absolute_error
-from iclnuim.evaluation.statistics import RECALL_M, Completeness, ErrorStatistics
+from iclnuim.evaluation.absolute_error import RECALL_M, Completeness, ErrorStatistics, absolute_error
 from iclnuim.geometry.trajectory import Trajectory
 
 

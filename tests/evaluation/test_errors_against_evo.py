@@ -2,12 +2,11 @@
 
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.evaluation.absolute_error import absolute_error_of_pairs
 from iclnuim.evaluation.align import AlignmentSettings
-from iclnuim.evaluation.associate import Pairs
-from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error_of_pairs
+from iclnuim.evaluation.relative_error import RelativeErrorSettings
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
+from paired_poses import Pairs, absolute_error_of_pairs, relative_error_of_pairs
 
 trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is the judge")
 from evo.core import metrics  # noqa: E402
@@ -100,7 +99,7 @@ def test_rpe_of_a_scaled_estimate_equals_evo_after_its_sim3_alignment(wander):
         estimate.align(reference, correct_scale=True)
         judge = metrics.RPE(metrics.PoseRelation.translation_part, 3, metrics.Unit.frames, all_pairs=True)
         judge.process_data((reference, estimate))
-        moved = Pairs(pairs.reference, scaled, pairs.stamps_s, pairs.association)
+        moved = Pairs(pairs.reference, scaled, pairs.stamps_s)
         assert_equal(relative_error_of_pairs(moved, RelativeErrorSettings(3, correct_scale=True)).translation_m, judge)
 
 

@@ -8,13 +8,12 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.odometry import dvo  # noqa: E402
-from iclnuim.odometry.icp import PRESETS, Icp  # noqa: E402
+from iclnuim.odometry.icp import Icp  # noqa: E402
+from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
-from iclnuim.odometry.reference import EntropyReference, KeyframeReference, PreviousFrame  # noqa: E402
 from iclnuim.odometry.registry import odometer  # noqa: E402
 from iclnuim.odometry.solver import Limits  # noqa: E402
-from iclnuim.odometry.track import Tracker, track  # noqa: E402
+from iclnuim.odometry.track import EntropyReference, KeyframeReference, Reference, Tracker, track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
 BIG = PinholeCamera.parse("320x240")
@@ -62,7 +61,7 @@ def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
     frames = [view(i, WALL, 0.003) for i in range(3)]
     two = run("icp", frames)[-1].result.smallest_eigenvalue
-    one = run(Icp(replace(PRESETS["paper"], bilateral=False)), frames)[-1].result.smallest_eigenvalue
+    one = run(Icp(replace(Icp.PRESETS["paper"], bilateral=False)), frames)[-1].result.smallest_eigenvalue
     assert two < 0.25 * one
 
 
@@ -86,8 +85,8 @@ def test_student_weights_withstand_something_that_moves_through_the_picture():
     frames = [view(i, ROOM) for i in range(6)]
     for i, frame in enumerate(frames):
         frame.grey[40:80, 20 + 8 * i : 60 + 8 * i] = 250.0
-    settings = replace(dvo.PRESETS["paper"], median_depth=False, limits=Limits(min_inliers=0.01))
-    plain, robust = dvo.Dvo(replace(settings, nu=0.0)), dvo.Dvo(settings)
+    settings = replace(Dvo.PRESETS["paper"], median_depth=False, limits=Limits(min_inliers=0.01))
+    plain, robust = Dvo(replace(settings, nu=0.0)), Dvo(settings)
     assert error_m(run(robust, frames)) < 0.5 * error_m(run(plain, frames))
 
 
@@ -149,7 +148,7 @@ def test_a_frame_is_kept_while_its_entropy_is_near_the_first_and_left_for_the_la
 
 def test_dvo_with_frames_kept_by_entropy_errs_less_than_from_frame_to_frame():
     frames, found = [view(i, ROOM, 0.002) for i in range(25)], []
-    for reference in (PreviousFrame(), EntropyReference()):
+    for reference in (Reference(), EntropyReference()):
         tracker = Tracker(odometer("dvo", "paper"), CAMERA, against=reference)
         found.append(error_m([tracker.add(f.stamp_s, f) for f in frames]))
     assert found[1] < found[0]
@@ -158,7 +157,7 @@ def test_dvo_with_frames_kept_by_entropy_errs_less_than_from_frame_to_frame():
 def test_errors_add_up_once_a_kept_frame():
     frames = [view(i, ROOM, 0.002) for i in range(25)]
     found = []
-    for reference in (PreviousFrame(), KeyframeReference()):
+    for reference in (Reference(), KeyframeReference()):
         tracker = Tracker(odometer("dvo"), CAMERA, against=reference)
         found.append(error_m([tracker.add(f.stamp_s, f) for f in frames]))
     assert found[1] < found[0]

@@ -1,19 +1,94 @@
 """Absolute trajectory error (ATE): how far each aligned estimated pose is from the ground truth's at the same time.
 
 Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII; the paper's Table II
-holds such errors.
+holds such errors. And what is said of any list of errors: the six statistics, and the scores that count missing frames too.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from ..geometry import so3
 from ..geometry.se3 import SE3, read_only
 from ..geometry.trajectory import Trajectory
-from .align import Alignment, AlignmentSettings, align, check_mirror
-from .associate import AssociationSettings, Pairs, pair_up
-from .statistics import Completeness, PoseErrors
+from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
+from .associate import Association, AssociationSettings, pair_up
+
+#: Recall is the share of ground-truth frames within these distances; the last also bounds the area under the error
+#: curve.
+RECALL_M = (0.01, 0.05, 0.10)
+
+
+@dataclass(frozen=True)
+class ErrorStatistics:
+    """Of errors in one unit. std is the population's (divided by n), so that rmse^2 = mean^2 + std^2."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+
+    @classmethod
+    def of(cls, errors: np.ndarray, factor: float = 1.0) -> "ErrorStatistics":
+        """Of errors (n,), n >= 1, times a change of unit."""
+        e = np.asarray(errors, float) * factor
+        values = (np.sqrt(np.mean(e * e)), e.mean(), np.median(e), e.std(), e.min(), e.max())
+        return cls(*map(float, values))
+
+    def to_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """Errors of m compared poses or RPE pairs: translation_error_m (m,), rotation_error_rad (m,) in 0..pi.
+
+    reference (n,): the associated poses of the ground truth, stamps_s (n,) their stamps.
+    """
+
+    reference: SE3
+    stamps_s: np.ndarray
+    association: Association
+    mirror: MirrorCheck
+    translation_error_m: np.ndarray
+    rotation_error_rad: np.ndarray
+
+    @property
+    def translation_m(self) -> ErrorStatistics:
+        return ErrorStatistics.of(self.translation_error_m)
+
+    @property
+    def rotation_deg(self) -> ErrorStatistics:
+        return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
+
+
+@dataclass(frozen=True)
+class Completeness:
+    """Scores over all ground-truth frames, in which a frame without an estimate counts as missed, 0..1 each.
+
+    coverage: frames with an estimate. recall: frames within 1, 5 and 10 cm (RECALL_M). area_under_curve: mean recall
+    over all thresholds from 0 to 10 cm, so 1 is perfect; an estimator that gives up early keeps its ATE but loses
+    here.
+    """
+
+    coverage: float
+    recall: dict[float, float]
+    area_under_curve: float
+
+    @classmethod
+    def of(cls, errors_m: np.ndarray, frames: int) -> "Completeness":
+        """errors_m (m,): one for each frame that has an estimate; frames >= m: all of them."""
+        limit = RECALL_M[-1]
+        recall = {bound: float(np.count_nonzero(errors_m <= bound)) / frames for bound in RECALL_M}
+        # the integral of the recall's staircase, frame by frame: a frame counts from its error to the limit
+        area = float(np.maximum(0.0, 1.0 - errors_m / limit).sum()) / frames
+        return cls(len(errors_m) / frames, recall, area)
+
+    def to_dict(self) -> dict:
+        recall = {f"{100 * bound:g}cm": share for bound, share in self.recall.items()}
+        return {"coverage": self.coverage, "recall": recall, "area_under_curve": self.area_under_curve}
 
 
 @dataclass(frozen=True)
@@ -42,22 +117,22 @@ class AbsoluteError(PoseErrors):
 def absolute_error(
     reference: Trajectory, estimate: Trajectory, settings: AbsoluteErrorSettings | None = None
 ) -> AbsoluteError:
-    """ATE of an estimate. Raises InputError where no stamps agree, or the paths do not fix the alignment asked for."""
+    """ATE of an estimate: |t_ref - t_est| and the angle of R_ref^T R_est after alignment.
+
+    Raises InputError where no stamps agree, or the trajectories do not determine the alignment asked for.
+    """
     settings = settings or AbsoluteErrorSettings()
-    return absolute_error_of_pairs(pair_up(reference, estimate, settings.association), settings.alignment)
-
-
-def absolute_error_of_pairs(pairs: Pairs, settings: AlignmentSettings | None = None) -> AbsoluteError:
-    """ATE of poses that are paired already: |t_ref - t_est| and the angle of R_ref^T R_est after alignment."""
-    alignment = align(pairs.reference, pairs.estimate, settings)
-    aligned = alignment.apply(pairs.estimate)
+    association = pair_up(reference, estimate, settings.association)
+    Q, P = reference.T_world_camera[association.first], estimate.T_world_camera[association.second]
+    alignment = align(Q, P, settings.alignment)
+    aligned = alignment.apply(P)
     return AbsoluteError(
-        reference=pairs.reference,
+        reference=Q,
         aligned=aligned,
-        stamps_s=pairs.stamps_s,
-        association=pairs.association,
+        stamps_s=read_only(reference.stamps_s[association.first]),
+        association=association,
         alignment=alignment,
-        mirror=check_mirror(pairs.reference.translation, pairs.estimate.translation),
-        translation_error_m=read_only(np.linalg.norm(aligned.translation - pairs.reference.translation, axis=1)),
-        rotation_error_rad=read_only(so3.angle(np.swapaxes(pairs.reference.rotation, -1, -2) @ aligned.rotation)),
+        mirror=check_mirror(Q.translation, P.translation),
+        translation_error_m=read_only(np.linalg.norm(aligned.translation - Q.translation, axis=1)),
+        rotation_error_rad=read_only(so3.angle(np.swapaxes(Q.rotation, -1, -2) @ aligned.rotation)),
     )

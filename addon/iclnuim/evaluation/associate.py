@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.se3 import SE3, read_only
+from ..geometry.se3 import read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
 
@@ -82,41 +82,13 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
     return Association(i, j, second_s[j] - first_s[i], len(first_s))
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Poses (n,) of the reference and of the estimate at the same times; stamps_s (n,) are the reference's."""
-
-    reference: SE3
-    estimate: SE3
-    stamps_s: np.ndarray
-    association: Association
-
-    def __len__(self) -> int:
-        return len(self.stamps_s)
-
-    @classmethod
-    def of_poses(cls, reference: SE3, estimate: SE3, rate_hz: float = 30.0) -> "Pairs":
-        """Pose i with pose i, stamped i / rate."""
-        if reference.shape != estimate.shape or len(reference.shape) != 1:
-            found = f"{estimate.shape} and {reference.shape}"
-            raise InputError("as many estimated poses (n,) as reference poses", found=found)
-        index = np.arange(len(reference))
-        association = Association(index, index, np.zeros(len(index)), len(index))
-        return cls(reference, estimate, read_only(index / rate_hz), association)
-
-
-def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Pairs:
+def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Association:
     """Associate by time. Raises InputError where the two do not overlap, or overlap without a pair in the window."""
     settings = settings or AssociationSettings()
     association = associate(reference.stamps_s, estimate.stamps_s, settings)
     if len(association) == 0:
         raise _no_overlap(reference.stamps_s, estimate.stamps_s, settings)
-    return Pairs(
-        reference.T_world_camera[association.first],
-        estimate.T_world_camera[association.second],
-        read_only(reference.stamps_s[association.first]),
-        association,
-    )
+    return association
 
 
 def _no_overlap(reference_s: np.ndarray, estimate_s: np.ndarray, settings: AssociationSettings) -> InputError:

@@ -14,9 +14,9 @@ from ..geometry import so3
 from ..geometry.se3 import SE3, read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
+from .absolute_error import PoseErrors
 from .align import check_mirror, umeyama
-from .associate import AssociationSettings, Pairs, pair_up
-from .statistics import PoseErrors
+from .associate import AssociationSettings, pair_up
 
 
 @dataclass(frozen=True)
@@ -67,30 +67,26 @@ def relative_error(
 ) -> RelativeError:
     """RPE of an estimate. Raises InputError where no stamps agree, or no two poses are delta apart."""
     settings = settings or RelativeErrorSettings()
-    return relative_error_of_pairs(pair_up(reference, estimate, settings.association), settings)
-
-
-def relative_error_of_pairs(pairs: Pairs, settings: RelativeErrorSettings | None = None) -> RelativeError:
-    """RPE of poses that are associated already."""
-    settings = settings or RelativeErrorSettings()
-    reference_m, estimate_m = pairs.reference.translation, pairs.estimate.translation
+    association = pair_up(reference, estimate, settings.association)
+    truth, poses = reference.T_world_camera[association.first], estimate.T_world_camera[association.second]
     scale = 1.0
     if settings.correct_scale:
-        if np.ptp(estimate_m, axis=0).max() == 0.0:
+        if np.ptp(poses.translation, axis=0).max() == 0.0:
             raise InputError("an estimate that moves, to correct its scale", found="one that stands still")
-        scale = umeyama(estimate_m, reference_m, with_scale=True)[1]
-    estimate = SE3(pairs.estimate.rotation, scale * estimate_m)
-    measured = pairs.reference if settings.measured_on == "reference" else estimate
-    start, end = rpe_pairs(pairs.stamps_s, measured.translation, settings)
-    Q, P = (poses[start].inverse() @ poses[end] for poses in (pairs.reference, estimate))
+        scale = umeyama(poses.translation, truth.translation, with_scale=True)[1]
+    scaled = SE3(poses.rotation, scale * poses.translation)
+    stamps_s = read_only(reference.stamps_s[association.first])
+    measured = truth if settings.measured_on == "reference" else scaled
+    start, end = rpe_pairs(stamps_s, measured.translation, settings)
+    Q, P = (poses[start].inverse() @ poses[end] for poses in (truth, scaled))
     return RelativeError(
-        reference=pairs.reference,
+        reference=truth,
         start=read_only(start),
         end=read_only(end),
-        stamps_s=pairs.stamps_s,
-        association=pairs.association,
+        stamps_s=stamps_s,
+        association=association,
         scale=scale,
-        mirror=check_mirror(reference_m, estimate_m),
+        mirror=check_mirror(truth.translation, poses.translation),
         # |trans E|: the rotation in front of trans E = R_q^T (t_p - t_q) does not change its length
         translation_error_m=read_only(np.linalg.norm(P.translation - Q.translation, axis=1)),
         rotation_error_rad=read_only(so3.angle(np.swapaxes(Q.rotation, -1, -2) @ P.rotation)),

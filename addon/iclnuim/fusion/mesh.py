@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from .fusing import UNIT
-from .grid import row_of
+from .kernels import UNIT, row_of
 from .volume import Volume
 
 SIDE = 1 << 19
@@ -48,14 +47,15 @@ def loops(case: int) -> list[list[int]]:
     return found
 
 
-def triangles(case: int) -> list[tuple[int, int, int]]:
-    """Fans over the loops; normals point away from the inside."""
-    return [(loop[0], loop[i], loop[i + 1]) for loop in loops(case) for i in range(1, len(loop) - 1)]
-
-
 def case_table() -> tuple[np.ndarray, np.ndarray]:
-    """(count (256,), edges (256, max, 3)) int8: the triangles of each case and the edges that they touch."""
-    cases = [triangles(case) for case in range(256)]
+    """(count (256,), edges (256, max, 3)) int8: the triangles of each case and the edges that they touch.
+
+    Fans over the loops; normals point away from the inside.
+    """
+    fans = (
+        [(loop[0], *loop[i : i + 2]) for loop in loops(case) for i in range(1, len(loop) - 1)] for case in range(256)
+    )
+    cases = list(fans)
     count = np.array([len(c) for c in cases], np.int8)
     edges = np.zeros((256, count.max(), 3), np.int8)
     for case, found in enumerate(cases):
@@ -105,19 +105,11 @@ def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
 
 
 @njit(cache=True, parallel=True)
-def count_triangles(grid, rows, min_weight, leaves, edges, count, low, totals):
-    """totals (rows,): of each block."""
-    none = np.empty((0, 3), np.int64)
+def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys, totals):
+    """totals (rows,): of each block r. They are written to keys (n, 3) from start[r] to start[r + 1], if that has any rows."""
     for r in prange(rows.shape[0]):
-        totals[r] = _cubes(grid, rows[r], min_weight, leaves, edges, count, low, none)
-
-
-@njit(cache=True, parallel=True)
-def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys):
-    """keys (n, 3): those of block r from start[r] to start[r + 1]."""
-    for r in prange(rows.shape[0]):
-        if start[r] < start[r + 1]:
-            _cubes(grid, rows[r], min_weight, leaves, edges, count, low, keys[start[r] : start[r + 1]])
+        part = keys[start[r] : start[r + 1]]
+        totals[r] = _cubes(grid, rows[r], min_weight, leaves, edges, count, low, part)
 
 
 @njit(cache=True, parallel=True)
@@ -185,10 +177,11 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
     low = grid.place[rows].min(axis=0).astype(np.int64)
     common = (max(1.0, min_weight * UNIT), leaves, EDGES, COUNT, low)
     totals = np.zeros(len(rows), np.int64)
-    count_triangles(grid, rows, *common, totals)
+    list_triangles(grid, rows, *common, np.zeros(len(rows) + 1, np.int64), np.empty((0, 3), np.int64), totals)
+    rows, totals = rows[totals > 0], totals[totals > 0]
     start = np.concatenate([[0], np.cumsum(totals)])
     keys = np.empty((start[-1], 3), np.int64)
-    list_triangles(grid, rows, *common, start, keys)
+    list_triangles(grid, rows, *common, start, keys, totals)
     unique, corners = np.unique(keys, return_inverse=True)
     points = np.empty((len(unique), 3), np.float32)
     colours = np.zeros((len(unique), volume.settings.channels), np.uint8)

@@ -1,4 +1,4 @@
-"""Pictures of a mesh, plain or coloured by its error: rays from a camera outside, back faces left out, lit from the camera."""
+"""Pictures of a mesh, plain or coloured by its error: rays from a camera outside, without its back faces, lit from the camera."""
 
 from typing import TYPE_CHECKING
 
@@ -10,8 +10,6 @@ from .surface_error import SurfaceError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: How many back faces a ray may pass.
-_PASSES = 12
 _BACKGROUND = 255
 
 
@@ -19,67 +17,45 @@ def picture(
     points: np.ndarray, triangles: np.ndarray, colours: np.ndarray | None, width: int = 960, height: int = 720
 ) -> np.ndarray:
     """(height, width, 3) uint8: from above and aside, z up, as one looks into a doll's house. colours (n, 3) 0..255."""
-    caster = RayCaster(points, triangles)
     low, high = np.percentile(points, (1, 99), axis=0)
     origin, rays = _rays((low + high) / 2, float(np.linalg.norm(high - low)), width, height)
-    hit, uv, normal = _front_hits(caster, origin, rays)
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    triangles = triangles[np.einsum("ij,ij->i", np.cross(b - a, c - a), a - origin) < 0]
     image = np.full((len(rays), 3), _BACKGROUND, np.float32)
-    seen = hit >= 0
-    facing = np.abs((normal[seen] * rays[seen]).sum(axis=1))
-    corners = triangles[hit[seen]]
-    if colours is None or not colours.shape[1]:
-        colour = np.full((len(corners), 3), 200.0)
-    else:
-        u, v = uv[seen, :1], uv[seen, 1:]
-        parts = colours.astype(np.float32)[corners]
-        colour = (1 - u - v) * parts[:, 0] + u * parts[:, 1] + v * parts[:, 2]
-    image[seen] = colour * (0.35 + 0.65 * facing[:, None])
+    if len(triangles):
+        hits = RayCaster(points, triangles).cast(origin, rays)
+        seen = hits.triangle >= 0
+        facing = np.abs((hits.normal[seen] * rays[seen]).sum(axis=1))
+        corners = triangles[hits.triangle[seen]]
+        if colours is None or not colours.shape[1]:
+            colour = np.full((len(corners), 3), 200.0)
+        else:
+            u, v = hits.uv[seen, :1], hits.uv[seen, 1:]
+            parts = colours.astype(np.float32)[corners]
+            colour = (1 - u - v) * parts[:, 0] + u * parts[:, 1] + v * parts[:, 2]
+        image[seen] = colour * (0.35 + 0.65 * facing[:, None])
     return np.clip(image, 0, 255).astype(np.uint8).reshape(height, width, 3)
 
 
 def _rays(centre: np.ndarray, size: float, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     """Origin (3,) and unit directions (width height, 3) of a camera that looks down on the centre at 40 degrees, field of view 40."""
-    back = np.array([-0.55, -0.55, 0.0]) / np.hypot(0.55, 0.55) * np.cos(np.radians(40))
-    back[2] = np.sin(np.radians(40))
-    right = np.cross([0, 0, 1.0], back)
-    right /= np.linalg.norm(right)
-    up = np.cross(back, right)
-    reach = np.tan(np.radians(20))
-    x = np.linspace(-1, 1, width) * reach
-    y = -np.linspace(-1, 1, height) * reach * height / width
-    direction = -back + x[None, :, None] * right + y[:, None, None] * up
+    down, reach = np.radians(40), np.tan(np.radians(20))
+    back = np.array([-np.cos(down) * np.sqrt(0.5), -np.cos(down) * np.sqrt(0.5), np.sin(down)])
+    right = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0])
+    x, y = np.linspace(-reach, reach, width), np.linspace(reach, -reach, height) * height / width
+    direction = -back + x[None, :, None] * right + y[:, None, None] * np.cross(back, right)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    origin = centre + back * size * 0.5 / np.tan(np.radians(20)) * 0.95
+    origin = centre + back * size * 0.5 / reach * 0.95
     return origin.astype(np.float32), direction.reshape(-1, 3).astype(np.float32)
-
-
-def _front_hits(caster: RayCaster, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(triangle or -1, barycentric uv, normal) of the first surface that each ray meets from the front."""
-    hit, uv, normal = np.full(len(rays), -1), np.zeros((len(rays), 2), np.float32), np.zeros((len(rays), 3), np.float32)
-    origins, remaining = np.repeat(origin[None], len(rays), axis=0), np.arange(len(rays))
-    for _ in range(_PASSES):
-        if not len(remaining):
-            break
-        hits = caster.cast(origins[remaining], rays[remaining])
-        met = hits.triangle >= 0
-        front = met & ((hits.normal * rays[remaining]).sum(axis=1) < 0)
-        found = remaining[front]
-        hit[found], uv[found], normal[found] = hits.triangle[front], hits.uv[front], hits.normal[front]
-        behind = met & ~front
-        remaining = remaining[behind]
-        origins[remaining] += rays[remaining] * (hits.distance[behind, None] + 1e-4)
-    return hit, uv, normal
 
 
 def error_figure(points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float) -> "Figure":
     """points (n, 3) in the model's world; without triangles they are drawn from above. Dark is near, bright is `max_mm` and more."""
     from matplotlib import colormaps, colors
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(14, 5.6), layout="constrained")
-    FigureCanvasAgg(drawing)
     surface, histogram = drawing.subplots(1, 2, width_ratios=(1.35, 1))
     distances_mm, scale = error.distances_m * 1e3, colormaps["turbo"]
     colours = scale(np.clip(distances_mm / max_mm, 0, 1))[:, :3] * 255

@@ -11,8 +11,8 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..odometry.protocol import Frame, Odometer, Result
 from ..odometry.pyramid import PyramidOdometer, pyramid
-from ..odometry.reference import REFERENCES, Reference, reference, rotated
-from ..odometry.reference import View as ReferenceView
+from ..odometry.track import REFERENCES, Reference, reference, rotated
+from ..odometry.track import View as ReferenceView
 from .settings import PRESETS as VOLUMES
 from .settings import VolumeSettings
 from .volume import View, Volume
@@ -52,7 +52,7 @@ def make_reference(name: str, odometer: Odometer, camera: PinholeCamera, preset:
     return reference(odometer.reference if name == "default" else name)
 
 
-class ModelReference:
+class ModelReference(Reference):
     """A Reference whose view is the raycast of everything fused so far; `leaving`: as a Volume's.
 
     An odometer is shown a Frame of the whole image; a PyramidOdometer only the levels that it reads, with the model's normals.

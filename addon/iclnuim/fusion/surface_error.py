@@ -6,7 +6,7 @@ from itertools import permutations, product
 import numpy as np
 
 from ..errors import InputError, named
-from ..evaluation.statistics import ErrorStatistics
+from ..evaluation.absolute_error import ErrorStatistics
 from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory

@@ -12,8 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from . import fusing, tracing
-from .grid import Grid
+from . import kernels
 from .settings import VolumeSettings
 
 #: Pixels that share one range of depths in a raycast; every how many pixels the blocks of a depth image are looked up.
@@ -34,8 +33,6 @@ class View:
     depth_z_m: np.ndarray
     normals_camera: np.ndarray
     colour: np.ndarray
-    camera: PinholeCamera
-    T_world_camera: SE3
 
 
 class Volume:
@@ -47,7 +44,7 @@ class Volume:
         self.settings = s = settings or VolumeSettings()
         rows = s.max_blocks + 1
         # Zeroed pages are handed out when first written, so the bound costs nothing until it is used.
-        self.grid = Grid(
+        self.grid = kernels.Grid(
             np.zeros(3, np.int64),
             np.zeros((s.window_blocks,) * 3, np.int32),
             np.zeros((rows, 3), np.int32),
@@ -74,11 +71,7 @@ class Volume:
         return self.max_used * per_block + g.slots.nbytes
 
     def integrate(
-        self,
-        depth_m: np.ndarray,
-        camera: PinholeCamera,
-        T_world_camera: SE3,
-        image: np.ndarray | None = None,
+        self, depth_m: np.ndarray, camera: PinholeCamera, T_world_camera: SE3, image: np.ndarray | None = None
     ) -> None:
         """Fuse planar depth (h, w); 0, NaN and negative are missing. image: (h, w, channels), 0..255.
 
@@ -99,8 +92,8 @@ class Volume:
         if n is None:
             hint = "larger voxels or more blocks"
             raise BlockLimitError(f"a frame within {s.max_blocks} blocks", found="more", hint=hint)
-        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.max_weight * fusing.UNIT)
-        fusing.fuse(self.grid, inverse, image, K, *_parts(T.inverse()), *rule, self._rows, n)
+        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.max_weight * kernels.UNIT)
+        kernels.fuse(self.grid, inverse, image, K, *_parts(T.inverse()), *rule, self._rows, n)
         self.frames += 1
 
     def raycast(self, camera: PinholeCamera, T_world_camera: SE3, normals: bool = True, colour: bool = True) -> View:
@@ -110,12 +103,10 @@ class Volume:
             np.full(shape, np.nan, np.float32),
             np.full((*shape, 3) if normals else (0, 0, 3), np.nan, np.float32),
             np.full((*shape, self.settings.channels) if colour else (0, 0, 3), np.nan, np.float32),
-            camera,
-            T,
         )
         near, far = self._ranges(camera, T)
         arrays = (near, far, view.depth_z_m, view.normals_camera, view.colour)
-        tracing.trace(self.grid, _intrinsics(camera), *_parts(T), self.settings.voxel_m, TILE, *arrays)
+        kernels.trace(self.grid, _intrinsics(camera), *_parts(T), self.settings.voxel_m, TILE, *arrays)
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
@@ -144,7 +135,7 @@ class Volume:
         shape = (-(-camera.height // TILE), -(-camera.width // TILE))
         near, far = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
         K, voxel_m = _intrinsics(camera), self.settings.voxel_m
-        tracing.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), voxel_m, TILE, near, far)
+        kernels.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), voxel_m, TILE, near, far)
         return near, np.minimum(far, np.float32(self.settings.far_m))
 
     def _touched(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
@@ -152,7 +143,7 @@ class Volume:
         s = self.settings
         self._tick += 1
         state = (self._stamp, self._tick, self._free, self._n_free, self._rows)
-        n, self._n_free, lost = fusing.touch(
+        n, self._n_free, lost = kernels.touch(
             self.grid, inverse, K, *_parts(T), s.voxel_m, s.truncation_m, STRIDE, *state
         )
         self.max_used = max(self.max_used, self.blocks)

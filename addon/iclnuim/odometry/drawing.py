@@ -1,8 +1,9 @@
 """Runs as a picture: trajectories beside the truth, residuals, and how certain the odometers were."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..errors import InputError, WorkError
@@ -10,7 +11,7 @@ from ..evaluation.absolute_error import absolute_error
 from ..report.charts import COLOURS
 from .protocol import Status
 from .run import Run
-from .solver import MIN_EIGENVALUE, Limits
+from .solver import MAX_SIGMA_M, MIN_EIGENVALUE
 
 SIZE_INCHES = 12, 6
 
@@ -18,7 +19,6 @@ SIZE_INCHES = 12, 6
 def figure(runs: list[Run]) -> Figure:
     """All runs in one figure; with one, its lost frames are black and its degenerate ones marked."""
     drawing = Figure(figsize=SIZE_INCHES, layout="constrained")
-    FigureCanvasAgg(drawing)
     _fill(drawing, runs)
     return drawing
 
@@ -39,10 +39,41 @@ def show(runs: list[Run]) -> None:
 
 
 def _fill(drawing: Figure, runs: list[Run]) -> None:
-    grid = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2))
+    """The residual of one run is in the method's own unit, of several it is a share of their median. How certain they are is
+    in metres where all presets have a noise model, else it is the share that smallest_eigenvalue is.
+    """
+    grid, alone = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2)), len(runs) == 1
     _trajectories(drawing.add_subplot(grid[:, 0]), runs)
-    _residuals(drawing.add_subplot(grid[0, 1]), runs)
-    _certainty(drawing.add_subplot(grid[1, 1]), runs)
+    above, below = (drawing.add_subplot(grid[row, 1]) for row in range(2))
+    residuals = _figures(runs, "residual")
+    if not alone:
+        known = [np.isfinite(values[1:]).any() for values in residuals]
+        residuals = [v / (np.nanmedian(v[1:]) or 1.0) if k else v for v, k in zip(residuals, known, strict=True)]
+    _over_time(above, runs, residuals, Status.FAILED, color="black", linewidth=0.6)
+    above.set(title="residual; lost frames black", ylabel="method's own unit" if alone else "share of each median")
+    curves, limit, label = _figures(runs, "largest_sigma_m", 1e3), 1e3 * MAX_SIGMA_M, "standard deviation [mm]"
+    if all(np.isfinite(values).any() for values in curves):
+        below.set_yscale("log")
+    else:
+        curves, limit, label = _figures(runs, "smallest_eigenvalue"), MIN_EIGENVALUE, "eigenvalue, share of the trace"
+    _over_time(below, runs, curves, Status.DEGENERATE if alone else None, color=COLOURS[3], linewidth=0.8, alpha=0.5)
+    below.axhline(limit, color="grey", linestyle="--", linewidth=0.8)
+    title = "least certain direction" + ("; degenerate frames marked" if alone else "")
+    below.set(title=title, xlabel="time [s]", ylabel=label)
+
+
+def _figures(runs: list[Run], name: str, factor: float = 1.0) -> list[np.ndarray]:
+    """(frames,) of each run, from its results."""
+    return [factor * np.array([getattr(f.result, name) for f in run.frames]) for run in runs]
+
+
+def _over_time(axes: Axes, runs: list[Run], curves: list[np.ndarray], marked: Status | None, **line: Any) -> None:
+    """A curve of each run, and a line at each frame of the marked status."""
+    for i, (run, values) in enumerate(zip(runs, curves, strict=True)):
+        axes.plot([f.stamp_s for f in run.frames], values, color=COLOURS[i % len(COLOURS)], linewidth=1)
+        for f in run.frames:
+            if f.result.status is marked:
+                axes.axvline(f.stamp_s, **line)
 
 
 def _trajectories(axes: Axes, runs: list[Run]) -> None:
@@ -64,39 +95,3 @@ def _trajectories(axes: Axes, runs: list[Run]) -> None:
     axes.set(title=", ".join(run.name for run in runs), xlabel=f"{'xyz'[x]} [m]", ylabel=f"{'xyz'[y]} [m]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best", fontsize="small")
-
-
-def _residuals(axes: Axes, runs: list[Run]) -> None:
-    """Of one run in the method's own unit, of several as shares of their median."""
-    for i, run in enumerate(runs):
-        stamps_s, values = _stamps_s(run), np.array([f.result.residual for f in run.frames])
-        scale = np.nanmedian(values[1:]) if len(runs) > 1 and np.isfinite(values[1:]).any() else 1.0
-        axes.plot(stamps_s, values / (scale or 1.0), color=COLOURS[i % len(COLOURS)], linewidth=1)
-        for stamp_s in stamps_s[[f.lost for f in run.frames]]:
-            axes.axvline(stamp_s, color="black", linewidth=0.6)
-    unit = "method's own unit" if len(runs) == 1 else "share of each median"
-    axes.set(title="residual; lost frames black", ylabel=unit)
-
-
-def _certainty(axes: Axes, runs: list[Run]) -> None:
-    """In metres where all presets have a noise model, else as the share that smallest_eigenvalue is."""
-    sigmas_mm = [1e3 * np.array([f.result.largest_sigma_m for f in run.frames]) for run in runs]
-    if all(np.isfinite(values).any() for values in sigmas_mm):
-        axes.set_yscale("log")
-        curves, limit, label = sigmas_mm, 1e3 * Limits().max_sigma_m, "standard deviation [mm]"
-    else:
-        curves = [np.array([f.result.smallest_eigenvalue for f in run.frames]) for run in runs]
-        limit, label = MIN_EIGENVALUE, "eigenvalue, share of the trace"
-    for i, (run, values) in enumerate(zip(runs, curves, strict=True)):
-        stamps_s = _stamps_s(run)
-        axes.plot(stamps_s, values, color=COLOURS[i % len(COLOURS)], linewidth=1)
-        if len(runs) == 1:
-            for stamp_s in stamps_s[[f.result.status is Status.DEGENERATE for f in run.frames]]:
-                axes.axvline(stamp_s, color=COLOURS[3], linewidth=0.8, alpha=0.5)
-    axes.axhline(limit, color="grey", linestyle="--", linewidth=0.8)
-    title = "least certain direction" + ("; degenerate frames marked" if len(runs) == 1 else "")
-    axes.set(title=title, xlabel="time [s]", ylabel=label)
-
-
-def _stamps_s(run: Run) -> np.ndarray:
-    return np.array([f.stamp_s for f in run.frames])

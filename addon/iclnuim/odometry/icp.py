@@ -1,7 +1,12 @@
-"""ICP: point-to-plane with projective association, R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.5."""
+"""ICP and ICP+RGB-D.
+
+ICP: point-to-plane with projective association, R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.5. ICP+RGB-D: with
+the photometric term, T. Whelan et al., "Robust real-time visual odometry for dense RGB-D mapping", ICRA 2013, section IV.
+"""
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,56 +14,46 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .protocol import Frame, Result
+from .photometric import PhotometricSettings, no_contrast, photometric_passes
+from .protocol import Frame, Result, Status
 from .pyramid import Level, PyramidOdometer, pyramid
-from .solver import MIN_EIGENVALUE, Limits, Pass, Stop, System, solve
+from .solver import MIN_EIGENVALUE, Limits, Linearise, Pass, Stop, System, solve
 
 #: Disagreement of normals (1 - cosine) that is not yet noise: steps of 0.2 mm make less.
 MIN_NOISE = 1e-4
+#: Farther apart, two points are no match (KinectFusion).
+MAX_DISTANCE_M = 0.10
+#: 1 - cosine of normals, in the median: `released` noise has 0.006, clean frames below 1e-4.
+MAX_ROUGHNESS = 1e-3
+ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
+#: Of the photometric term, where its equations are no information (Whelan 2013).
+WEIGHT_RGBD = 0.1
+#: Of a sensor's frames. So many pixels share one error of the planes, as these reach farther; standard deviation of the
+#: motion's length as a share, as depth is biased (`released` noise by 0.16 % a metre, and so 0.6 % of a motion seen from
+#: 2 m); of the motion about its prediction, as where the image alone holds the motion.
+ROUGH_SPREAD, ROUGH_SCALE, ROUGH_PRIOR_M = 300.0, 0.1, 0.01
 
 
 @dataclass(frozen=True)
 class IcpSettings:
     """Of the term and of the odometer. Tuples run from fine to coarse. The defaults are Kintinuous' (KinectFusion).
 
-    A frame whose normals three pixels apart differ by more than max_roughness (1 - cosine, in the median; `released` noise
-    has 0.006, clean frames below 1e-4) is a sensor's: its normals are taken over rough_step pixels, all within
-    rough_angle_deg match, none is outweighed, and rough_noise of what normals disagree about counts as noise.
+    A frame whose normals three pixels apart differ by more than MAX_ROUGHNESS is a sensor's: its normals are taken over
+    rough_step pixels, all within ROUGH_ANGLE_DEG match, none is outweighed, and ROUGH_NOISE of what normals disagree about
+    counts as noise.
     """
 
     iterations: tuple[int, ...] = (10, 5, 4)  # at most, on each level; 0: not used
     strides: tuple[int, ...] = (1, 1, 1)  # every so many rows and columns
     bilateral: bool = True  # depth filter, 13 x 13, 4.5 px, 30 mm
-    max_distance_m: float = 0.10
     max_angle_deg: float = 20.0
-    normal_step: int = 1  # pixels to either side
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
     two_normals: bool = False  # products of the residuals along both images' normals, not squares along one
     spread: float = 0.0  # so many pixels share one error (fitted on kt2); 0: no noise model
     rough_step: int = 0  # pixels; 0: no frame is taken for a sensor's
-    rough_angle_deg: float = 30.0
-    rough_noise: float = 0.25
-    max_roughness: float = 1e-3
     stop: Stop = Stop()
     limits: Limits = Limits(min_eigenvalue=MIN_EIGENVALUE)
     reference: str = "frame"
-
-
-PRESETS = {
-    "paper": IcpSettings(),
-    "best": IcpSettings(
-        iterations=(0, 4, 3),
-        strides=(1, 2, 1),
-        bilateral=False,
-        two_normals=True,
-        max_angle_deg=12.0,
-        nu=10.0,
-        spread=30.0,
-        rough_step=3,
-        stop=Stop(min_step=5e-6),
-        limits=Limits(prior_m=0.003),
-    ),
-}
 
 
 class PlaneTerm:
@@ -79,7 +74,7 @@ class PlaneTerm:
 
     def __call__(self, T: SE3, iteration: int) -> System:
         level, s = self.reference, self.settings
-        gate = (s.max_distance_m, math.cos(math.radians(s.max_angle_deg)))
+        gate = (MAX_DISTANCE_M, math.cos(math.radians(s.max_angle_deg)))
         found = (self.residual, self.J, self.residual1, self.J1)
         kernels.plane_residuals(
             T.matrix, level.k, self.points, self.directions, level.depth_z_m, level.normals, *gate, *found
@@ -106,30 +101,41 @@ class PlaneTerm:
 
 class Icp(PyramidOdometer):
     name, reads_normals = "icp", True
-
-    def __init__(self, settings: IcpSettings) -> None:
-        super().__init__(settings.iterations, settings.reference)
-        self.icp = settings
+    PRESETS: dict[str, Any] = {
+        "paper": IcpSettings(),
+        "best": IcpSettings(
+            iterations=(0, 4, 3),
+            strides=(1, 2, 1),
+            bilateral=False,
+            two_normals=True,
+            max_angle_deg=12.0,
+            nu=10.0,
+            spread=30.0,
+            rough_step=3,
+            stop=Stop(min_step=5e-6),
+            limits=Limits(prior_m=0.003),
+        ),
+    }
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
-        s = self.icp
+        s = self.settings
         if s.bilateral:
             # what is missing lies too far off to weigh, and stays missing
             smooth = cv2.bilateralFilter(frame.depth_z_m, 13, 0.03, 4.5)
             frame = replace(frame, depth_z_m=np.where(frame.depth_z_m > 0, smooth, np.float32(0)))
-        levels = pyramid(frame, camera, len(s.iterations), normal_step=s.normal_step)
-        if s.rough_step and roughness(levels[min(1, len(levels) - 1)]) > s.max_roughness:
+        levels = pyramid(frame, camera, len(s.iterations))
+        if s.rough_step and roughness(levels[min(1, len(levels) - 1)]) > MAX_ROUGHNESS:
             levels = [replace(level, normal_step=s.rough_step) for level in levels]
         return levels
 
     def rough(self, levels: list[Level]) -> bool:
         """Whether prepare() took the frame for a sensor's."""
-        return self.icp.rough_step > 0 and levels[0].normal_step == self.icp.rough_step
+        return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
-        s, passes, noise_share = self.icp, [], 1.0
+        s, passes, noise_share = self.settings, [], 1.0
         if self.rough(current):
-            s, noise_share = replace(s, max_angle_deg=s.rough_angle_deg, nu=0.0), s.rough_noise
+            s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0), ROUGH_NOISE
         for n, iterations in self.schedule(reference):
             term = PlaneTerm(reference[n], current[n], s, n, noise_share)
             passes.append(Pass(term, iterations, term.pixels, s.stop))
@@ -142,3 +148,72 @@ def roughness(level: Level) -> float:
     one, other = normals[:, :-3:4], normals[:, 3::4]
     both = (one[..., 2] != 0) & (other[..., 2] != 0)
     return 1.0 - float(np.median(np.sum(one[both] * other[both], axis=-1))) if both.any() else 0.0
+
+
+class IcpRgbd(Icp):
+    """Settings are those of the planes, whose iterations, stop and limits are taken, and those of the photometric term."""
+
+    name, reads_grey = "icp_rgbd", True
+    PRESETS = {
+        "paper": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0)),
+        "best": (
+            IcpSettings(
+                iterations=(0, 2, 2, 2),
+                strides=(1, 2, 1, 1),
+                bilateral=False,
+                max_angle_deg=12.0,
+                two_normals=True,
+                nu=10.0,
+                spread=30.0,
+                rough_step=3,
+                stop=Stop(min_step=5e-6),
+                limits=Limits(prior_m=0.003),
+                reference="keyframe",
+            ),
+            PhotometricSettings(
+                min_gradients=(12, 2, 3, 3),
+                max_depth_m=13.0,
+                nu=5.0,
+                mean_gradient=True,
+                spread=75.0,
+                tiles=True,
+                stop=Stop(min_step=5e-6),
+            ),
+        ),
+    }
+
+    def __init__(self, settings: tuple[IcpSettings, PhotometricSettings]) -> None:
+        super().__init__(settings[0])
+        self.photometric = settings[1]
+
+    def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
+        """By geometry alone where the images hold nothing to align, or are unrelated. Where both terms are information, each
+        counts by its own variance, independent of units.
+        """
+        if no_contrast(reference, current):
+            return super().align(reference, current, guess)
+        icp, rough, schedule = self.settings, self.rough(current), self.schedule(reference)
+        limits = replace(icp.limits, min_eigenvalue=0.0)
+        if rough:
+            icp, limits = replace(icp, spread=ROUGH_SPREAD), replace(limits, prior_m=ROUGH_PRIOR_M)
+        planes = {n: PlaneTerm(reference[n], current[n], icp, n) for n, _ in schedule}
+        passes, finest = photometric_passes(reference, current, self.photometric, schedule)
+        levels = [n for n, _ in schedule] + [schedule[-1][0]] * (len(passes) - len(schedule))
+        joint = [
+            Pass(_joint(planes[n], p.linearise, rough), p.iterations, planes[n].pixels, icp.stop)
+            for n, p in zip(levels, passes, strict=True)
+        ]
+        result = solve(joint, guess, limits)
+        if result.status is not Status.FAILED and finest.unrelated():
+            return super().align(reference, current, guess)
+        return result
+
+
+def _joint(plane: PlaneTerm, photometric: Linearise, rough: bool) -> Linearise:
+    def linearise(T: SE3, iteration: int) -> System:
+        geometry, image = plane(T, iteration), photometric(T, iteration)
+        if rough:
+            geometry = geometry.without_scale(T.translation, ROUGH_SCALE)
+        return geometry.plus(image, 1.0 if image.informed else WEIGHT_RGBD**2)
+
+    return linearise

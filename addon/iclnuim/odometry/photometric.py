@@ -1,4 +1,8 @@
-"""The photometric term on one pyramid level, with a depth factor for each tile of the image.
+"""RGB-D and DVO: the photometric error of the whole image, and its term on one pyramid level.
+
+RGB-D: F. Steinbruecker, J. Sturm, D. Cremers, "Real-time visual odometry from dense RGB-D images", ICCV 2011, plain least
+squares, as Kintinuous runs it. DVO: C. Kerl, J. Sturm, D. Cremers, "Robust odometry estimation for RGB-D cameras", ICRA
+2013, inverse compositional, Student-t weights (section III), coarse to fine on levels 3 to 1.
 
 Glass and mirrors have depth, and what is seen in them lies elsewhere: its parallax biases a photometric odometer (a window
 that fills a third of the view halves the motion found). So every tile's inverse depth is a second unknown, a factor near 1,
@@ -12,10 +16,12 @@ from functools import partial
 
 import numpy as np
 
+from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .pyramid import Level
-from .solver import Limits, Pass, Stop, System
+from .protocol import Frame, Result, Status, failure
+from .pyramid import Level, PyramidOdometer, pyramid
+from .solver import Limits, Pass, Stop, System, solve
 
 NONE = np.empty(0)
 #: Grey levels (standard deviation) below which an image is black, white or covered.
@@ -54,9 +60,7 @@ class PhotometricSettings:
     max_depth_m: float = 6.0
     max_dz_m: float = 0.07  # between warped and measured depth: an occlusion above
     nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
-    scale_once: bool = (
-        False  # Student's scale is estimated once on all levels but the coarsest (Kerl 2013); not with tiles
-    )
+    scale_once: bool = False  # Student's scale: once on all levels but the coarsest (Kerl 2013); not with tiles
     mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
     spread: float = 0.0  # so many pixels share one error (fitted on kt2); 0: no noise model
     tiles: bool = False  # a depth factor a tile; coarse levels then find the rotation alone
@@ -187,3 +191,69 @@ def photometric_passes(
             term = PhotometricTerm(reference[n], current[n], s, n, s.scale_once and not s.tiles and n != schedule[0][0])
             passes.append(Pass(term, iterations, term.pixels, s.stop, rotation_only=s.tiles))
     return passes, term
+
+
+class Rgbd(PyramidOdometer):
+    """By intensities alone, in grey levels."""
+
+    name, reads_grey = "rgbd", True
+    PRESETS = {
+        "paper": PhotometricSettings(),
+        "best": PhotometricSettings(
+            iterations=(0, 4, 2, 2),
+            min_gradients=(12, 2, 3, 2),
+            max_depth_m=13.0,
+            nu=5.0,
+            mean_gradient=True,
+            spread=75.0,
+            tiles=True,
+            stop=Stop(min_step=2e-5),
+            limits=Limits(min_inliers=0.001, prior_m=0.03),
+            reference="keyframe",
+        ),
+    }
+
+    def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
+        return pyramid(frame, camera, len(self.iterations), median_depth=self.settings.median_depth)
+
+    def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
+        if no_contrast(reference, current):
+            return failure("image: no contrast")
+        passes, finest = photometric_passes(reference, current, self.settings, self.schedule(reference))
+        result = solve(passes, guess, self.settings.limits)
+        if result.status is not Status.FAILED and (reason := finest.unrelated()):
+            return failure(reason)
+        return result
+
+
+class Dvo(Rgbd):
+    """The same with other settings."""
+
+    name = "dvo"
+    PRESETS = {
+        "paper": PhotometricSettings(
+            iterations=(0, 100, 100, 100),
+            min_gradients=(0, 0, 0, 0),
+            max_depth_m=1e9,
+            max_dz_m=0.05,
+            nu=5.0,
+            scale_once=True,
+            median_depth=True,
+            stop=Stop(min_step=1e-7, min_decrease=5e-7, undo=True),
+            limits=Limits(min_inliers=0.3),  # failure test of dvo_slam
+        ),
+        "best": PhotometricSettings(
+            iterations=(0, 4, 4, 4),
+            min_gradients=(2, 2, 2, 2),
+            max_depth_m=1e9,
+            max_dz_m=0.05,
+            nu=5.0,
+            scale_once=True,
+            mean_gradient=True,
+            spread=75.0,
+            tiles=True,
+            stop=Stop(min_step=2e-5, min_decrease=1e-3, undo=True),
+            limits=Limits(min_inliers=0.01, prior_m=0.03),
+            reference="keyframe",
+        ),
+    }

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,15 +42,15 @@ class Level:
 class PyramidOdometer:
     """An odometer whose prepare() makes a list of Level, fine to coarse, and what it reads of them.
 
-    iterations: at most so many on each level, fine to coarse; 0: the level is not read. reads_normals, reads_grey: what a
-    rendered reference needs to hold.
+    settings have `iterations`, at most so many on each level, fine to coarse (0: the level is not read), and `reference`.
+    reads_normals, reads_grey: what a rendered reference needs to hold.
     """
 
     reads_normals = reads_grey = False
 
-    def __init__(self, iterations: tuple[int, ...], reference: str) -> None:
-        self.iterations, self.reference = iterations, reference
-        self.finest = next(n for n, count in enumerate(iterations) if count)
+    def __init__(self, settings: Any) -> None:
+        self.settings, self.iterations, self.reference = settings, settings.iterations, settings.reference
+        self.finest = next(n for n, count in enumerate(self.iterations) if count)
 
     def schedule(self, levels: list[Level]) -> list[tuple[int, int]]:
         """(level, iterations) from coarse to fine; of images too small for any, the coarsest there is."""

@@ -1,12 +1,17 @@
-"""Odometers by name and preset. An odometer of one's own is a module with PRESETS and a class, and a line here."""
+"""Odometers by name and preset. An odometer of one's own is a class with PRESETS, and a line here."""
 
 from importlib import import_module
 
 from ..errors import InputError, WorkError
 from .protocol import Odometer
 
-#: name, which is its module's too -> class; importing this list loads neither numba nor OpenCV
-ODOMETERS = {"rgbd": "Rgbd", "dvo": "Dvo", "icp": "Icp", "icp_rgbd": "IcpRgbd"}
+#: name -> module, class; importing this list loads neither numba nor OpenCV
+ODOMETERS = {
+    "rgbd": (".photometric", "Rgbd"),
+    "dvo": (".photometric", "Dvo"),
+    "icp": (".icp", "Icp"),
+    "icp_rgbd": (".icp", "IcpRgbd"),
+}
 #: third-party odometers: name -> (class in baselines.py, the package's own name, its import name)
 BASELINES = {
     "baseline:opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
@@ -35,10 +40,11 @@ def odometer(name: str, preset: str = "best") -> Odometer:
             raise WorkError(f"{name} needs {package}; try: pip install {PACKAGES[package]}") from None
     if name not in ODOMETERS:
         raise InputError(f"an odometer ({', '.join(NAMES)})", found=name)
+    module, kind = ODOMETERS[name]
     try:
-        found = import_module(f".{name}", __package__)
+        found = getattr(import_module(module, __package__), kind)
     except ModuleNotFoundError as error:
         raise WorkError(f"{name} needs {error.name}; try: pip install {PACKAGES[error.name or '']}") from None
     if preset not in found.PRESETS:
         raise InputError(f"a preset of {name} ({', '.join(found.PRESETS)})", found=preset)
-    return getattr(found, ODOMETERS[name])(found.PRESETS[preset])
+    return found(found.PRESETS[preset])

@@ -17,8 +17,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .protocol import Frame, Odometer, Status
-from .reference import Reference
-from .track import Tracked, Tracker
+from .track import Reference, Tracked, Tracker
 
 #: Per metre; with more, what is farthest in 16 bits of millimetres (65.5 m) would lie behind the camera.
 MAX_OFFSET = 0.015

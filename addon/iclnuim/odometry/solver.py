@@ -15,6 +15,8 @@ from .protocol import Result, Status, failure
 RANK_TOLERANCE = 1e-9
 #: Below this eigenvalue the geometry does not fix the motion (furnished rooms: about 0.12; a bare wall: 0).
 MIN_EIGENVALUE = 0.05
+#: A motion of more from the prediction is a failure (Kintinuous); a larger standard deviation is degenerate.
+MAX_STEP_M, MAX_SIGMA_M = 0.3, 0.003
 ORIGIN = np.zeros(3)
 
 
@@ -69,9 +71,9 @@ class System:
         stiff = along @ slopes + sigma**-2
         return replace(self, A=self.A - np.outer(slopes, slopes) / stiff, b=self.b - slopes * (along @ self.b) / stiff)
 
-    def plus(self, other: "System", factor: float = 1.0, factor_b: float = 1.0) -> "System":
-        """Joint equations, with the other's A and b times a factor each; all else stays the first one's."""
-        return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor_b)
+    def plus(self, other: "System", factor: float) -> "System":
+        """Joint equations, with the other's times a factor; all else stays the first one's."""
+        return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor)
 
     def centred(self) -> tuple[np.ndarray, np.ndarray]:
         """(A, G): A about the points' centre with rotations in lengths, and G with x = G^T x_centred."""
@@ -147,16 +149,13 @@ class Stop:
 
 @dataclass(frozen=True)
 class Limits:
-    """What counts as a failure: a motion of more than max_step_m from the prediction (Kintinuous: 0.3), or fewer inliers
-    (share). What counts as degenerate: an eigenvalue (share, as smallest_eigenvalue) below, or a standard deviation above.
+    """Fewer inliers (share) count as a failure, a smaller eigenvalue (share, as smallest_eigenvalue) as degenerate.
 
     prior_m: standard deviation of the motion about the constant-velocity prediction; 0: no prior.
     """
 
-    max_step_m: float = 0.3
     min_inliers: float = 0.02
     min_eigenvalue: float = 0.0
-    max_sigma_m: float = 0.003
     prior_m: float = 0.0
 
 
@@ -201,10 +200,10 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
     if system is None or not np.isfinite(T.translation).all() or not np.isfinite(T.rotation).all():
         return failure("equations: no finite solution")
     step_m = float(np.linalg.norm(T.translation - guess.translation))
-    if step_m > limits.max_step_m:
-        return failure(f"step: {step_m:.3f} m, more than {limits.max_step_m} m")
+    if step_m > MAX_STEP_M:
+        return failure(f"step: {step_m:.3f} m, more than {MAX_STEP_M} m")
     smallest, sigma_m = system.smallest_eigenvalue(), system.largest_sigma_m()
-    degenerate = smallest < limits.min_eigenvalue or sigma_m > limits.max_sigma_m
+    degenerate = smallest < limits.min_eigenvalue or sigma_m > MAX_SIGMA_M
     return Result(
         T,
         Status.DEGENERATE if degenerate else Status.OK,

@@ -1,21 +1,22 @@
 """Pictures of trajectories: from above, position, speed and rotation rate over time, and the error of an estimate.
 
-Matplotlib's Agg canvas without pyplot: no window, no global settings. Import this module late, it takes half a second.
+Matplotlib without pyplot: no window, no global settings. Import this module late, it takes half a second.
 """
 
 import os
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..evaluation.absolute_error import AbsoluteError
 from ..evaluation.relative_error import RelativeError
 from ..formats.files import atomic_write, check_picture
 from ..formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
-from .trajectory_report import AbsoluteReport, Report, title
+from ..geometry.trajectory import Trajectory
+from .trajectory_report import Report, title
 
 #: Told apart also without colour vision (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -29,7 +30,6 @@ FEW = 100
 def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
     """Top view on the left; position, speed and rotation rate over time on the right. Each in its own world, z up."""
     figure = Figure(figsize=(13, 7), layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.15))
     above = figure.add_subplot(grid[:, 0])
     over_time = [figure.add_subplot(grid[row, 1]) for row in range(3)]
@@ -40,7 +40,17 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
         above.plot(*positions_m[0, :2], "o", color=colour, markersize=7)
         above.plot(*positions_m[-1, :2], "s", color=colour, markersize=6, markerfacecolor="white")
         _draw_over_time(over_time, loaded, colour, alone=len(named) == 1)
-    _label(above, over_time)
+    _label_plane(above, (0, 1))
+    above.set_title("x-y plane, from above where z is up: start \u25cf, end \u25a1")
+    above.legend(loc="best", fontsize="small")
+    for axes, label in zip(over_time, ("position (m)", "speed (m/s)", "rotation rate (\u00b0/s)"), strict=True):
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+    for axes in over_time[1:]:
+        axes.set_ylim(bottom=0)
+    over_time[2].set_xlabel("time since the first pose (s)")
+    handles, labels = over_time[0].get_legend_handles_labels()
+    over_time[0].legend(handles[:3], labels[:3], loc="best", fontsize="small", ncols=3)
     return figure
 
 
@@ -67,21 +77,6 @@ def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, alo
     axes[2].plot(middle_s, np.degrees(trajectory.step_angles_rad()) / steps_s, color=colour, linewidth=0.8)
 
 
-def _label(above: Axes, over_time: list[Axes]) -> None:
-    above.set(title="x-y plane, from above where z is up: start \u25cf, end \u25a1", xlabel="x [m]", ylabel="y [m]")
-    above.set_aspect("equal", adjustable="datalim")
-    above.legend(loc="best", fontsize="small")
-    for axes, label in zip(over_time, ("position [m]", "speed [m/s]", "rotation rate [\u00b0/s]"), strict=True):
-        axes.set_ylabel(label)
-    for axes in over_time[1:]:
-        axes.set_ylim(bottom=0)
-    over_time[2].set_xlabel("time since the first pose [s]")
-    handles, labels = over_time[0].get_legend_handles_labels()
-    over_time[0].legend(handles[:3], labels[:3], loc="best", fontsize="small", ncols=3)
-    for axes in (above, *over_time):
-        axes.grid(alpha=0.3)
-
-
 # -- errors of an estimate
 
 
@@ -91,11 +86,11 @@ def error_figure(report: Report) -> Figure:
     figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
     result, stamps_s = report.result, report.result.stamps_s
-    if isinstance(report, AbsoluteReport):
-        _draw_absolute(report, first, along)
+    if isinstance(result, AbsoluteError):
+        _draw_absolute(result, report.reference.loaded.trajectory, first, along)
     else:
-        _draw_relative(report.result, first, along)
-        stamps_s = stamps_s[report.result.start]
+        _draw_relative(result, first, along)
+        stamps_s = stamps_s[result.start]
     _series(over_time, stamps_s, result.translation_error_m, "translation error (m)", ESTIMATE_COLOUR)
     _series(rotation, stamps_s, np.degrees(result.rotation_error_rad), "rotation error (deg)", ROTATION_COLOUR)
     return figure
@@ -107,9 +102,8 @@ def widest_plane(poses: SE3) -> tuple[int, int]:
     return a, b
 
 
-def _draw_absolute(report: AbsoluteReport, both: Axes, along: Axes) -> None:
-    result = report.result
-    truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
+def _draw_absolute(result: AbsoluteError, truth: Trajectory, both: Axes, along: Axes) -> None:
+    """truth: all of it, so that gaps of the estimate show."""
     plane = widest_plane(truth.T_world_camera)
     _trajectory(both, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
     _trajectory(both, result.stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")

@@ -24,21 +24,17 @@ ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_d
 
 import os
 from dataclasses import asdict, dataclass
-from typing import Generic, Self, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
-from ..evaluation.statistics import PoseErrors
-from ..formats.trajectories import LoadedTrajectory, read_trajectory
-from ..geometry.trajectory import Trajectory
+from ..formats.trajectories import LoadedTrajectory
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"
-S = TypeVar("S", AbsoluteErrorSettings, RelativeErrorSettings)
-E = TypeVar("E", bound=PoseErrors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,57 +44,75 @@ class Source:
     path: str
     loaded: LoadedTrajectory
 
-    @classmethod
-    def read(cls, path: str, format: str | None = None, rate_hz: float = 30.0) -> "Source":
-        """From a file of a named format, or of one recognised; rate_hz is for files that number their frames. Raises InputError."""
-        return cls(path, read_trajectory(path, format, rate_hz=rate_hz))
-
     def to_dict(self) -> dict:
         return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.read_as.sentence}
 
 
 @dataclass(frozen=True, eq=False)
-class _Report(Generic[S, E]):
-    """An error and what it was computed from."""
+class Report:
+    """An ATE or an RPE and what it was computed from."""
 
     reference: Source
     estimate: Source
-    settings: S
-    result: E
+    settings: AbsoluteErrorSettings | RelativeErrorSettings
+    result: AbsoluteError | RelativeError
 
     @classmethod
-    def of(cls, reference: Source, estimate: Source, settings: S) -> Self:
-        """Compute it. Raises InputError, with the estimate's path, where the two cannot be compared."""
+    def of(
+        cls, reference: Source, estimate: Source, settings: AbsoluteErrorSettings | RelativeErrorSettings
+    ) -> "Report":
+        """Compute what the settings are of. Raises InputError, with the estimate's path, where the two cannot be compared."""
+        measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
         try:
-            result = cls._compute(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
+            result = measure(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
         except InputError as error:
             if error.path is not None:
                 raise
             raise error.at(estimate.path) from None
         return cls(reference, estimate, settings, result)
 
-    @classmethod
-    def _compute(cls, reference: Trajectory, estimate: Trajectory, settings: S) -> E:
-        raise NotImplementedError
-
     @property
     def warnings(self) -> list[str]:
-        mirror = self.result.mirror
-        if not mirror.mirrored:
-            return []
-        advice = "gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
-        if self.estimate.loaded.read_as.handedness == "left":
-            advice = "tum or tum-ids, since it was read as left-handed"
-        reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
-        errors = f"a reflection leaves {reflected}, the best rotation {rotated}"
-        return [f"the estimate is mirrored: {errors}; try reading it as {advice}"]
+        mirror, found = self.result.mirror, []
+        if mirror.mirrored:
+            advice = "gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
+            if self.estimate.loaded.read_as.handedness == "left":
+                advice = "tum or tum-ids, since it was read as left-handed"
+            reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
+            errors = f"a reflection leaves {reflected}, the best rotation {rotated}"
+            found.append(f"the estimate is mirrored: {errors}; try reading it as {advice}")
+        if isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
+            lengths_m = self.result.alignment.extents_m[1], self.result.alignment.residual_rms_m
+            extent, error = (f"{1000 * length:.3g} mm" for length in lengths_m)
+            found.append(
+                f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
+                "so the rotation about its line follows the error; compare with the alignments origin and yaw"
+            )
+        return found
 
-    def _dict(self, metric: str, settings: dict, before: dict, after: dict) -> dict:
-        """What both kinds hold, with the rest before and after the errors."""
-        result, mirror = self.result, self.result.mirror
-        figures = {"rotation_rms_m": mirror.rotation_rms_m, "reflection_rms_m": mirror.reflection_rms_m}
+    def to_dict(self) -> dict:
+        result, mirror, settings = self.result, self.result.mirror, asdict(self.settings)
+        before: dict = {}
+        after: dict = {}
+        if isinstance(result, AbsoluteError):
+            alignment = result.alignment
+            figures = {
+                "scale": alignment.scale,
+                "translation_m": alignment.T_reference_estimate.translation.tolist(),
+                "quat_xyzw": alignment.T_reference_estimate.quat_xyzw.tolist(),
+                "poses_used": alignment.poses_used,
+                "extents_m": alignment.extents_m.tolist(),
+                "residual_rms_m": alignment.residual_rms_m,
+            }
+            after = {**result.completeness.to_dict(), "alignment": figures}
+        else:
+            rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
+            settings = {"stretch": settings, **rest}
+            coverage = result.association.coverage
+            before = {"coverage": coverage, "stretches": len(result.start), "scale": result.scale}
+        rms_m = {"rotation_rms_m": mirror.rotation_rms_m, "reflection_rms_m": mirror.reflection_rms_m}
         return {
-            "metric": metric,
+            "metric": "ate" if after else "rpe",
             "reference": self.reference.to_dict(),
             "estimate": self.estimate.to_dict(),
             "settings": settings,
@@ -108,76 +122,24 @@ class _Report(Generic[S, E]):
             "translation_error_m": result.translation_m.to_dict(),
             "rotation_error_deg": result.rotation_deg.to_dict(),
             **after,
-            "mirror": {"mirrored": mirror.mirrored, **figures},
+            "mirror": {"mirrored": mirror.mirrored, **rms_m},
             "warnings": self.warnings,
         }
 
-
-class AbsoluteReport(_Report[AbsoluteErrorSettings, AbsoluteError]):
-    """An ATE and what it was computed from."""
-
-    _compute = staticmethod(absolute_error)
-
-    @property
-    def warnings(self) -> list[str]:
-        alignment = self.result.alignment
-        if not alignment.rotation_is_noise:
-            return super().warnings
-        extent, error = (f"{1000 * length:.3g} mm" for length in (alignment.extents_m[1], alignment.residual_rms_m))
-        return [
-            *super().warnings,
-            f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
-            "so the rotation about its line follows the error; compare with the alignments origin and yaw",
-        ]
-
-    def to_dict(self) -> dict:
-        alignment = self.result.alignment
-        figures = {
-            "scale": alignment.scale,
-            "translation_m": alignment.T_reference_estimate.translation.tolist(),
-            "quat_xyzw": alignment.T_reference_estimate.quat_xyzw.tolist(),
-            "poses_used": alignment.poses_used,
-            "extents_m": alignment.extents_m.tolist(),
-            "residual_rms_m": alignment.residual_rms_m,
-        }
-        after = {**self.result.completeness.to_dict(), "alignment": figures}
-        return self._dict("ate", asdict(self.settings), {}, after)
-
     def csv(self) -> str:
         result, pairs = self.result, self.result.association
-        header = "reference_index,estimate_index,reference_stamp_s,time_difference_s," + ERRORS + ",x_m,y_m,z_m"
         errors = [result.translation_error_m, np.degrees(result.rotation_error_rad)]
-        numbers = [result.stamps_s, pairs.difference_s, *errors, *result.aligned.translation.T]
-        return _csv(header, [pairs.first, pairs.second], numbers)
-
-
-class RelativeReport(_Report[RelativeErrorSettings, RelativeError]):
-    """An RPE and what it was computed from."""
-
-    _compute = staticmethod(relative_error)
-
-    def to_dict(self) -> dict:
-        settings, result = asdict(self.settings), self.result
-        rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
-        coverage = result.association.coverage
-        before = {"coverage": coverage, "stretches": len(result.start), "scale": result.scale}
-        return self._dict("rpe", {"stretch": settings, **rest}, before, {})
-
-    def csv(self) -> str:
-        result = self.result
-        header = "start_index,end_index,start_stamp_s,end_stamp_s," + ERRORS
-        index = [result.association.first[result.start], result.association.first[result.end]]
-        errors = [result.translation_error_m, np.degrees(result.rotation_error_rad)]
-        return _csv(header, index, [result.stamps_s[result.start], result.stamps_s[result.end], *errors])
-
-
-Report = AbsoluteReport | RelativeReport
-
-
-def _csv(header: str, integers: list[np.ndarray], numbers: list[np.ndarray]) -> str:
-    line = ",".join(["%d"] * len(integers) + ["%.9f"] * len(numbers)) + "\n"
-    rows = zip(*(column.tolist() for column in (*integers, *numbers)), strict=True)
-    return header + "\n" + "".join([line % row for row in rows])
+        if isinstance(result, AbsoluteError):
+            header = "reference_index,estimate_index,reference_stamp_s,time_difference_s," + ERRORS + ",x_m,y_m,z_m"
+            index = [pairs.first, pairs.second]
+            numbers = [result.stamps_s, pairs.difference_s, *errors, *result.aligned.translation.T]
+        else:
+            header = "start_index,end_index,start_stamp_s,end_stamp_s," + ERRORS
+            index = [pairs.first[result.start], pairs.first[result.end]]
+            numbers = [result.stamps_s[result.start], result.stamps_s[result.end], *errors]
+        line = ",".join(["%d"] * len(index) + ["%.9f"] * len(numbers)) + "\n"
+        rows = zip(*(column.tolist() for column in (*index, *numbers)), strict=True)
+        return header + "\n" + "".join([line % row for row in rows])
 
 
 def error_text(values: dict) -> str:

@@ -1,0 +1,396 @@
+"""The volume's compiled loops: where a voxel lies in memory, fusing a depth image, and looking at the surface.
+
+Blocks of 8^3 voxels in a cyclic index. Voxel (i, j, k) has its centre at (i, j, k) voxel_m in the world; its block is
+(i >> 3, j >> 3, k >> 3). The index is a cube of n^3 slots, n a power of two; block b lies in slot b modulo n, and only blocks
+within the window that starts at `first` are held, so that no two share a slot. Row 0 stands for "no block".
+
+Each block and each pixel is written by one thread only, so the number of threads cannot change a bit. K is (fx, fy, cx, cy).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+#: Of weight: what a frame adds on the surface and before it.
+UNIT = 16.0
+
+
+class Grid(NamedTuple):
+    """first (3,) int64: lowest block of the window; slots (n, n, n) int32 rows; place (rows, 3) int32 block of a row;
+    tsdf (rows, 512) float32 metres; weight (rows, 512) uint16; colour (rows, 512, channels + 1) uint16: mean times 256,
+    and the count behind it.
+    """
+
+    first: np.ndarray
+    slots: np.ndarray
+    place: np.ndarray
+    tsdf: np.ndarray
+    weight: np.ndarray
+    colour: np.ndarray
+
+
+@njit(cache=True, inline="always")
+def row_of(grid, a, b, c):
+    """Row of block (a, b, c); 0 where there is none."""
+    n = grid.slots.shape[0]
+    x, y, z = a - grid.first[0], b - grid.first[1], c - grid.first[2]
+    if x < 0 or y < 0 or z < 0 or x >= n or y >= n or z >= n:
+        return 0
+    return grid.slots[a & (n - 1), b & (n - 1), c & (n - 1)]
+
+
+@njit(cache=True)
+def read(grid, x, y, z):
+    """Trilinear distance at (x, y, z) in voxels; NaN where one of the eight is unseen."""
+    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    p, q, s = x - i, y - j, z - k
+    if (i & 7) < 7 and (j & 7) < 7 and (k & 7) < 7:
+        return _within(grid, i, j, k, p, q, s)
+    total = 0.0
+    for corner in range(8):
+        a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
+        row = row_of(grid, (i + a) >> 3, (j + b) >> 3, (k + c) >> 3)
+        at = ((i + a) & 7) * 64 + ((j + b) & 7) * 8 + ((k + c) & 7)
+        if row == 0 or grid.weight[row, at] == 0:
+            return np.nan
+        share = (p if a else 1 - p) * (q if b else 1 - q) * (s if c else 1 - s)
+        total += share * grid.tsdf[row, at]
+    return total
+
+
+@njit(cache=True, inline="always")
+def _within(grid, i, j, k, p, q, s):
+    """The same where all eight lie in one block."""
+    row = row_of(grid, i >> 3, j >> 3, k >> 3)
+    if row == 0:
+        return np.nan
+    at = (i & 7) * 64 + (j & 7) * 8 + (k & 7)
+    f, w = grid.tsdf[row], grid.weight[row]
+    for step in (0, 1, 8, 9, 64, 65, 72, 73):
+        if w[at + step] == 0:
+            return np.nan
+    low = (1 - q) * ((1 - s) * f[at] + s * f[at + 1]) + q * ((1 - s) * f[at + 8] + s * f[at + 9])
+    high = (1 - q) * ((1 - s) * f[at + 64] + s * f[at + 65]) + q * ((1 - s) * f[at + 72] + s * f[at + 73])
+    return (1 - p) * low + p * high
+
+
+@njit(cache=True)
+def read_colour(grid, x, y, z, out):
+    """Trilinear colour (channels,) of those of the eight voxels that have one; left as it is where none has."""
+    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    p, q, s = x - i, y - j, z - k
+    channels = grid.colour.shape[2] - 1
+    share = 0.0
+    for corner in range(8):
+        a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
+        row = row_of(grid, (i + a) >> 3, (j + b) >> 3, (k + c) >> 3)
+        at = ((i + a) & 7) * 64 + ((j + b) & 7) * 8 + ((k + c) & 7)
+        if row == 0 or grid.colour[row, at, channels] == 0:
+            continue
+        part = (p if a else 1 - p) * (q if b else 1 - q) * (s if c else 1 - s)
+        if part > 0:
+            for n in range(channels):
+                before = out[n] if share > 0 else 0.0
+                out[n] = (before * share + grid.colour[row, at, n] / 256 * part) / (share + part)
+            share += part
+
+
+@njit(cache=True)
+def gradient(grid, x, y, z, out):
+    """Unit gradient by central differences over one voxel to each side; NaN at the border of what was seen."""
+    out[0] = read(grid, x + 1, y, z) - read(grid, x - 1, y, z)
+    out[1] = read(grid, x, y + 1, z) - read(grid, x, y - 1, z)
+    out[2] = read(grid, x, y, z + 1) - read(grid, x, y, z - 1)
+    size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    for a in range(3):
+        out[a] = out[a] / size if size > 0 else np.nan
+
+
+# -- fusing: which blocks a depth image touches, and the running means in them
+
+
+@njit(cache=True)
+def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_free, rows):
+    """Rows of the blocks within `reach` of a measured depth, made where there are none; R, t are T_world_camera.
+
+    Every stride-th pixel is looked at. Returns (number listed in rows, free rows left, blocks that found no row).
+    """
+    n, lost = 0, 0
+    size, step = 8.0 * voxel, 2.0 * voxel
+    count = grid.slots.shape[0]
+    for v in range(0, inverse.shape[0], stride):
+        for u in range(0, inverse.shape[1], stride):
+            if inverse[v, u] <= 0.0:
+                continue
+            x, y, measured = (u - K[2]) / K[0], (v - K[3]) / K[1], 1.0 / inverse[v, u]
+            dx = R[0, 0] * x + R[0, 1] * y + R[0, 2]
+            dy = R[1, 0] * x + R[1, 1] * y + R[1, 2]
+            dz = R[2, 0] * x + R[2, 1] * y + R[2, 2]
+            z, last = max(measured - reach, step), measured + reach + voxel
+            while z < last:
+                a = int(math.floor((t[0] + dx * z) / size + 1 / 16))
+                b = int(math.floor((t[1] + dy * z) / size + 1 / 16))
+                c = int(math.floor((t[2] + dz * z) / size + 1 / 16))
+                z += step
+                i, j, k = a - grid.first[0], b - grid.first[1], c - grid.first[2]
+                if i < 0 or j < 0 or k < 0 or i >= count or j >= count or k >= count:
+                    continue
+                i, j, k = a & (count - 1), b & (count - 1), c & (count - 1)
+                row = grid.slots[i, j, k]
+                if row == 0:
+                    if n_free == 0:
+                        lost += 1
+                        continue
+                    n_free -= 1
+                    row = free[n_free]
+                    grid.slots[i, j, k] = row
+                    grid.place[row, 0], grid.place[row, 1], grid.place[row, 2] = a, b, c
+                elif stamp[row] == frame:
+                    continue
+                stamp[row] = frame
+                rows[n] = row
+                n += 1
+    return n, n_free, lost
+
+
+@njit(cache=True, inline="always")
+def _sample(inverse, u, v, jump):
+    """(inverse depth, whether depth jumps here): bilinear, exact on planes, else the nearest pixel's; 0 = missing."""
+    i, j = int(math.floor(v)), int(math.floor(u))
+    if i < 0 or j < 0 or i + 1 >= inverse.shape[0] or j + 1 >= inverse.shape[1]:
+        return 0.0, False
+    a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
+    near, far = max(a, b, c, d), min(a, b, c, d)
+    if far <= 0.0:
+        return 0.0, False
+    p, q = v - i, u - j
+    if near - far > jump * near * far:
+        return inverse[i + (1 if p >= 0.5 else 0), j + (1 if q >= 0.5 else 0)], True
+    return (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d), False
+
+
+@njit(cache=True, inline="always")
+def _slant(inverse, K, u, v, found):
+    """Distance along the normal as a share of that along z, where depth does not jump.
+
+    On a plane the inverse depth is linear in the image, and its slopes are the normal's: n . ray = inverse depth.
+    """
+    i, j = int(math.floor(v)), int(math.floor(u))
+    a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
+    across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
+    nz = found - (u - K[2]) * across - (v - K[3]) * down
+    return found / math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
+
+
+@njit(cache=True, inline="always")
+def _colour(image, u, v, colour):
+    """One more sample, bilinear, into the running mean; the last channel of colour (channels + 1,) counts."""
+    i, j = int(math.floor(v)), int(math.floor(u))
+    p, q = v - i, u - j
+    last = colour.shape[0] - 1
+    n = colour[last]
+    for c in range(last):
+        upper = (1 - q) * image[i, j, c] + q * image[i, j + 1, c]
+        lower = (1 - q) * image[i + 1, j, c] + q * image[i + 1, j + 1, c]
+        seen = 256.0 * ((1 - p) * upper + p * lower)
+        colour[c] = np.uint16((float(colour[c]) * n + seen) / (n + 1) + 0.5)
+    colour[last] = min(n + 1, 255)
+
+
+@njit(cache=True, parallel=True)
+def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, n):
+    """Running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
+
+    Along z, from `trunc` before the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight
+    that is less where the surface is slanted, and falls to 0 that far behind it.
+    image (h, w, channels), or (1, 1, channels) for none.
+    """
+    coloured = image.shape[0] > 1
+    for r in prange(n):
+        row = rows[r]
+        tsdf, weight, colour = grid.tsdf[row], grid.weight[row], grid.colour[row]
+        for line in range(64):
+            px = (grid.place[row, 0] * 8 + (line >> 3)) * voxel
+            py = (grid.place[row, 1] * 8 + (line & 7)) * voxel
+            for k in range(8):
+                pz = (grid.place[row, 2] * 8 + k) * voxel
+                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + t[2]
+                if z <= voxel:
+                    continue
+                u = K[0] * (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]) / z + K[2]
+                v = K[1] * (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]) / z + K[3]
+                found, jumps = _sample(inverse, u, v, trunc)
+                if found <= 0.0:
+                    continue
+                distance = 1.0 / found - z
+                if distance < -trunc:
+                    continue
+                more = UNIT
+                if behind < trunc:
+                    if jumps:  # one of two surfaces, or one that is almost edge-on: it hardly counts
+                        more = 1.0 if distance > -behind else 0.0
+                    elif distance < trunc:
+                        slant = _slant(inverse, K, u, v, found)
+                        distance *= slant
+                        more = math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind))
+                    if more < 1.0:
+                        continue
+                at = line * 8 + k
+                w = float(weight[at])
+                tsdf[at] = (tsdf[at] * w + more * min(distance, trunc)) / (w + more)
+                weight[at] = np.uint16(min(w + more, max_weight))
+                if coloured and distance < trunc:
+                    _colour(image, u, v, colour[at])
+
+
+# -- looking: rays from front to back to the trilinear zero crossing
+
+
+@njit(cache=True, inline="always")
+def _beside(x, z, f, c, size, radius):
+    """Whether a ball at (x, z) lies outside one of the two planes through the image's borders."""
+    low, high = c + 0.5, size - 0.5 - c
+    return f * x + low * z < -radius * math.hypot(f, low) or high * z - f * x < -radius * math.hypot(f, high)
+
+
+@njit(cache=True)
+def ranges(grid, highest, K, R, t, voxel, tile, near, far):
+    """Planar depths between which the blocks of rows 1..highest lie, tile by tile of the image: from `near` to `far`.
+
+    near, far (h, w): filled with infinity and 0 by the caller. R, t are T_camera_world. A block counts as its ball.
+    """
+    size = 8.0 * voxel
+    radius = 0.5 * math.sqrt(3.0) * size
+    height, width = near.shape[0] * tile, near.shape[1] * tile
+    for row in range(1, highest + 1):
+        px = grid.place[row, 0] * size + 3.5 * voxel
+        py = grid.place[row, 1] * size + 3.5 * voxel
+        pz = grid.place[row, 2] * size + 3.5 * voxel
+        z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + t[2]
+        if z < -radius or row_of(grid, grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]) != row:
+            continue
+        x = R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]
+        y = R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]
+        if _beside(x, z, K[0], K[2], width, radius) or _beside(y, z, K[1], K[3], height, radius):
+            continue
+        nearest = z - radius
+        if nearest < 0.1:
+            u0, u1, v0, v1 = 0, near.shape[1] - 1, 0, near.shape[0] - 1
+            nearest = 0.0
+        else:
+            u, v = K[0] * x, K[1] * y
+            du, dv = K[0] * radius, K[1] * radius
+            u0 = int(max(0.0, (min((u - du) / z, (u - du) / nearest) + K[2]) // tile))
+            v0 = int(max(0.0, (min((v - dv) / z, (v - dv) / nearest) + K[3]) // tile))
+            u1 = int(min(near.shape[1] - 1.0, (max((u + du) / z, (u + du) / nearest) + K[2]) // tile))
+            v1 = int(min(near.shape[0] - 1.0, (max((v + dv) / z, (v + dv) / nearest) + K[3]) // tile))
+        for i in range(v0, v1 + 1):
+            for j in range(u0, u1 + 1):
+                near[i, j] = min(near[i, j], nearest)
+                far[i, j] = max(far[i, j], z + radius)
+
+
+@njit(cache=True, inline="always")
+def _leave_block(x, y, z, dx, dy, dz):
+    """How far along d a point (voxels, shifted by half) has to go to leave its block; a little more."""
+    best = 1e9
+    for p, d in ((x, dx), (y, dy), (z, dz)):
+        low = 8.0 * math.floor(p / 8.0)
+        if d > 1e-12:
+            best = min(best, (low + 8.0 - p) / d)
+        elif d < -1e-12:
+            best = min(best, (low - p) / d)
+    return best + 1e-3
+
+
+@njit(cache=True)
+def _refined(grid, o, d, front, behind, step):
+    """Planar z of the trilinear zero near front..behind, from positive to negative; NaN without one.
+
+    The two are where the nearest voxel is positive and negative, so the crossing may lie a step outside.
+    """
+    before = read(grid, o[0] + d[0] * front, o[1] + d[1] * front, o[2] + d[2] * front)
+    if not before > 0.0:
+        front -= step
+        before = read(grid, o[0] + d[0] * front, o[1] + d[1] * front, o[2] + d[2] * front)
+    after = read(grid, o[0] + d[0] * behind, o[1] + d[1] * behind, o[2] + d[2] * behind)
+    if after > 0.0:
+        front, before = behind, after
+        behind += step
+        after = read(grid, o[0] + d[0] * behind, o[1] + d[1] * behind, o[2] + d[2] * behind)
+    if not (before > 0.0 and after <= 0.0):
+        return np.nan
+    for _ in range(4):
+        middle = front + (behind - front) * before / (before - after)
+        m = read(grid, o[0] + d[0] * middle, o[1] + d[1] * middle, o[2] + d[2] * middle)
+        if abs(m) < 1e-6:
+            return middle
+        if m > 0.0:
+            front, before = middle, m
+        elif m < 0.0:
+            behind, after = middle, m
+        else:
+            return np.nan
+    return front + (behind - front) * before / (before - after)
+
+
+@njit(cache=True)
+def _first_crossing(grid, o, d, start, far, voxel):
+    """Planar z where the ray o + d z (voxels) enters a surface from the front; NaN without one.
+
+    Unseen blocks are jumped over, free space is crossed in steps of the distance read at the nearest voxel.
+    """
+    length = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    z, front = start, -1.0
+    while z < far:
+        x, y, w = o[0] + d[0] * z + 0.5, o[1] + d[1] * z + 0.5, o[2] + d[2] * z + 0.5
+        i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(w))
+        row = row_of(grid, i >> 3, j >> 3, k >> 3)
+        if row == 0:
+            front = -1.0
+            z += _leave_block(x, y, w, d[0], d[1], d[2])
+            continue
+        at = (i & 7) * 64 + (j & 7) * 8 + (k & 7)
+        step = 1.0
+        if grid.weight[row, at] > 0:
+            f = grid.tsdf[row, at]
+            if f > 0.0:
+                front, step = z, max(1.0, 0.8 * f / voxel)
+            elif front >= 0.0:
+                hit = _refined(grid, o, d, front, z, 1.0 / length)
+                if not math.isnan(hit):
+                    return hit
+                front = -1.0
+        z += step / length
+    return np.nan
+
+
+@njit(cache=True, parallel=True)
+def trace(grid, K, R, t, voxel, tile, near, far, depth, normals, colour):
+    """First crossing from front to back along each pixel's ray; outputs are left as they are without one.
+
+    R, t are T_world_camera; near, far: of each tile, by `ranges`. normals (h, w, 3) in the camera's frame; normals and
+    colour (h, w, channels) may be empty, and are then not asked for.
+    """
+    for v in prange(depth.shape[0]):
+        o, d, q, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+        for u in range(depth.shape[1]):
+            x, y = (u - K[2]) / K[0], (v - K[3]) / K[1]
+            for a in range(3):
+                o[a] = t[a] / voxel
+                d[a] = (R[a, 0] * x + R[a, 1] * y + R[a, 2]) / voxel
+            first, last = max(near[v // tile, u // tile], 4.0 * voxel), far[v // tile, u // tile]
+            z = _first_crossing(grid, o, d, first, last, voxel)
+            if math.isnan(z):
+                continue
+            depth[v, u] = z
+            for a in range(3):
+                q[a] = o[a] + d[a] * z
+            if normals.size:
+                gradient(grid, q[0], q[1], q[2], g)
+                for a in range(3):
+                    normals[v, u, a] = R[0, a] * g[0] + R[1, a] * g[1] + R[2, a] * g[2]
+            if colour.size:
+                read_colour(grid, q[0], q[1], q[2], colour[v, u])
