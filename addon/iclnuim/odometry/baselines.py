@@ -1,6 +1,5 @@
 """Third-party odometers behind our protocol: OpenCV's (contrib) and Open3D's, with their packages' defaults."""
 
-import time
 from typing import Any
 
 import numpy as np
@@ -31,11 +30,10 @@ class OpencvOdometer:
         return self._rgbd.OdometryFrame.create(_bytes(frame.grey), depth, mask)
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
-        started = time.perf_counter()
         found, T = self._odometry.compute2(current, reference)
         if not found or T is None:
             return failure("baseline: no motion found")
-        return Result(SE3.from_matrix(T), seconds=time.perf_counter() - started)
+        return Result(SE3.from_matrix(T))
 
 
 class Open3dOdometer:
@@ -57,14 +55,13 @@ class Open3dOdometer:
         return self._o3d.t.geometry.RGBDImage(image(grey), image(np.ascontiguousarray(frame.depth_z_m[..., None])))
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
-        started = time.perf_counter()
         solver, start = self._o3d.t.pipelines.odometry.rgbd_odometry_multi_scale, self._o3d.core.Tensor(np.eye(4))
         try:
             found = solver(current, reference, self._K, start, 1.0, 13.0, method=self._method)
         except RuntimeError as error:
             return failure(f"baseline: {error}".splitlines()[0])
         T = SE3.from_matrix(found.transformation.numpy())
-        return Result(T, residual=found.inlier_rmse, inliers=found.fitness, seconds=time.perf_counter() - started)
+        return Result(T, residual=found.inlier_rmse, inliers=found.fitness)
 
 
 def _bytes(grey: np.ndarray) -> np.ndarray:

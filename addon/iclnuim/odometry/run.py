@@ -49,19 +49,15 @@ class Sequence:
         """Of all pairs or the first ones: (stamp, frame or why it cannot be read)."""
         for pair in self.pairs[:first]:
             try:
-                yield pair.stamp_s, self.load(pair)
+                rgb, depth_z_m = self.images(pair)
+                if self.depth_offset:
+                    depth_z_m /= 1 - self.depth_offset * depth_z_m
+                yield pair.stamp_s, Frame.of(rgb, depth_z_m, pair.stamp_s)
             except InputError as error:
                 yield pair.stamp_s, f"image: {error}"
 
-    def load(self, pair: ImagePair) -> Frame:
-        """Raises InputError for an image that cannot be read."""
-        rgb, depth_z_m = self.images(pair)
-        if self.depth_offset:
-            depth_z_m /= 1 - self.depth_offset * depth_z_m
-        return Frame.of(rgb, depth_z_m, pair.stamp_s)
-
     def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
-        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres as they are in the files."""
+        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres as they are in the files. Raises InputError."""
         depth_z_m = read_depth16(pair.depth).astype(np.float32) / np.float32(self.camera.depth_units_per_metre)
         return read_rgb8(pair.rgb), depth_z_m
 

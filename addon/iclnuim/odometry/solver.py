@@ -1,6 +1,5 @@
 """Gauss-Newton from coarse to fine, the loop that the built-in odometers share, and its normal equations."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -175,8 +174,7 @@ class Pass(NamedTuple):
 
 def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
     """All passes, coarse to fine, from `guess` (T_reference_current). The result's inliers are the last pass's."""
-    started, T, used, free, system, pixels = time.perf_counter(), guess, 0, 0, None, 1
-    converged, gone = False, np.zeros(6)
+    T, used, free, system, pixels, converged, gone = guess, 0, 0, None, 1, False, np.zeros(6)
     for linearise, iterations, pixels, stop, rotation_only in passes:
         best, before = np.inf, T
         for i in range(iterations):
@@ -215,6 +213,5 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
         smallest_eigenvalue=smallest,
         largest_sigma_m=sigma_m,
         under_constrained=free,
-        seconds=time.perf_counter() - started,
         reason="" if converged else "iterations used up",
     )
