@@ -46,9 +46,8 @@ if TYPE_CHECKING:
     from .fusion.from_sequence import Surface as FusedSurface
     from .fusion.from_sequence import fuse_sequence
     from .fusion.mesh import Mesh
-    from .fusion.models import read_mesh, read_model
     from .fusion.settings import FuseSettings, VolumeSettings
-    from .fusion.surface_error import SurfaceError, TrueSurface
+    from .fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3
     from .geometry.trajectory import Trajectory, TrajectoryStatistics, resample

@@ -118,8 +118,7 @@ def _report(settings: AbsoluteErrorSettings | RelativeErrorSettings, args: argpa
 
 
 def run_surface(args: argparse.Namespace, console: Console) -> None:
-    from iclnuim.fusion.models import read_model, read_points
-    from iclnuim.fusion.surface_error import TrueSurface
+    from iclnuim.fusion.surface_error import TrueSurface, read_model, read_points
     from iclnuim.geometry.scene_axes import parse_unit
 
     unit_m = parse_unit(args.unit)
@@ -146,8 +145,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
 
 def _given_transform(args: argparse.Namespace) -> "SE3":
     """T_model_mesh as far as the options give it."""
-    from iclnuim.fusion.models import read_transform
-    from iclnuim.fusion.surface_error import first_poses_transform
+    from iclnuim.fusion.surface_error import first_poses_transform, read_transform
     from iclnuim.geometry.se3 import SE3
 
     if args.transform and (args.poses or args.truth) or bool(args.poses) != bool(args.truth):

@@ -14,9 +14,8 @@ pytest.importorskip("numba")
 pytest.importorskip("open3d")
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
-from iclnuim.fusion.models import read_mesh  # noqa: E402
 from iclnuim.fusion.pictures import picture  # noqa: E402
-from iclnuim.fusion.surface_error import TrueSurface  # noqa: E402
+from iclnuim.fusion.surface_error import TrueSurface, read_mesh  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 
 #: A box, 2 x 2 x 1 m, seen from inside.
