@@ -85,28 +85,20 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
 def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Association:
     """Associate by time. Raises InputError where the two do not overlap, or overlap without a pair in the window."""
     settings = settings or AssociationSettings()
-    association = associate(reference.stamps_s, estimate.stamps_s, settings)
-    if len(association) == 0:
-        raise _no_overlap(reference.stamps_s, estimate.stamps_s, settings)
-    return association
-
-
-def _no_overlap(reference_s: np.ndarray, estimate_s: np.ndarray, settings: AssociationSettings) -> InputError:
+    reference_s, estimate_s = reference.stamps_s, estimate.stamps_s
+    association = associate(reference_s, estimate_s, settings)
+    if len(association):
+        return association
     if len(reference_s) == 0 or len(estimate_s) == 0:
-        return InputError("trajectories of at least one pose", found="an empty one")
-    start_s, end_s = estimate_s[[0, -1]] + settings.offset_s
-    if start_s > reference_s[-1] or end_s < reference_s[0]:
+        raise InputError("trajectories of at least one pose", found="an empty one")
+    span, shifted_s = _span(reference_s), estimate_s + settings.offset_s
+    if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
         shift = f"{reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
-        return InputError(
-            f"stamps that overlap the ground truth's {_span(reference_s)}",
-            found=f"no overlap in time: {_span(estimate_s + settings.offset_s)}",
-            hint=f"an offset of {shift} s if both start together, or the format tum-ids if these are frame numbers",
-        )
-    return InputError(
-        f"stamps within {settings.max_difference_s:g} s of the ground truth's {_span(reference_s)}",
-        found=f"none in {_span(estimate_s + settings.offset_s)}",
-        hint="a larger difference, or an offset",
-    )
+        hint = f"an offset of {shift} s if both start together, or the format tum-ids if these are frame numbers"
+        found = f"no overlap in time: {_span(shifted_s)}"
+        raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
+    expected = f"stamps within {settings.max_difference_s:g} s of the ground truth's {span}"
+    raise InputError(expected, found=f"none in {_span(shifted_s)}", hint="a larger difference, or an offset")
 
 
 def _span(stamps_s: np.ndarray) -> str:

@@ -109,9 +109,13 @@ def rpe_pairs(
         start, end = _by_measure(_travelled(positions_m), settings)
     else:
         start, end = _by_steps(positions_m, settings.delta)
-    if len(start) == 0:
-        raise _none(stamps_s, positions_m, settings)
-    return start, end
+    if len(start):
+        return start, end
+    spans = {"seconds": stamps_s[-1] - stamps_s[0], "metres": _travelled(positions_m)[-1]}
+    span = f" over {spans[settings.unit]:.3f} {settings.unit[0]}" if settings.unit in spans else ""
+    hint = "another delta, or a larger tolerance" if span else "a smaller delta"
+    found = f"{len(stamps_s)} associated poses{span}"
+    raise InputError(f"poses {settings.delta:g} {settings.unit} apart", found=found, hint=hint)
 
 
 def _by_measure(measure: np.ndarray, settings: RelativeErrorSettings) -> tuple[np.ndarray, np.ndarray]:
@@ -153,14 +157,3 @@ def _by_steps(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.n
 
 def _travelled(positions_m: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions_m, axis=0), axis=1))])
-
-
-def _none(stamps_s: np.ndarray, positions_m: np.ndarray, settings: RelativeErrorSettings) -> InputError:
-    span = {
-        "frames": "",
-        "seconds": f" over {stamps_s[-1] - stamps_s[0]:.3f} s",
-        "metres": f" over {_travelled(positions_m)[-1]:.3f} m",
-    }[settings.unit]
-    hint = "a smaller delta" if settings.unit == "frames" else "another delta, or a larger tolerance"
-    found = f"{len(stamps_s)} associated poses{span}"
-    return InputError(f"poses {settings.delta:g} {settings.unit} apart", found=found, hint=hint)

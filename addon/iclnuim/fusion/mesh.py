@@ -73,10 +73,12 @@ def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
     A cube counts where all its corners were seen min_weight times, and one of them lies in a row that leaves.
     """
     a0, b0, c0 = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
-    near = np.empty(8, np.int64)
+    near, found, any_leaves = np.empty(8, np.int64), 0, False
     for n in range(8):
         near[n] = row_of(grid, a0 + (n >> 2), b0 + (n >> 1 & 1), c0 + (n & 1))
-    found = 0
+        any_leaves = any_leaves or leaves[near[n]]
+    if not any_leaves:
+        return 0
     for at in range(512):
         i, j, k = at >> 6, at >> 3 & 7, at & 7
         case, whole, mine = 0, True, False
@@ -168,10 +170,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
     corners were all seen `min_weight` times; views count less where they are slanted, and behind the surface.
     """
     grid, rows = volume.grid, volume.rows()
-    if leaves is None:
-        leaves = np.ones(len(grid.place), bool)
-    else:
-        rows = rows[_near(grid.place, rows, leaves)]
+    leaves = np.ones(len(grid.place), bool) if leaves is None else leaves
     if not len(rows):
         return Mesh.joined([])
     low = grid.place[rows].min(axis=0).astype(np.int64)
@@ -189,17 +188,3 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
     if colours.shape[1] == 1:
         colours = np.repeat(colours, 3, axis=1)
     return Mesh(points, corners.reshape(-1, 3).astype(np.int32), colours)
-
-
-def _near(place: np.ndarray, rows: np.ndarray, leaves: np.ndarray) -> np.ndarray:
-    """Of rows: which own a cube with a corner in a block that leaves, being that block or one below it."""
-    side = SIDE
-    offset = place[rows].min(axis=0) - 1
-
-    def key(blocks: np.ndarray) -> np.ndarray:
-        x, y, z = (blocks - offset).astype(np.int64).T
-        return (x * side + y) * side + z
-
-    going = place[rows[leaves[rows]]]
-    below = [going - (n >> 2, n >> 1 & 1, n & 1) for n in range(8)]
-    return np.isin(key(place[rows]), key(np.concatenate(below)))

@@ -217,7 +217,17 @@ def read_points(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         model = read_ply(path)
         points, triangles, colours = model.points, model.triangles, model.colours
     else:
-        points, triangles, colours = _by_open3d(path)
+        try:
+            import open3d
+        except ImportError:
+            raise WorkError(
+                f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply"
+            ) from None
+        with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+            mesh = open3d.io.read_triangle_mesh(path)
+        points, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
+        colours = (np.asarray(mesh.vertex_colors) * 255 + 0.5).astype(np.uint8)
+        colours = colours if len(colours) else np.zeros((len(points), 0), np.uint8)
     if not len(points):
         raise InputError("a mesh or a point cloud with points", path=path, found="none")
     bad = int((~np.isfinite(points).all(axis=1)).sum())
@@ -233,18 +243,6 @@ def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if not len(triangles):
         raise InputError("a mesh with triangles", path=path, found=f"{len(points)} points and no triangle")
     return points, triangles, colours
-
-
-def _by_open3d(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    try:
-        import open3d
-    except ImportError:
-        raise WorkError(f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply") from None
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        mesh = open3d.io.read_triangle_mesh(path)
-    points, colours = np.asarray(mesh.vertices), (np.asarray(mesh.vertex_colors) * 255 + 0.5).astype(np.uint8)
-    triangles = np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
-    return points, triangles, colours if len(colours) else np.zeros((len(points), 0), np.uint8)
 
 
 def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -63,13 +63,11 @@ class PlaneTerm:
         self, reference: Level, current: Level, settings: IcpSettings, n: int, noise_share: float = 1.0
     ) -> None:
         self.reference, self.settings, self.noise_share = reference, settings, noise_share
-        z, stride = current.depth_z_m, settings.strides[n]
-        size = -(-z.shape[0] // stride) * -(-z.shape[1] // stride)
-        points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
-        count = kernels.flat_points(current.k, z, current.normals, stride, points, directions)
-        self.pixels, self.points, self.directions = size, points[:count], directions[:count]
-        self.residual, self.J = np.empty(count, np.float32), np.empty((count, 6), np.float32)
-        self.residual1, self.J1 = np.empty(count, np.float32), np.empty((count, 6), np.float32)
+        found = kernels.flat_points(current.k, current.depth_z_m, current.normals, settings.strides[n])
+        self.pixels, self.points, self.directions = found
+        count = len(self.points)
+        self.residual, self.residual1 = np.empty((2, count), np.float32)
+        self.J, self.J1 = np.empty((2, count, 6), np.float32)
         self.sigma, self.disagreement = 0.005, 0.0
 
     def __call__(self, T: SE3, iteration: int) -> System:

@@ -13,18 +13,21 @@ from numba import njit
 
 
 @njit(cache=True)
-def halve_grey(grey, out):
+def halve_grey(grey):
     """2x2 mean."""
+    out = np.empty((grey.shape[0] // 2, grey.shape[1] // 2), np.float32)
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
             above = grey[2 * v, 2 * u] + grey[2 * v, 2 * u + 1]
             below = grey[2 * v + 1, 2 * u] + grey[2 * v + 1, 2 * u + 1]
             out[v, u] = (above + below) * np.float32(0.25)
+    return out
 
 
 @njit(cache=True)
-def halve_depth(z, out):
+def halve_depth(z):
     """2x2 mean in inverse depth (exact on planes) where the four belong together, else their nearest; 0 = missing."""
+    out = np.empty((z.shape[0] // 2, z.shape[1] // 2), np.float32)
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
             near, far, inverse, n = 1e9, 0.0, 0.0, 0
@@ -40,12 +43,14 @@ def halve_depth(z, out):
                 out[v, u] = 4.0 / inverse
             else:
                 out[v, u] = near if n == 4 else 0
+    return out
 
 
 @njit(cache=True)
-def normals(z, k, s, out):
-    """Unit normals by differences over +-s pixels; none where depth jumps or a neighbour is missing."""
+def normals(z, k, s):
+    """Unit normals (h, w, 3) by differences over +-s pixels; 0 where depth jumps or a neighbour is missing."""
     h, w = z.shape
+    out = np.zeros((h, w, 3), np.float32)
     fx, fy, cx, cy = k
     for v in range(h):
         for u in range(w):
@@ -63,17 +68,20 @@ def normals(z, k, s, out):
             length = math.sqrt(nx * nx + ny * ny + nz * nz)
             if length > 0:
                 out[v, u, 0], out[v, u, 1], out[v, u, 2] = nx / length, ny / length, nz / length
+    return out
 
 
 @njit(cache=True)
-def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse, points, greys, J, tiles):
+def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse):
     """Lists of the pixels with slope (central differences) and depth: point (n, 3), grey level, J (n, 6) of the inverse
-    compositional residual, and which of across x down tiles, row by row. Returns n.
+    compositional residual, and which of across x down tiles, row by row.
 
     Edges at jumps of depth are kept: without them a plain room leaves too little (ATE 2 to 15 times as large).
     """
     h, w = z.shape
     fx, fy, cx, cy = k
+    points, greys = np.empty((h * w, 3), np.float32), np.empty(h * w, np.float32)
+    J, tiles = np.empty((h * w, 6), np.float32), np.empty(h * w, np.int16)
     n, least = 0, min_gradient * min_gradient
     for v in range(1, h - 1):
         for u in range(1 + (v & 1) * sparse, w - 1, 1 + sparse):
@@ -89,7 +97,7 @@ def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse, p
             J[n, 0], J[n, 1], J[n, 2] = p, q, o
             J[n, 3], J[n, 4], J[n, 5] = y * o - d * q, d * p - x * o, x * q - y * p
             n += 1
-    return n
+    return points[:n], greys[:n], J[:n], tiles[:n]
 
 
 @njit(cache=True)
@@ -142,10 +150,11 @@ def grey_residuals(T, k, points, greys, grey, z, max_dz, residual, J, mean, tile
 
 
 @njit(cache=True)
-def flat_points(k, z, normals, stride, points, directions):
-    """Lists of every stride-th row and column where there is a normal: point (n, 3) and normal (n, 3). Returns n."""
+def flat_points(k, z, normals, stride):
+    """Of every stride-th row and column: how many pixels, and lists of point (n, 3) and normal (n, 3) where there is one."""
     fx, fy, cx, cy = k
-    n = 0
+    size, n = -(-z.shape[0] // stride) * -(-z.shape[1] // stride), 0
+    points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
     for v in range(0, z.shape[0], stride):
         for u in range(0, z.shape[1], stride):
             if normals[v, u, 2] == 0:
@@ -154,7 +163,7 @@ def flat_points(k, z, normals, stride, points, directions):
             points[n, 0], points[n, 1], points[n, 2] = (u - cx) / fx * d, (v - cy) / fy * d, d
             directions[n] = normals[v, u]
             n += 1
-    return n
+    return size, points[:n], directions[:n]
 
 
 @njit(cache=True)

@@ -128,11 +128,10 @@ class PhotometricTerm:
         self.tiles = tiles
         size, sparse = reference.grey.size, tiles is not None
         self.pixels = size // 2 if sparse else size
-        points, greys, J = (np.empty((size, *d), np.float32) for d in ((3,), (), (6,)))
-        tile = np.empty(size, np.int16)
         rule = (settings.min_gradients[n], settings.max_depth_m, ACROSS, DOWN, sparse)
-        count = kernels.gradient_points(reference.k, reference.grey, reference.depth_z_m, *rule, points, greys, J, tile)
-        self.points, self.greys, self.J, self.tile = points[:count], greys[:count], J[:count], tile[:count]
+        found = kernels.gradient_points(reference.k, reference.grey, reference.depth_z_m, *rule)
+        self.points, self.greys, self.J, self.tile = found
+        count = len(self.points)
         self.residual = np.empty(count, np.float32)
         self.mean = np.empty((count if settings.mean_gradient else 0, 6), np.float32)
         self.parallax = np.empty(count if tiles else 0, np.float32)

@@ -1,6 +1,5 @@
 """Image pyramids with the camera of each level (2x2 means, so that K keeps to pixel centres), and odometers on them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -34,9 +33,7 @@ class Level:
     @cached_property
     def normals(self) -> np.ndarray:
         """Towards the camera, in its frame; 0 at depth edges and where a neighbour is missing."""
-        normals = np.zeros((*self.depth_z_m.shape, 3), np.float32)
-        kernels.normals(self.depth_z_m, self.k, self.normal_step, normals)
-        return normals
+        return kernels.normals(self.depth_z_m, self.k, self.normal_step)
 
 
 class PyramidOdometer:
@@ -68,16 +65,10 @@ def pyramid(
         if min(camera.width, camera.height) < MIN_SIDE:
             break
         camera = camera.halved()
-        grey = _halved(kernels.halve_grey, grey)
+        grey = kernels.halve_grey(grey)
         if median_depth:
             z = np.ascontiguousarray(cv2.medianBlur(z, 3)[: 2 * camera.height : 2, : 2 * camera.width : 2])
         else:
-            z = _halved(kernels.halve_depth, z)
+            z = kernels.halve_depth(z)
         result.append(Level(grey, z, camera, normal_step))
     return result
-
-
-def _halved(kernel: Callable, image: np.ndarray) -> np.ndarray:
-    half = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
-    kernel(image, half)
-    return half
