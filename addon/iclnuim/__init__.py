@@ -43,9 +43,8 @@ if TYPE_CHECKING:
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
     from .formats.ply import write_ply
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
-    from .fusion.from_sequence import Surface as FusedSurface
-    from .fusion.from_sequence import fuse_sequence
-    from .fusion.mesh import Mesh
+    from .fusion.mesh import Mesh, fuse_sequence
+    from .fusion.mesh import Surface as FusedSurface
     from .fusion.settings import FuseSettings, VolumeSettings
     from .fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
     from .geometry.camera import PinholeCamera

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         require("fuse --plot", "open3d")
     from iclnuim import __version__
     from iclnuim.dataset.frames import find_truth
-    from iclnuim.fusion.from_sequence import fuse_sequence
+    from iclnuim.fusion.mesh import fuse_sequence
     from iclnuim.shipped import source_commit
 
     if args.preset not in PRESETS:

@@ -76,9 +76,15 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
     """
     settings = settings or AssociationSettings()
     first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
-    pick = _greedy if settings.method == "greedy" else _nearest_first
-    some = len(first_s) and len(second_s)
-    i, j = pick(first_s, second_s, settings.max_difference_s) if some else np.zeros((2, 0), int)
+    limit_s = settings.max_difference_s
+    if not (len(first_s) and len(second_s)):
+        i, j = np.zeros((2, 0), int)
+    elif settings.method == "greedy":
+        i, j = _greedy(first_s, second_s, limit_s)
+    else:
+        of_second, distance_s = nearest(second_s, first_s)
+        j = np.flatnonzero(distance_s < limit_s)
+        i = of_second[j]
     return Association(i, j, second_s[j] - first_s[i], len(first_s))
 
 
@@ -119,12 +125,6 @@ def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     right = np.minimum(right, len(y) - 1)
     to_left, to_right = np.abs(x - y[left]), np.abs(x - y[right])
     return np.where(to_left <= to_right, left, right), np.minimum(to_left, to_right)
-
-
-def _nearest_first(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
-    i, distance = nearest(second_s, first_s)
-    j = np.flatnonzero(distance < limit_s)
-    return i[j], j
 
 
 def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,5 @@
 """Tracking against a model: frames are fused where they were found, and the next is aligned against the surface."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,20 +52,18 @@ def make_reference(name: str, odometer: Odometer, camera: PinholeCamera, preset:
 
 
 class ModelReference(Reference):
-    """A Reference whose view is the raycast of everything fused so far; `leaving`: as a Volume's.
+    """A Reference whose view is the raycast of everything fused so far.
 
     An odometer is shown a Frame of the whole image; a PyramidOdometer only the levels that it reads, with the model's normals.
     Raises InputError for an unknown preset.
     """
 
-    def __init__(
-        self, odometer: Odometer, camera: PinholeCamera, preset: str = "best", leaving: Callable | None = None
-    ) -> None:
+    def __init__(self, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> None:
         if preset not in PRESETS:
             raise InputError(f"a preset of the model ({', '.join(PRESETS)})", found=preset)
         self.settings, self.odometer, self.camera = PRESETS[preset], odometer, camera
         geometry_alone = isinstance(odometer, PyramidOdometer) and not odometer.reads_grey
-        self.volume = Volume(replace(self.settings.volume, channels=0 if geometry_alone else 1), leaving)
+        self.volume = Volume(replace(self.settings.volume, channels=0 if geometry_alone else 1))
         self._view: Any = None
         self._T_world_view, self._age = SE3.identity(), 0
 

@@ -87,7 +87,12 @@ class TrueSurface:
             away_m = ((moved - near) * normals).sum(axis=1)
             distance_m = np.linalg.norm(moved - near, axis=1)
             use = distance_m <= max(5e-4, 3 * np.median(distance_m))
-            step = _icp_step(moved[use], normals[use], away_m[use])
+            J = np.hstack([normals[use], np.cross(moved[use], normals[use])])
+            A = J.T @ J
+            if len(J) < 6 or np.linalg.cond(A) > 1e10:
+                found = f"{len(J)} vertices on planes that leave it undetermined"
+                raise InputError("surfaces that determine a motion", found=found, hint="no alignment")
+            step = np.linalg.solve(A, -J.T @ away_m[use])  # one Gauss-Newton step, a twist (6,) applied from the left
             T = SE3.exp(step) @ T
             if np.abs(step).max() < 1e-7:
                 break
@@ -188,16 +193,6 @@ def _reach(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(3,) and (3,): the box of nearly all points."""
     low, high = np.percentile(points, (1, 99), axis=0)
     return low, high
-
-
-def _icp_step(points: np.ndarray, normals: np.ndarray, away_m: np.ndarray) -> np.ndarray:
-    """The twist (6,), applied from the left, that brings points onto their planes: one Gauss-Newton step."""
-    J = np.hstack([normals, np.cross(points, normals)])
-    A = J.T @ J
-    if len(J) < 6 or np.linalg.cond(A) > 1e10:
-        found = f"{len(J)} vertices on planes that leave it undetermined"
-        raise InputError("surfaces that determine a motion", found=found, hint="no alignment")
-    return np.linalg.solve(A, -J.T @ away_m)
 
 
 # -- surfaces from files

@@ -6,6 +6,7 @@ the photometric term, T. Whelan et al., "Robust real-time visual odometry for de
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -198,7 +199,7 @@ class IcpRgbd(Icp):
         passes, finest = photometric_passes(reference, current, self.photometric, schedule)
         levels = [n for n, _ in schedule] + [schedule[-1][0]] * (len(passes) - len(schedule))
         joint = [
-            Pass(_joint(planes[n], p.linearise, rough), p.iterations, planes[n].pixels, icp.stop)
+            Pass(partial(self._joint, planes[n], p.linearise, rough), p.iterations, planes[n].pixels, icp.stop)
             for n, p in zip(levels, passes, strict=True)
         ]
         result = solve(joint, guess, limits)
@@ -206,12 +207,9 @@ class IcpRgbd(Icp):
             return super().align(reference, current, guess)
         return result
 
-
-def _joint(plane: PlaneTerm, photometric: Linearise, rough: bool) -> Linearise:
-    def linearise(T: SE3, iteration: int) -> System:
+    @staticmethod
+    def _joint(plane: PlaneTerm, photometric: Linearise, rough: bool, T: SE3, iteration: int) -> System:
         geometry, image = plane(T, iteration), photometric(T, iteration)
         if rough:
             geometry = geometry.without_scale(T.translation, ROUGH_SCALE)
         return geometry.plus(image, 1.0 if image.informed else WEIGHT_RGBD**2)
-
-    return linearise

@@ -10,12 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..evaluation.absolute_error import AbsoluteError
-from ..evaluation.relative_error import RelativeError
 from ..formats.files import atomic_write, check_picture
 from ..formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory
 from .trajectory_report import Report, title
 
 #: Told apart also without colour vision (Okabe and Ito's set, without yellow).
@@ -85,13 +83,32 @@ def error_figure(report: Report) -> Figure:
     figure = Figure(figsize=(11, 8), layout="constrained")
     figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
-    result, stamps_s = report.result, report.result.stamps_s
+    result, stamps_s, errors_m = report.result, report.result.stamps_s, report.result.translation_error_m
     if isinstance(result, AbsoluteError):
-        _draw_absolute(result, report.reference.loaded.trajectory, first, along)
+        truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
+        plane, coloured, name = (
+            widest_plane(truth.T_world_camera),
+            result.aligned,
+            "the estimate, coloured by its error",
+        )
+        _trajectory(first, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
+        _trajectory(first, stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
+        first.set_title("trajectories")
+        first.legend()
     else:
-        _draw_relative(result, first, along)
+        shares = 100 * np.arange(1, len(errors_m) + 1) / len(errors_m)
+        first.plot(np.sort(errors_m), shares, color=ESTIMATE_COLOUR)
+        first.set(title="RPE pairs within an error", xlabel="translation error (m)", ylabel="share of RPE pairs (%)")
+        first.set(xlim=(0, None), ylim=(0, 102))
+        plane, coloured = widest_plane(result.reference), result.reference[result.start]
+        name = "where the RPE pairs start, coloured by their error"
+        _trajectory(along, stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
         stamps_s = stamps_s[result.start]
-    _series(over_time, stamps_s, result.translation_error_m, "translation error (m)", ESTIMATE_COLOUR)
+    dots = along.scatter(*coloured.translation[:, plane].T, c=errors_m, s=7, cmap="viridis", zorder=3)
+    figure.colorbar(dots, ax=along, label="translation error (m)")
+    _label_plane(along, plane)
+    along.set_title(name)
+    _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
     _series(rotation, stamps_s, np.degrees(result.rotation_error_rad), "rotation error (deg)", ROTATION_COLOUR)
     return figure
 
@@ -102,40 +119,11 @@ def widest_plane(poses: SE3) -> tuple[int, int]:
     return a, b
 
 
-def _draw_absolute(result: AbsoluteError, truth: Trajectory, both: Axes, along: Axes) -> None:
-    """truth: all of it, so that gaps of the estimate show."""
-    plane = widest_plane(truth.T_world_camera)
-    _trajectory(both, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
-    _trajectory(both, result.stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
-    both.set_title("trajectories")
-    both.legend()
-    _coloured_positions(along, result.aligned, plane, result.translation_error_m)
-    along.set_title("the estimate, coloured by its error")
-
-
-def _draw_relative(result: RelativeError, shares: Axes, along: Axes) -> None:
-    errors_m = np.sort(result.translation_error_m)
-    shares.plot(errors_m, 100 * np.arange(1, len(errors_m) + 1) / len(errors_m), color=ESTIMATE_COLOUR)
-    shares.set(title="RPE pairs within an error", xlabel="translation error (m)", ylabel="share of RPE pairs (%)")
-    shares.set(xlim=(0, None), ylim=(0, 102))
-    plane = widest_plane(result.reference)
-    _trajectory(along, result.stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
-    _coloured_positions(along, result.reference[result.start], plane, result.translation_error_m)
-    along.set_title("where the RPE pairs start, coloured by their error")
-
-
 def _trajectory(
     chart: Axes, stamps_s: np.ndarray, poses: SE3, plane: tuple[int, int], colour: str, label: str, width: float = 1.2
 ) -> None:
     _, broken = _with_gaps(stamps_s, poses.translation)
     chart.plot(*broken[:, plane].T, color=colour, linewidth=width, label=label)
-    _label_plane(chart, plane)
-
-
-def _coloured_positions(chart: Axes, poses: SE3, plane: tuple[int, int], errors_m: np.ndarray) -> None:
-    x, y = poses.translation[:, plane].T
-    dots = chart.scatter(x, y, c=errors_m, s=7, cmap="viridis", zorder=3)
-    chart.figure.colorbar(dots, ax=chart, label="translation error (m)")
     _label_plane(chart, plane)
 
 
