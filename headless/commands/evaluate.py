@@ -4,8 +4,6 @@ and of a reconstructed surface (surface). iclnuim.report.trajectory_report says 
 
 import argparse
 import os
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,7 +98,9 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
     _report(settings, args, console)
 
 
-def _report(settings: AbsoluteErrorSettings | RelativeErrorSettings, args: argparse.Namespace, console: Console) -> None:
+def _report(
+    settings: AbsoluteErrorSettings | RelativeErrorSettings, args: argparse.Namespace, console: Console
+) -> None:
     """Of ground truth and estimate; how each was read is noted."""
     sources = []
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):

@@ -23,7 +23,7 @@ _LABELS = {
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM's format, or in the original's")
-    text = "write preview.png (colour, depth, error) and preview.mp4 (or .gif) into FOLDER"
+    text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
     common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures")
 
