@@ -155,7 +155,8 @@ def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_seque
     own, out = driven["home"] / "out_own", driven["home"] / "same"
     camera = PinholeCamera.parse("64x48,48.120300751879697,48,31.5,23.5")
     job = shipped_job("kt2").changed(camera=camera, light="path", samples=1, denoise=False)
-    worker.render_run(job, out, [100], lambda event: None, lambda: False)
+    with worker.Session(job, out, lambda event: None) as session:
+        session.render([100], lambda: False)
     a, b = (read_exr(folder / "exr/000100.exr")["Z"] for folder in (own / "raw", out))
     assert np.abs(a - b).max() < 0.01 and np.median(np.abs(a - b)) < 1e-5
 
