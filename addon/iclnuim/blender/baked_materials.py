@@ -212,7 +212,7 @@ def _feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
         tree.links.new(source if source.is_output else source.links[0].from_socket, target)
         return
     value, wanted = source.default_value if isinstance(source, NodeSocket) else source, target.default_value
-    if isinstance(wanted, float):
+    if isinstance(wanted, int | float):  # bpy 5.2 has switches among them
         target.default_value = value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
     elif isinstance(value, int | float):
         target.default_value = (value,) * 3 + (1.0,) * (len(wanted) - 3)
