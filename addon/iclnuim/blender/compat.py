@@ -142,6 +142,18 @@ def import_usd(path: str) -> object:
     return bpy.ops.wm.usd_import(filepath=path, **{k: v for k, v in wanted.items() if k in known})
 
 
+def usd_library() -> Any:
+    """Blender's own USD in Python, or None. Its package bpy keeps it where imports do not look by themselves."""
+    getattr(bpy.utils, "expose_bundled_modules", list)()
+    try:
+        import pxr.Ar
+        import pxr.Sdf
+        import pxr.UsdUtils
+    except ImportError:
+        return None
+    return pxr
+
+
 def _is_there(operator: Any) -> bool:
     try:
         operator.get_rna_type()

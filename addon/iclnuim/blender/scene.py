@@ -75,19 +75,20 @@ def shipped_file(name: str) -> Path:
 
 def open_file(path: Path, reading: SceneReading) -> list[str]:
     """Into the empty session; returns notes worth telling, first how it was taken. Raises InputError for what cannot be used."""
-    scene_paths.refuse_outside(path, reading.textures)
+    missing = scene_paths.check(path, reading)
     load(path)
-    scene_paths.refuse_open_outside(path, reading.textures)
+    scene_paths.check_open(path, reading)
     scene = bpy.context.scene
+    scene.cycles.shading_system = False  # shaders in OSL are scripts, which may read files
     if path.suffix.lower() != ".blend":
         scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
         ranges = [tuple(action.frame_range) for action in bpy.data.actions]
         if ranges:  # readers leave the timeline as it was: as long as what moves
             scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
             scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
-    notes = sanitize.sanitize(scene)
+    notes = [*missing, *sanitize.sanitize(scene)]
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
-        raise InputError("a scene with at least one surface", path=path, found="none")
+        raise InputError("a scene with at least one surface", path=path, found=missing[0] if missing else "none")
     sentence, worth_telling = orient.orient(path, reading, list(scene.objects))
     notes = [*([sentence] if worth_telling else []), *notes]
     bpy.context.view_layer.update()

@@ -1,10 +1,11 @@
-"""Which other files a scene names: none outside its folder is read, and all of them count in the scene's hash."""
+"""Which other files a scene names: none outside its folder is opened unless that is allowed, and all of them count in the scene's hash."""
 
+import functools
+import glob
 import hashlib
-import json
-import mmap
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
@@ -12,107 +13,164 @@ from urllib.parse import unquote
 import bpy
 
 from ..errors import InputError
+from ..geometry.scene_axes import SceneReading
+from . import scene_names
+from .scene_names import Named
 
-_MTLLIB = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
-_MAPS = re.compile(r"^[ \t]*(?:map_\w+|bump|disp|decal|refl|norm)[ \t]+(.+?)[ \t]*$", re.MULTILINE | re.IGNORECASE)
+#: How one name may be spelled; each is applied to the results of those before it.
+_SPELLINGS = (
+    unquote,
+    lambda name: name.partition("\0")[0],  # as far as C reads it
+    lambda name: name.replace("\\", "/"),
+    lambda name: name.replace('"', ""),
+    lambda name: re.sub("^file:(//(localhost)?)?", "", name, flags=re.IGNORECASE),
+    lambda name: re.sub("^([A-Za-z]):/", lambda drive: f"/{drive[1].lower()}/", name),
+    lambda name: name.lstrip("/") if name.startswith("//") else name,
+    lambda name: os.path.normpath(name) if name else name,
+)
+#: Bytes of a path in Blender (FILE_MAX, and a zero).
+_LONGEST = 1023
+#: In a file's name: where the number of a tile or frame stands.
+_NUMBER = re.compile(r"<UDIM>|<UVTILE>|(?<=[._])#+(?=\.)")
 
 
-def refuse_outside(path: Path, textures: str | None) -> None:
-    """Before the file is opened, for formats whose text says what they will read. Raises InputError for a way out of the folder."""
-    for name in _named(path):
-        _check(path, path.parent / name, name, textures)
+def check(path: Path, reading: SceneReading) -> list[str]:
+    """Before the scene is opened; returns a sentence on what it names that is missing. Raises InputError for a way out of its folder."""
+    missing = []
+    for file, named, there in _walk(path):
+        if named.computed or any(not _allowed(path, target, reading) for target in there):
+            _refuse(file, named.place, named.name, reading)
+        if named.told and not there:
+            missing.append(Path(named.name.replace("\\", "/")).name)
+    names = ", ".join(dict.fromkeys(missing))[:160]
+    return [f"files that the scene names are missing ({names}): it is read without them"] if missing else []
 
 
-def refuse_open_outside(path: Path, textures: str | None) -> None:
-    """Once it is open: textures, libraries, volumes, caches and fonts of the session. Raises InputError."""
+def check_open(path: Path, reading: SceneReading) -> None:
+    """Once it is open: textures, libraries, volumes, caches, fonts and sounds of the session. Raises InputError."""
     for block, file in _referenced():
-        if file.exists() or _is_pattern(block):
-            _check(path, file.parent if _is_pattern(block) else file, block.filepath, textures)
+        for target in _frames(block, file):
+            if not _allowed(path, target, reading):
+                _refuse(path, block.name, block.filepath, reading)
 
 
 def sha256(path: Path) -> str:
-    """Of the file and of every file that the open scene takes from beside it."""
-    beside = {path.parent / name for name in _named(path)} | {file for _, file in _referenced()}
+    """Of the file and of every file that it, the open scene, or one of them in turn takes from elsewhere."""
+    named = {file for _, _, there in _walk(path) for target in there for file in _files(path, target)}
+    beside = named | {target for block, file in _referenced() for target in _frames(block, file)}
     digest = hashlib.sha256(_content_hash(path))
-    for file in sorted({p for b in beside for p in _expanded(b)}):
+    for file in sorted({_resolved(file): file for file in sorted(beside)}.values()):
         digest.update(file.name.encode("utf-8", "surrogateescape") + b"\0" + _content_hash(file))
     return digest.hexdigest()
 
 
-def _check(path: Path, target: Path, name: str, textures: str | None) -> None:
-    allowed = [path.resolve().parent, *([Path(textures).expanduser().resolve()] if textures else [])]
+def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
+    """(file, what it names, what is there of that name) of the scene and of all that it names in turn.
+
+    A file is opened after it was yielded here.
+    """
+    todo, seen, own = [(path, "")], set(), _resolved(path.parent)
+
+    @functools.cache
+    def links(folder: Path) -> list[Path]:
+        return [p for p in folder.iterdir() if p.is_symlink()] if _resolved(folder).is_relative_to(own) else []
+
+    while todo:
+        file, kind = todo.pop()
+        if (key := (os.path.abspath(file), kind)) in seen or not file.is_file():
+            continue
+        seen.add(key)
+        for named in scene_names.named_in(file, kind):
+            there = [
+                match for target in _targets(file.parent, named) for match in _matches(target, named.folder, links)
+            ]
+            if not there and not named.blenders:
+                there = [t for target in _last_resorts(file.parent, named) for t in _matches(target, False, links)]
+            yield file, named, there
+            todo += [(target, named.kind) for target in there]
+
+
+def _targets(folder: Path, named: Named) -> list[Path]:
+    """Blender's own paths start in the file's folder after `//`, else in the working folder; it cuts those that are too long for it."""
+    own = named.blenders and named.name.startswith("//")
+    names = _spelled(named.name[2:]) if own else _spelled(named.name)
+    start = "" if named.blenders and not own else folder
+    wholes = [os.fsencode(os.path.join(start, name.lstrip("/") if own else name)) for name in names]
+    return [Path(os.fsdecode(whole)) for name in wholes for whole in {name, name[:_LONGEST]}]
+
+
+def _last_resorts(folder: Path, named: Named) -> Iterator[Path]:
+    """Where importers look for what is not at its place: the working folder, the name's later parts, spaces for underscores."""
+    for name in _spelled(named.name):
+        parts = name.split("/")
+        yield from (Path(name), folder / name.replace("_", " "))
+        yield from (folder / "/".join(parts[k:]) for k in range(1, len(parts)))
+
+
+def _spelled(name: str) -> list[str]:
+    names = {name: None}
+    for spelling in _SPELLINGS:
+        names |= dict.fromkeys(spelling(n) for n in names)
+    return [n for n in names if n]
+
+
+def _matches(target: Path, folder: bool, links: Callable[[Path], list[Path]]) -> list[Path]:
+    """What is there of that name: a file (or a folder), tiles and frames of a pattern, links beside it that are named alike."""
+    with suppress(OSError, ValueError):
+        if _NUMBER.search(target.name):
+            return sorted(target.parent.glob(_NUMBER.sub("*", glob.escape(target.name))))
+        if target.exists() and (folder or not target.is_dir()):
+            alike = re.split(r"\d", target.name)[0]
+            near = links(target.parent)
+            return [target, *(p for p in near if p.suffix == target.suffix and p.name.startswith(alike))]
+    return []
+
+
+def _allowed(path: Path, target: Path, reading: SceneReading) -> bool:
+    folders = [path.parent, *([Path(reading.textures).expanduser()] if reading.textures else [])]
+    inside = any(_resolved(target).is_relative_to(folder.resolve()) for folder in folders)
+    return reading.allow_outside or (inside and (target.is_file() or target.is_dir()))  # a pipe would be waited for
+
+
+def _refuse(file: Path, place: str, name: str, reading: SceneReading) -> None:
+    if not reading.allow_outside:
+        hint = "moving them there, packing them into the file, {textures} DIR if DIR may be read, or {allow_outside} if all may"
+        expected = "textures and other parts from the scene's own folder"
+        raise InputError(expected, path=f"{file}: {place}", found=name, hint=hint)
+
+
+def _resolved(target: Path) -> Path:
     try:
-        target = target.resolve()
+        return target.resolve()
     except (OSError, RuntimeError, ValueError):
-        target = Path("/")
-    if not any(target.is_relative_to(folder) for folder in allowed):
-        hint = "moving them there, packing them into the file, or {textures} DIR if DIR may be read"
-        raise InputError("textures and other parts from the scene's own folder", path=path, found=name, hint=hint)
-
-
-def _named(path: Path) -> list[str]:
-    """Files that an OBJ with its materials, or a glTF, names in plain text."""
-    if path.suffix.lower() == ".obj":
-        with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            found = [m.group(1).decode("utf-8", "surrogateescape") for m in _MTLLIB.finditer(content)]
-        libraries = list(dict.fromkeys(name.strip().strip('"') for name in found))
-        return [*libraries, *(name for library in libraries for name in _maps_of(path.parent / library))]
-    return _uris_of(path) if path.suffix.lower() in (".gltf", ".glb") else []
-
-
-def _maps_of(library: Path) -> list[str]:
-    try:
-        text = library.read_bytes()[: 1 << 26].decode("utf-8", "replace")
-    except (OSError, ValueError):
-        return []
-    return [_without_options(m.group(1)) for m in _MAPS.finditer(text)]
-
-
-def _without_options(arguments: str) -> str:
-    """`-bm 0.5 -o 1 1 1 my wood.png` -> `my wood.png`."""
-    words = arguments.split(" ")
-    while len(words) > 1 and words[0].startswith("-"):
-        words.pop(0)
-        while len(words) > 1 and re.fullmatch(r"-?[\d.eE+-]+|on|off", words[0]):
-            words.pop(0)
-    return " ".join(words).strip().strip('"').replace("\\", "/")
-
-
-def _uris_of(path: Path) -> list[str]:
-    try:
-        data = path.read_bytes()
-        if path.suffix.lower() == ".glb":
-            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-        content = json.loads(data)
-        entries = [e for key in ("buffers", "images") for e in content.get(key) or []]
-        names = [e["uri"] for e in entries if isinstance(e, dict) and isinstance(e.get("uri"), str)]
-    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
-        return []  # the reader will say what is wrong with it
-    return [unquote(name) for name in names if not name.startswith("data:")]
+        return Path("/")
 
 
 def _referenced() -> Iterator[tuple[bpy.types.ID, Path]]:
     """(block, absolute path) of every outside file of the open session but scripts, which are never read."""
     data = bpy.data
-    for blocks in (data.images, data.libraries, data.cache_files, data.volumes, data.fonts, data.movieclips):
-        for block in blocks:
-            if block.filepath and block.filepath != "<builtin>" and getattr(block, "packed_file", None) is None:
-                yield block, Path(bpy.path.abspath(block.filepath, library=block.library))
+    kinds = (data.images, data.libraries, data.cache_files, data.volumes, data.fonts, data.movieclips, data.sounds)
+    for block in (block for blocks in kinds for block in blocks):
+        if block.filepath and block.filepath != "<builtin>" and getattr(block, "packed_file", None) is None:
+            yield block, Path(bpy.path.abspath(block.filepath, library=block.library))
 
 
-def _is_pattern(block: bpy.types.ID) -> bool:
-    """One name for many files: UDIM tiles or the pictures of a sequence."""
-    return getattr(block, "source", "") in ("TILED", "SEQUENCE")
-
-
-def _expanded(file: Path) -> list[Path]:
-    """The file, or those that its pattern stands for; none where nothing is there."""
-    if "<UDIM>" in file.name:
-        return sorted(file.parent.glob(file.name.replace("<UDIM>", "[0-9]" * 4)))
+def _frames(block: bpy.types.ID, file: Path) -> list[Path]:
+    """The file, or those that it stands for: UDIM tiles, the pictures of a sequence; none where nothing is there."""
+    pattern = glob.escape(file.name)
+    if getattr(block, "source", "") == "SEQUENCE" or getattr(block, "is_sequence", False):
+        pattern = re.sub(r"\d+(?=\D*$)", "*", pattern)
     with suppress(OSError, ValueError):
-        if file.is_file():
-            return [file]
+        return sorted(p for p in file.parent.glob(_NUMBER.sub("*", pattern)) if p.is_file())
     return []
+
+
+def _files(path: Path, target: Path) -> list[Path]:
+    """The file; of a folder, all files in it, unless the scene itself lies there."""
+    if target.is_dir():
+        inside = path.parent.is_relative_to(_resolved(target))
+        return [] if inside else sorted(p for p in target.rglob("*") if p.is_file())
+    return [target] if target.is_file() else []
 
 
 def _content_hash(file: Path) -> bytes:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import InputError
-from ..settings import Settings, setting
+from ..settings import Settings, declared, setting
 from . import axes
 
 #: Axis that points up in the file -> rotation that turns it to z.
@@ -65,10 +65,11 @@ class SceneReading(Settings):
         "a further folder that the scene's textures may come from; default: its own only",
         parse=lambda text: str(Path(text).expanduser().resolve()),
     )
+    allow_outside: bool = setting(False, "read whatever files the scene names, wherever they are")
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict; what is left open is left out."""
-        return {k: v for k, v in super().to_dict().items() if v is not None and (k, v) != ("mirror", "none")}
+        return {k: v for k, v in super().to_dict().items() if v != declared(SceneReading)[k].default}
 
 
 @dataclass(frozen=True)

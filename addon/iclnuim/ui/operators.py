@@ -37,7 +37,8 @@ def load_scene(self, context):
     if settings.scene_source == "OPEN":
         raise InputError("a built-in scene or a file to show", found="the open file, which is here already")
     file, reading = _scene_file(settings), settings.reading()
-    scene_paths.refuse_outside(file, reading.textures)
+    if settings.scene_source == "FILE":
+        scene_paths.check(file, reading)
     old = bpy.data.collections.get(trajectory_view.COLLECTION)
     if old is not None:
         bpy.data.batch_remove([*old.all_objects, old])

@@ -1,0 +1,225 @@
+"""The names of other files in a .blend, read from its blocks before Blender opens it: its libraries are read while it opens.
+
+A .blend is a header, blocks, and among them one (DNA1) that describes the C structs that all others hold. Source: Blender's
+doc/blender_file_format. Fields have the names of DNA, which files keep where the source code has renamed them.
+"""
+
+import gzip
+import re
+import struct
+from collections import namedtuple
+from collections.abc import Container, Iterator
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+
+#: Structs and fields with paths that are not read: where the file was, where things are written, the sequencer, the window's layout.
+_NOT_READ = {
+    "FileGlobal", "LibraryWeakReference", "ImagePackedFile", "RenderData", "BakeData", "DynamicPaintSurface", "NodeImageMultiFile",
+    "NodeImageMultiFileSocket", "Strip", "StripElem", "StripProxy", "Editing", "FileSelectParams", "Text", "UserDef", "Script",
+    "CacheFile.handle_filepath", "Library.filepath", "Library.filepath_abs",
+}  # fmt: skip
+#: Structs whose file is worth a word where it is missing; pictures have their own.
+_TOLD = {"Library", "CacheFile", "CacheFileLayer", "Volume", "MeshCacheModifierData", "VFont", "NodeShaderTexIES"}
+_FOLDER = re.compile(r"\.(path|cachepath|\w*dir|\w*directory)$")
+_PATH = re.compile(
+    r"\.(?!\w*object_path)\w*(path|dir|directory|file|filename)$"
+    r"|^(Image|Library|VFont|bSound|MovieClip|NodeImageFile)\.name$|^bNodeSocketValueString\.value$",
+    re.IGNORECASE,
+)
+_POINTED = re.compile(r"\.\*\w*(directory|filepath)$")
+#: Where a struct says that it holds its file itself.
+_PACKED = {
+    "PackedFile": ("*data",), "ImagePackedFile": ("*packedfile",), "Image": ("*packedfile", "packedfiles"),
+    **dict.fromkeys(("Library", "VFont", "bSound", "Volume"), ("*packedfile",)),
+}  # fmt: skip
+#: The nodes that read files.
+_IMPORT = b"GeometryNodeImport"
+
+
+_Block = namedtuple("_Block", "struct address offset length")
+_Field = namedtuple("_Field", "offset kind length size")
+
+
+class _Blend:
+    """The blocks of a file: their places are kept, their contents read when asked for."""
+
+    def __init__(self, file: Path) -> None:
+        self.file, self.order, self.address = file, "<", "Q"
+        self.blocks: list[_Block] = []
+        self.structs, self.fields = self._index()
+        self.at_address = {block.address: block for block in self.blocks if block.address}
+
+    def names(self) -> Iterator[tuple[str, str, str]]:
+        """As `names` below."""
+        here = {
+            self.structs[number][0] for number in {block.struct for block in self.blocks} if number < len(self.structs)
+        }
+        paths = {kind: self._paths(kind) for kind in here}
+        packed = {block.address for block, _, _ in self._each({"ImagePackedFile"})}
+        packed |= {
+            b.address for b, kind, data in self._each({"PackedFile"}) if self._points(kind, data, self.at_address)
+        }
+        nodes, linked, pointed = set(), set(), {}
+        for block, kind, data in self._each({kind for kind in paths if paths[kind]} | {"bNode", "bNodeLink"}):
+            if kind == "bNode" and data[self.fields[kind]["idname"].offset :].startswith(_IMPORT):
+                nodes.add(block.address)
+            if kind == "bNodeLink":
+                linked.add(self._pointer(data, self.fields[kind]["*tonode"].offset))
+            if self._points(kind, data, packed):
+                if kind == "Library":
+                    yield self._place(kind, data), "computed", "a library that is packed"
+                continue
+            for label, offset, size in paths[kind]:
+                what = "folder" if _FOLDER.search(label) else "told" if kind in _TOLD else "file"
+                if "*" in label:
+                    pointed[self._pointer(data, offset)] = kind
+                elif data[offset]:
+                    yield self._place(kind, data), what, _text(data[offset : offset + size])
+        for block, data in self._contents([self.at_address[a] for a in pointed if a in self.at_address]):
+            yield self._place(pointed[block.address], b""), "folder", _text(data)
+        if nodes & linked:
+            yield "Geometry Nodes", "computed", "an Import node whose path other nodes make"
+
+    def _index(self) -> tuple[list[tuple[str, int]], dict[str, dict[str, _Field]]]:
+        dna = b""
+        with _opened(self.file) as content:
+            head = content.read(12)
+            if head[:7] != b"BLENDER":
+                raise ValueError("no header")
+            large = head[7:8].isdigit()  # from Blender 5.0 on
+            self.order = ">" if head[8:9] == b"V" and not large else "<"
+            self.address = "I" if head[7:8] == b"_" else "Q"
+            block = struct.Struct(self.order + ("4siQqq" if large else f"4si{self.address}ii"))
+            at = 17 if large else 12
+            while True:
+                content.seek(at)
+                if len(data := content.read(block.size)) < block.size or data[:4] == b"ENDB":
+                    break
+                code, first, address, third, _ = block.unpack(data)
+                kind, length = (first, third) if large else (third, first)
+                if length < 0:
+                    raise ValueError("a block of negative length")
+                if code == b"DNA1":
+                    dna = dna or content.read(length)
+                self.blocks.append(_Block(kind, address, at + block.size, length))
+                at += block.size + length
+        return self._layout(dna)
+
+    def _layout(self, dna: bytes) -> tuple[list[tuple[str, int]], dict[str, dict[str, _Field]]]:
+        """(kind, size) of the structs by number, and kind -> name with its stars -> field."""
+        texts, at = [], 0
+        for tag in (b"NAME", b"TYPE"):
+            at = dna.index(tag, at) + 8
+            texts.append(dna[at:].split(b"\0", count := struct.unpack_from(self.order + "i", dna, at - 4)[0])[:count])
+            at += sum(len(text) + 1 for text in texts[-1])
+        members, kinds = ([text.decode() for text in part] for part in texts)
+        at = dna.index(b"TLEN", at) + 4
+        sizes = struct.unpack_from(f"{self.order}{len(kinds)}H", dna, at)
+        at = dna.index(b"STRC", at + 2 * len(kinds)) + 8
+        structs: list[tuple[str, int]] = []
+        fields: dict[str, dict[str, _Field]] = {}
+        for _ in range(struct.unpack_from(self.order + "i", dna, at - 4)[0]):
+            kind, count = struct.unpack_from(self.order + "HH", dna, at)
+            numbers = struct.unpack_from(f"{self.order}{2 * count}H", dna, at + 4)
+            at, offset = at + 4 + 4 * count, 0
+            structs.append((kinds[kind], sizes[kind]))
+            inside = fields[kinds[kind]] = {}
+            for of, name in zip(numbers[::2], numbers[1::2], strict=True):
+                member, *dimensions = re.findall(r"[^\[\]]+", members[name])
+                size = struct.calcsize(f"={self.address}") if member[0] in "*(" else sizes[of]
+                inside[member] = _Field(offset, kinds[of], prod(map(int, dimensions)), size)
+                offset += inside[member].length * size
+        return structs, fields
+
+    def _paths(self, kind: str, at: int = 0) -> list[tuple[str, int, int]]:
+        """(struct.field, offset, length) of the paths in a struct, and in those that it holds."""
+        found: list[tuple[str, int, int]] = []
+        for name, field in self.fields.get(kind, {}).items():
+            label, here = f"{kind}.{name}", at + field.offset
+            if kind in _NOT_READ or label in _NOT_READ or name.startswith("("):
+                continue
+            if name.startswith("*"):
+                found += [(label, here, 0)] if field.kind == "char" and _POINTED.search(label) else []
+            elif field.kind == "char":
+                found += [(label, here, field.length)] if field.length > 1 and _PATH.search(label) else []
+            elif inner := self._paths(field.kind):
+                found += [(text, here + k * field.size + o, n) for k in range(field.length) for text, o, n in inner]
+            if len(found) > 10_000:
+                raise ValueError("structs that hold more paths than there are")
+        return found
+
+    def _each(self, kinds: set[str]) -> Iterator[tuple[_Block, str, bytes]]:
+        """Every struct of these kinds."""
+        numbers = {number for number, (kind, size) in enumerate(self.structs) if kind in kinds and size}
+        for block, data in self._contents([block for block in self.blocks if block.struct in numbers]):
+            kind, size = self.structs[block.struct]
+            for at in range(0, len(data) - size + 1, size):
+                yield block, kind, data[at : at + size]
+
+    def _contents(self, blocks: list[_Block]) -> Iterator[tuple[_Block, bytes]]:
+        if not blocks:
+            return
+        with _opened(self.file) as content:
+            for block in sorted(set(blocks), key=lambda block: block.offset):
+                content.seek(block.offset)
+                yield block, content.read(block.length)
+
+    def _pointer(self, data: bytes, offset: int) -> int:
+        return struct.unpack_from(self.order + self.address, data, offset)[0]
+
+    def _points(self, kind: str, data: bytes, to: Container[int]) -> bool:
+        """Whether the struct holds its file itself, by a pointer to a block of `to`."""
+        found = [self.fields[kind][name] for name in _PACKED.get(kind, ()) if name in self.fields[kind]]
+        return any(self._pointer(data, field.offset) in to for field in found)
+
+    def _place(self, kind: str, data: bytes) -> str:
+        """`Image floor`; a struct that is no datablock has no name: `Mesh Cache Modifier Data`."""
+        words = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind.removeprefix("b"))
+        if (block := self.fields[kind].get("id")) is None or block.kind != "ID":
+            return words
+        name = self.fields["ID"]["name"]
+        at = block.offset + name.offset
+        return f"{words} {_text(data[at + 2 : at + name.length])}"
+
+
+def names(file: Path) -> Iterator[tuple[str, str, str]]:
+    """(place, what, name); what is "file", "told" (where it is missing), "folder", or "computed" for what cannot be known.
+
+    Raises InputError for what is no .blend.
+    """
+    try:
+        yield from _Blend(file).names()
+    except (
+        OSError,
+        EOFError,
+        ValueError,
+        LookupError,
+        struct.error,
+        OverflowError,
+        MemoryError,
+        RecursionError,
+    ) as error:
+        raise InputError("a scene that Blender can read", path=file, found=f"damaged blocks: {error}") from None
+
+
+def _opened(file: Path) -> Any:
+    """The content, uncompressed; it may be read in one direction only."""
+    content = open(file, "rb")  # noqa: SIM115 (the caller closes it)
+    magic = content.read(4)
+    content.seek(0)
+    if magic[:2] == b"\x1f\x8b":
+        return gzip.open(content)
+    if magic[:4] != b"\x28\xb5\x2f\xfd":
+        return content
+    try:
+        import zstandard  # comes with bpy, and in Blender
+    except ImportError:
+        raise InputError("zstandard in this Python", path=file, hint="saving the file without compression") from None
+    return zstandard.ZstdDecompressor().stream_reader(content, read_across_frames=True)
+
+
+def _text(data: bytes) -> str:
+    return data.split(b"\0", 1)[0].decode("utf-8", "surrogateescape")

@@ -1,0 +1,164 @@
+"""The names of other files in a scene file, of every kind that Blender opens: found without opening any of those files."""
+
+import html
+import json
+import mmap
+import os
+import re
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from . import blend_names, compat
+
+#: A backslash at the end of a line goes on in the next one.
+_REST = rb"(?:[ \t]|\\\r?\n)((?:\\\r?\n|[^\r\n])+)"
+_MTLLIB = re.compile(rb"mtllib" + _REST)
+_MAP = re.compile(rb"(?:map_\w+|bump|disp|decal|refl|norm)" + _REST, re.IGNORECASE)
+#: A string of a binary FBX: its length in four bytes, of which the last two are 0.
+_FBX_STRING = re.compile(rb"S(?=[^\0][\0-\x10]\0\0)")
+#: Before these an FBX says where it, or what it was made from, lay; nobody reads that.
+_FBX_ORIGIN = re.compile(r"\w*DocumentUrl$|(Original|LastSaved)\|")
+_LAYERS = (".usd", ".usda", ".usdc", ".usdz", ".sdf", ".mtlx")
+
+
+@dataclass(frozen=True)
+class Named:
+    """place: where in the file the name stands. told: it is worth a word where nothing of that name is there.
+
+    kind: how it will be read, whatever its name ends in. folder: the name of a folder, all of which may be read. blenders: a path as Blender has its own. computed: what will be read is not known.
+    """
+
+    place: str
+    name: str
+    told: bool = False
+    folder: bool = False
+    blenders: bool = False
+    computed: bool = False
+    kind: str = ""
+
+
+def named_in(file: Path, kind: str = "") -> Iterator[Named]:
+    """What the file names, read as a file of that kind (`.mtl`), or as its name and its first bytes have it. Where it cannot be read nothing, as Blender's importer will say what is wrong with it; of a .blend raises InputError."""
+    try:
+        with open(file, "rb") as content:
+            head = content.read(18)
+        finders = {finder for start, finder in _MAGIC.items() if head.startswith(start)}
+        finders |= {finder for suffix, finder in _FINDERS.items() if suffix == (kind or file.suffix.lower())}
+        for finder in finders if head else ():
+            yield from finder(file)
+    except OSError:
+        return
+
+
+def _in_blend(file: Path) -> Iterator[Named]:
+    for place, kind, name in blend_names.names(file):
+        if kind == "computed":
+            yield Named(place, name, computed=True)
+        elif name not in ("", "<builtin>"):
+            yield Named(place, name, kind == "told", kind == "folder", blenders=True)
+    yield Named("disk cache", f"//blendcache_{file.stem}", folder=True, blenders=True)
+
+
+def _in_obj(file: Path) -> Iterator[Named]:
+    for line, name in _lines(file, _MTLLIB):
+        yield Named(line, name.strip('"'), told=True, kind=".mtl")
+    if file.with_suffix(".mtl").exists():
+        yield Named("its materials", f"{file.stem}.mtl")
+
+
+def _in_mtl(file: Path) -> Iterator[Named]:
+    for line, arguments in _lines(file, _MAP):
+        # `-bm 0.5 my wood.png`: where the options end is for Blender to say, so the name may begin at any word
+        options = re.finditer(r"\S+", arguments) if arguments.startswith("-") else ()
+        for start in [0, *(word.start() for word in options)]:
+            yield Named(line, arguments[start:])
+
+
+def _lines(file: Path, pattern: re.Pattern[bytes]) -> Iterator[tuple[str, str]]:
+    """(place, argument) of the lines that match."""
+    with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        at, line = 0, 1
+        for found in pattern.finditer(content):
+            start = content.rfind(b"\n", 0, found.start()) + 1
+            if not content[start : found.start()].strip(bytes(range(33))):
+                line, at = line + content[at:start].count(b"\n"), start
+                text = re.sub(rb"\\\r?\n", b" ", found[1]).decode("utf-8", "surrogateescape")
+                yield f"line {line}", text.strip()
+
+
+def _in_gltf(file: Path) -> Iterator[Named]:
+    try:
+        data = file.read_bytes()
+        if data.startswith(b"glTF"):
+            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+        content = json.loads(data)
+        groups = [(key, content.get(key) or []) for key in ("buffers", "images")]
+        entries = [(f"{key}[{k}].uri", e) for key, group in groups for k, e in enumerate(group) if isinstance(e, dict)]
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
+        return
+    for place, entry in entries:
+        uri = entry.get("uri")
+        if isinstance(uri, str) and not (uri.startswith("data:") and ";base64," in uri):  # others are taken for paths
+            yield Named(place, uri, told=place.startswith("buffers"))
+
+
+def _in_fbx(file: Path) -> Iterator[Named]:
+    """Every text of the file: which of them are paths depends on the program that wrote it."""
+    with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        if content[:18] == b"Kaydara FBX Binary":
+            starts = [found.end() for found in _FBX_STRING.finditer(content)]
+            strings = [content[at + 4 : at + 4 + struct.unpack_from("<I", content, at)[0]] for at in starts]
+        else:
+            strings = [found[1] for found in re.finditer(rb'"([^"\r\n]{1,4096})"', content)]
+    texts = [html.unescape(string.decode("utf-8", "surrogateescape")) for string in strings]
+    origins = {k + step for k, text in enumerate(texts) if _FBX_ORIGIN.match(text) for step in range(1, 5)}
+    for name in dict.fromkeys(text for k, text in enumerate(texts) if k not in origins):
+        yield Named("a text", name)
+
+
+def _in_usd(file: Path) -> Iterator[Named]:
+    """Of the layer, and of the layers that are packed into it."""
+    if file.suffix.lower() == ".mtlx":  # its includes are read with it: looked at first
+        for found in re.findall(rb"[\"']([^\"']{1,4096})[\"']", file.read_bytes()):
+            yield Named("a text", html.unescape(found.decode("utf-8", "surrogateescape")))
+    pxr = compat.usd_library()
+    if pxr is None:
+        raise InputError("a Blender that reads USD", path=file, found=f"{compat.version_line()} without its library")
+    own = os.path.realpath(file)
+    todo, seen = [own], set()
+    while todo:
+        layer = todo.pop()
+        seen.add(layer)
+        try:
+            kinds = pxr.UsdUtils.ExtractExternalReferences(layer)
+            opened = pxr.Sdf.Layer.FindOrOpen(layer)
+        except RuntimeError:
+            continue
+        for place, names in zip(("sublayer", "reference or asset", "payload"), kinds, strict=True):
+            for name in names:
+                whole = opened.ComputeAbsolutePath(name) if opened else name
+                if pxr.Ar.IsPackageRelativePath(whole) and whole.startswith(f"{own}["):
+                    todo += {whole} - seen if Path(whole.rstrip("]")).suffix in _LAYERS else set()
+                else:
+                    plain = name.partition("[")[0].partition(":SDF_FORMAT_ARGS:")[0]
+                    yield Named(place, plain, Path(plain).suffix in _LAYERS, computed=name.startswith("`"))
+
+
+def _in_playlist(file: Path) -> Iterator[Named]:
+    """A film that is a list of other films."""
+    for line in file.read_text("utf-8", "surrogateescape").splitlines():
+        for name in [line.strip(), *re.findall("[\"']([^\"']+)[\"']", line), line.rpartition(" ")[2]]:
+            yield Named("playlist", name)
+
+
+_MAGIC: dict[bytes, Callable[[Path], Iterator[Named]]] = {
+    b"BLENDER": _in_blend, b"\x1f\x8b": _in_blend, b"\x28\xb5\x2f\xfd": _in_blend, b"glTF": _in_gltf, b"Kaydara FBX Binary": _in_fbx,
+    b"PXR-USDC": _in_usd, b"#usda": _in_usd, b"#EXTM3U": _in_playlist, b"ffconcat": _in_playlist,
+}  # fmt: skip
+_FINDERS: dict[str, Callable[[Path], Iterator[Named]]] = {
+    ".blend": _in_blend, ".obj": _in_obj, ".mtl": _in_mtl, ".gltf": _in_gltf, ".glb": _in_gltf, ".fbx": _in_fbx,
+    **dict.fromkeys(_LAYERS, _in_usd),
+}  # fmt: skip

@@ -1,0 +1,38 @@
+"""A process that opens scene files one after another and evaluates and renders each, to be watched: OPENED.jsonl `plain` or `checked`, files.
+
+plain: by Blender alone, as if all were allowed. checked: as every command opens them.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "addon"))
+    import bpy
+    from iclnuim.blender import scene
+    from iclnuim.errors import InputError
+
+    rows = []
+    for file in map(Path, sys.argv[3:]):
+        row = {"way": file.parent.name}
+        try:
+            if sys.argv[2] == "checked":
+                scene.open_scene(str(file))
+            else:
+                scene.open_empty()
+                scene.load(file)
+            opened = bpy.context.scene
+            opened.render.engine, opened.cycles.samples = "CYCLES", 1
+            opened.render.resolution_x = opened.render.resolution_y = 8
+            opened.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+            opened.camera.location = (0.3, 0.3, 5)
+            opened.collection.objects.link(opened.camera)
+            opened.frame_set(2)
+            bpy.ops.render.render()
+        except InputError as error:
+            row["refused"] = str(error)
+        rows.append(json.dumps(row))
+    Path(sys.argv[1]).write_text("\n".join(rows))
+    os._exit(0)
