@@ -15,9 +15,8 @@ from iclnuim import __version__
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import check_picture
 
-from .console import Console
 from .isolation import survived
-from .options import option_name
+from .options import Console, option_name
 
 #: command -> what it does. Its options are declared by `configure` of commands/NAME.py, `-` as `_`, or by `configure_NAME` of the module in _SHARED.
 COMMANDS = {
@@ -45,6 +44,7 @@ COMMANDS = {
     "doctor": "what is installed, what is missing, and how to install it",
 }
 _SHARED = dict.fromkeys(("make", "render", "resume", "task"), "runs")
+_SHARED |= dict.fromkeys(("dataset", "noise", "inspect", "pack"), "sequences")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -64,7 +64,12 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     command = argv[0]
     try:
-        return _run(command, argv[1:])
+        args = parsed(command, argv[1:])
+        if getattr(args, "plot", None):
+            check_picture(args.plot)  # before work that may be long
+        work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
+        opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
+        return survived(work, str(opened)) if opened else work() or 0
     except IclnuimError as error:
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
@@ -88,15 +93,6 @@ def command() -> NoReturn:
             sys.stdout.flush()
         os._exit(code)  # Blender as a module may wait at the end for threads of its own that are gone by then
     sys.exit(code)
-
-
-def _run(command: str, argv: list[str]) -> int:
-    args = parsed(command, argv)
-    if getattr(args, "plot", None):
-        check_picture(args.plot)  # before work that may be long
-    work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
-    opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
-    return survived(work, str(opened)) if opened else work() or 0
 
 
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:

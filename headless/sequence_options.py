@@ -14,8 +14,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.odometry.registry import PACKAGES
 
-from .console import Console
-from .options import add_settings, settings_from
+from .options import Console, add_settings, settings_from
 
 if TYPE_CHECKING:
     from iclnuim.odometry.run import Sequence

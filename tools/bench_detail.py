@@ -11,8 +11,7 @@ from iclnuim import shipped
 from iclnuim.blender import output
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.console import Console
-from iclnuim.headless.options import Actions, action, renamed
+from iclnuim.headless.options import Actions, Console, action, renamed
 
 
 def configure(actions: Actions) -> None:

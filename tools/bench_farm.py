@@ -18,8 +18,7 @@ from iclnuim import job as jobs
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.console import Console
-from iclnuim.headless.options import Actions, action, renamed
+from iclnuim.headless.options import Actions, Console, action, renamed
 from iclnuim.job import RenderJob
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
-from iclnuim.headless.console import Console
 from iclnuim.headless.farm.chunks import own_cores
 from iclnuim.headless.farm.rendering import LocalRun, open_run
 from iclnuim.headless.farm.run_plan import RunPlan
+from iclnuim.headless.options import Console
 from iclnuim.job import RenderJob
 
 

@@ -141,11 +141,8 @@ def _declaration(field: Any, hint: Any) -> Setting:
     if typing.get_origin(kind) is tuple:
         elements = typing.get_args(kind)
         kind, length = elements[0], 0 if elements[-1] is Ellipsis else len(elements)
-    words: dict[str, Any] = {
-        "option": "--" + field.name.replace("_", "-"),
-        "label": field.name.replace("_", " ").capitalize(),
-    }
-    words["shown"] = about.get("unit", ""), 1.0
+    words: dict[str, Any] = {"option": "--" + field.name.replace("_", "-"), "shown": (about.get("unit", ""), 1.0)}
+    words["label"] = field.name.replace("_", " ").capitalize()
     return Setting(field.name, kind, field.default, optional=optional, length=length, **{**words, **about})
 
 

@@ -79,10 +79,6 @@ class WorkerClient(subprocess.Popen[bytes]):
         threading.Thread(target=self._listen, daemon=True).start()
 
     @property
-    def running(self) -> bool:
-        return self.poll() is None
-
-    @property
     def silent_s(self) -> float:
         """Seconds since the last event, or since the last command. A worker sends one every two seconds once it has started."""
         return time.monotonic() - self._last_s

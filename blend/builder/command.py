@@ -16,8 +16,7 @@ import numpy as np
 from iclnuim.blender import output
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
-from iclnuim.headless.console import Console
-from iclnuim.headless.options import action, subcommands
+from iclnuim.headless.options import Console, action, subcommands
 from iclnuim.sensor.transfer import srgb8
 from iclnuim.shipped import SCENES
 

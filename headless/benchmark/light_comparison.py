@@ -84,7 +84,9 @@ class Comparison:
             self._render(replace(way.job, camera=self.small), small, sorted({*self.views, *(n + 1 for n in firsts)}))
             found = error(_frames(small, self.views)[0], self.references)
             flicker = self._flicker(small, firsts)
-            seconds = self._seconds(way.job, Path(folder) / "full", self.views[:1] if slow else self.views)
+            times = self._render(way.job, Path(folder) / "full", self.views[:1] if slow else self.views)
+        # the first frame, in which Cycles reads the scene, counts only where it is the only one
+        seconds = statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
         return Result(way, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
@@ -95,11 +97,6 @@ class Comparison:
         folder = light_map.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
         self._render(job, folder, self.views)
         return _frames(folder, self.views)[0]
-
-    def _seconds(self, job: RenderJob, folder: Path, views: list[int]) -> float:
-        """Of a frame. The first one, in which Cycles reads the scene, counts only where it is the only one."""
-        times = self._render(job, folder, views)
-        return statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
 
     def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
         """Render what is missing; when it began, and when each frame was reported: as the next one was rendered."""

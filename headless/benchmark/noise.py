@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.frames import FrameSource, image_frames, run_frames
+from iclnuim.dataset.frames import image_frames, run_frames
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, keep_freed_memory, noisy_images
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
@@ -60,9 +60,38 @@ class PairTime:
 def pair_times(
     raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
 ) -> list[PairTime]:
-    """Each of PAIRS on the frames of a run."""
-    source = run_frames(raw, frames)
-    return [pair_time(raw, source, depth, rgb, rounds, workers, on_round) for depth, rgb in PAIRS]
+    """Each of PAIRS on the frames of a run, `rounds` times with noise and without, in turns."""
+    source, found = run_frames(raw, frames), []
+    for depth, rgb in PAIRS:
+        noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
+        images = []  # of each frame clean colour and depth, noisy colour and depth
+        for number in source.numbers:
+            light, depth_z_m = source.load(number)
+            both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
+            images.append([image for pair in both for image in pair])
+        times = []
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as scratch:
+                out = Path(scratch)
+                written = {out / "clean": SequenceSettings(), out / "noisy": noisy}
+                begun = _clocks()
+                SequenceWriter(source, written).write(workers)
+                made = _clocks()
+                _files_alone(raw, source.numbers, images, out, workers)
+                times.append((*(made - begun), *(_clocks() - made)))
+            on_round()
+        made_s, made_cpu, files_s, files_cpu = np.array(times).T
+        found.append(
+            PairTime(
+                depth,
+                rgb,
+                frames_per_s=len(source.numbers) / float(np.median(made_s)),
+                cpu_ms=1e3 * float(np.median(made_cpu)) / len(source.numbers),
+                ratio=float(np.median(made_s / files_s)),
+                cpu_ratio=float(np.median(made_cpu / files_cpu)),
+            )
+        )
+    return found
 
 
 def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
@@ -95,38 +124,6 @@ def _with_noise(
 def _clocks() -> np.ndarray:
     """Seconds by the clock, and of the processor: of this process to the nanosecond, of those that ended to the tick (10 ms)."""
     return np.array([time.perf_counter(), time.process_time() + sum(os.times()[2:4])])
-
-
-def pair_time(
-    raw: Path, source: FrameSource, depth: str, rgb: str, rounds: int, workers: int, on_round: Callable[[], None]
-) -> PairTime:
-    """The models on the frames `source` of the run `raw`, `rounds` times with noise and without, in turns."""
-    noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
-    images = []  # of each frame clean colour and depth, noisy colour and depth
-    for number in source.numbers:
-        light, depth_z_m = source.load(number)
-        both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
-        images.append([image for pair in both for image in pair])
-    times = []
-    for _ in range(rounds):
-        with tempfile.TemporaryDirectory() as scratch:
-            out = Path(scratch)
-            written = {out / "clean": SequenceSettings(), out / "noisy": noisy}
-            begun = _clocks()
-            SequenceWriter(source, written).write(workers)
-            made = _clocks()
-            _files_alone(raw, source.numbers, images, out, workers)
-            times.append((*(made - begun), *(_clocks() - made)))
-        on_round()
-    made_s, made_cpu, files_s, files_cpu = np.array(times).T
-    return PairTime(
-        depth,
-        rgb,
-        frames_per_s=len(source.numbers) / float(np.median(made_s)),
-        cpu_ms=1e3 * float(np.median(made_cpu)) / len(source.numbers),
-        ratio=float(np.median(made_s / files_s)),
-        cpu_ratio=float(np.median(made_cpu / files_cpu)),
-    )
 
 
 def _files_alone(
@@ -200,11 +197,10 @@ def _binned(error: np.ndarray) -> np.ndarray:
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
     """Left, with `overlaps`: each model's time and overlap; right: clean and noisy frames over their files alone."""
     drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
-    *left, right = drawn.subplots(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None, squeeze=False)[
-        0
-    ]
+    grid = drawn.add_gridspec(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None)
     if overlaps:
-        _draw_models(left[0], times_ms, overlaps)
+        _draw_models(drawn.add_subplot(grid[0]), times_ms, overlaps)
+    right = drawn.add_subplot(grid[-1])
     names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
     right.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
     right.axhline(1, color="black", linewidth=0.8)

@@ -10,8 +10,7 @@ from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.worker_events import Note
 
-from ..console import Console
-from ..options import add_scene_options, common, settings_from
+from ..options import Console, add_scene_options, common, settings_from
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

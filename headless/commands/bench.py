@@ -7,22 +7,31 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 from iclnuim import checkout
 from iclnuim import job as jobs
 from iclnuim.errors import InputError, WorkError, blender_missing
+from iclnuim.formats.files import read_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.odometry.registry import NAMES, odometer
 
-from ..console import Console
-from ..options import action, count, renamed, subcommands
+from ..options import Console, action, count, renamed, subcommands
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
 from .odometry import RENAMED_METHODS
+
+if TYPE_CHECKING:
+    from iclnuim.odometry.run import Sequence
+    from matplotlib.figure import Figure
+
+#: Frames through each odometer beforehand, so that compiling and loading are not timed.
+_WARM_UP = 3
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -150,24 +159,28 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
 
 
 def _odometry(args: argparse.Namespace, console: Console) -> None:
-    from ..benchmark import odometry_comparison as comparison
+    from iclnuim.odometry.run import table
 
     only = current_word(args.only or "", RENAMED_METHODS, console)
     which = [name for name in NAMES if only in name]
     if not which:
         raise InputError(f"part of a name of {', '.join(NAMES)}", found=args.only)
-    results = [result for folder in args.folders if folder.suffix == ".json" for result in comparison.read(folder)]
+    results = [result for folder in args.folders if folder.suffix == ".json" for result in _read_results(folder)]
     folders = [folder for folder in args.folders if folder.suffix != ".json"]
     if folders:
         require("bench odometry", "numba", "cv2")
         which = _installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder) for folder in folders]
-    results += [comparison.compare(s, which, args.preset, args.first, console.progress) for s in sequences]
+    results += [_compare_odometers(s, which, args.preset, args.first, console.progress) for s in sequences]
     if args.plot:
         from iclnuim.report import charts
 
-        charts.save(comparison.figure(results), args.plot)
-    console.result({"races": results}, "\n\n".join(comparison.text(result) for result in results))
+        charts.save(_odometry_figure(results), args.plot)
+    texts = []
+    for r in results:
+        title = f"{r['sequence']}, preset {r['preset']} of ours"
+        texts.append(f"{title}\n{table(r['runs'])}\nPareto front: {', '.join(_front(r['runs']))}")
+    console.result({"races": results}, "\n\n".join(texts))
 
 
 def _installed(names: list[str], preset: str, console: Console) -> list[str]:
@@ -182,6 +195,71 @@ def _installed(names: list[str], preset: str, console: Console) -> list[str]:
                 raise
             console.note(f"left out: {error}")
     return found
+
+
+def _compare_odometers(
+    sequence: "Sequence", names: list[str], preset: str, frames: int | None, progress: Callable
+) -> dict:
+    """`sequence`, `preset`, and `runs` (Run.to_dict()). Raises InputError without ground truth."""
+    from iclnuim.odometry.run import run_together
+
+    run_together([odometer(name, preset) for name in names], sequence, frames=_WARM_UP)
+    runs = run_together([odometer(name, preset) for name in names], sequence, progress=progress, frames=frames)
+    if runs[0].truth is None:
+        raise InputError("a ground truth in the folder", path=sequence.folder)
+    name = "/".join(sequence.folder.resolve().parts[-2:])
+    return {"sequence": name, "preset": preset, "runs": [run.to_dict() for run in runs]}
+
+
+def _read_results(path: Path) -> list[dict]:
+    """Results that were written with --json, by 0.1.0 too. Raises InputError for another file."""
+    results = read_json(path).get("races")
+    if not isinstance(results, list):
+        raise InputError("what `iclnuim bench odometry --json` printed", path=path)
+    for run in (run for result in results for run in result["runs"]):
+        run["odometer"] = run["odometer"].replace("peer:", "baseline:")
+    return results
+
+
+def _front(runs: list[dict]) -> list[str]:
+    """The Pareto front: names of those that no other beats in both median time and error."""
+    points = [(d["odometer"], d["ms_median"], d["ate_rmse_m"]) for d in runs if d["ate_rmse_m"] is not None]
+    return [n for n, ms, ate in points if not any(m <= ms and a <= ate and (m, a) != (ms, ate) for _, m, a in points)]
+
+
+def _odometry_figure(results: list[dict]) -> "Figure":
+    """ATE over time a frame: a dot at the median, a line to the 95th percentile, the front dashed."""
+    from iclnuim.report.charts import COLOURS
+    from matplotlib.figure import Figure
+
+    columns = min(len(results), 4)
+    rows = -(-len(results) // columns)
+    drawing = Figure(figsize=(4.2 * columns + 1.5, 4.0 * rows), layout="constrained")
+    panels = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes, result in zip(panels.flat, results, strict=False):
+        best, not_beaten = [], _front(result["runs"])
+        for i, d in enumerate(result["runs"]):
+            if d["ate_rmse_m"] is None:
+                continue
+            ate_mm, marker = d["ate_rmse_m"] * 1e3, "s" if d["odometer"].startswith("baseline:") else "o"
+            colour = COLOURS[i % len(COLOURS)]
+            axes.plot([d["ms_median"], d["ms_95"]], [ate_mm, ate_mm], color=colour, linewidth=1)
+            axes.plot(d["ms_median"], ate_mm, marker, color=colour, label=d["odometer"], linestyle="")
+            if d["odometer"] in not_beaten:
+                best.append((d["ms_median"], ate_mm))
+        axes.plot(*zip(*sorted(best), strict=True), "--", color="grey", linewidth=0.8)
+        axes.set(xscale="log", yscale="log", title=result["sequence"])
+        axes.set_xticks([5, 10, 20, 50, 100, 200], labels=["5", "10", "20", "50", "100", "200"])
+        axes.xaxis.set_minor_formatter("")
+        axes.yaxis.set_minor_formatter("")
+        axes.grid(alpha=0.3)
+    for axes in panels[-1]:
+        axes.set_xlabel("ms a frame: median, line to 95 %")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("ATE RMSE [mm]")
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside right upper", fontsize=8)
+    return drawing
 
 
 def _evaluate(args: argparse.Namespace, console: Console) -> None:

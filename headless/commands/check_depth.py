@@ -13,9 +13,8 @@ from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.checks import DepthErrors, TruthCaster, TruthErrors, compare_depth, depth_summary, truth_summary
 
-from ..console import Console
 from ..isolation import opened_scene
-from ..options import common, count, renamed
+from ..options import Console, common, count, renamed
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

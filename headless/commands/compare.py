@@ -12,8 +12,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json
 from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
 
-from ..console import Console
-from ..options import common
+from ..options import Console, common
 
 #: By tolerance a pixel is equal within so much, and a frame where at most this share of its pixels is not: edges move by a rounding.
 COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01

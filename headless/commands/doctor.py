@@ -13,9 +13,8 @@ from dataclasses import asdict, dataclass, replace
 from iclnuim import __version__, shipped
 from iclnuim.errors import InputError, how_to_get_bpy
 
-from ..console import Console
 from ..farm.chunks import own_cores
-from ..options import common
+from ..options import Console, common
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.report.trajectory_report import Report, Source, error_text
 
-from ..console import Console
-from ..options import action, add_settings, option_name, renamed, settings_from, subcommands
+from ..options import Console, action, add_settings, option_name, renamed, settings_from, subcommands
 
 if TYPE_CHECKING:
     from iclnuim.geometry.se3 import SE3

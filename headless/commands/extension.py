@@ -11,8 +11,7 @@ from iclnuim import shipped
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import atomic_write
 
-from ..console import Console
-from ..options import action, subcommands
+from ..options import Console, action, subcommands
 
 _DATE = (2020, 1, 1, 0, 0, 0)
 #: What the panel has no use for: it needs packages that Blender does not carry.

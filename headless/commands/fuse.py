@@ -11,8 +11,7 @@ from iclnuim.formats.ply import write_ply
 from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory, read_trajectory
 from iclnuim.fusion.settings import PRESETS, FuseSettings, VolumeSettings
 
-from ..console import Console
-from ..options import add_settings, common, renamed, settings_from
+from ..options import Console, add_settings, common, renamed, settings_from
 from ..sequence_options import add_camera_options, open_sequence, require
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 from iclnuim.odometry.registry import ODOMETERS, odometer
 
-from ..console import Console
-from ..options import common, count
+from ..options import Console, common, count
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
 
 if TYPE_CHECKING:

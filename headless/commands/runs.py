@@ -15,11 +15,11 @@ from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
 
 from .. import options
-from ..console import Console
 from ..farm import slurm, tasks
 from ..farm.chunks import numbers_from, own_cores
 from ..farm.rendering import open_run, report, stop_on_signals
 from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
+from ..options import Console
 from ..sequence_options import add_sensor_options, sequence_options
 
 _STAGES = {

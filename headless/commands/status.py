@@ -11,10 +11,9 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 
-from ..console import Console
 from ..farm import slurm
 from ..farm.run_plan import RunPlan, find_run, read_plan
-from ..options import common
+from ..options import Console, common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -12,9 +12,8 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.se3 import SE3
 
-from ..console import Console
 from ..isolation import opened_scene
-from ..options import SCENE_KINDS, add_scene_options, common, settings_from
+from ..options import SCENE_KINDS, Console, add_scene_options, common, settings_from
 
 WRITERS = {".ply": write_ply, ".obj": write_obj}
 

@@ -9,8 +9,7 @@ from iclnuim.formats.files import read_json
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ
 
-from ..console import Console
-from ..options import common
+from ..options import Console, common
 
 PRINTED = Path(__file__).parents[1] / "benchmark/paper_table_1.json"
 

@@ -24,9 +24,8 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.viewpoints import chosen
 
-from ..console import Console
 from ..isolation import opened_scene
-from ..options import SCENE_KINDS, Actions, action, add_scene_options, add_settings, renamed, settings_from, subcommands
+from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
 
 #: Routes round obstacles are searched this far beyond the viewpoints.
 _DETOUR_M = 2.0
@@ -35,7 +34,7 @@ _FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    actions = subcommands(parser)
+    actions = parser.add_subparsers(metavar="ACTION", required=True, dest="action")
     text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was taken"
     info = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
     info.add_argument("files", nargs="+", metavar="FILE", help=_FILE)

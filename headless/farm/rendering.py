@@ -18,8 +18,8 @@ from iclnuim.job import RenderJob
 from iclnuim.worker_client import WorkerClient, worker_command
 from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, Note, Ready, Started
 
-from ..console import Console
 from ..isolation import crash_words
+from ..options import Console
 from .chunks import chunks_of, granted_cores, local_size, own_cores, split
 from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError, not_started
 from .lock import OutputLock
@@ -97,7 +97,7 @@ class LocalRun:
         client = self._client
         client.stop()
         end = time.monotonic() + 2.0
-        while client.running and time.monotonic() < end:
+        while client.poll() is None and time.monotonic() < end:
             time.sleep(0.02)
         clean = client.returncode == 0
         client.kill()

@@ -16,7 +16,7 @@ from iclnuim.dataset.sequence import read_recipe
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import write_json
 
-from ..console import Console
+from ..options import Console
 from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import Estimate, estimate
 from .estimate import known as known_figures

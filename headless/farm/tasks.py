@@ -19,7 +19,7 @@ from iclnuim.dataset.sequence import JournalEntry, SequenceWriter
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Event, FrameDone, Ready
 
-from ..console import Console
+from ..options import Console
 from . import estimate
 from .chunks import chunks_of, granted_cores, local_size, split
 from .local import LocalFarm, Outcome, Worker

@@ -76,7 +76,7 @@ def farm(tmp_path):
         try:
             return farm.run(chunks_of(frames, size)), heard, started
         finally:
-            assert not any(worker.running for worker in started)
+            assert all(worker.poll() is not None for worker in started)
 
     return run
 

@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..odometry.protocol import Frame, Odometer, Result
-from ..odometry.pyramid import PyramidOdometer, pyramid
+from ..odometry.solver import PyramidOdometer, pyramid
 from ..odometry.track import REFERENCES, Reference, reference, rotated
 from ..odometry.track import View as ReferenceView
 from .settings import PRESETS as VOLUMES

@@ -67,6 +67,11 @@ class PinholeCamera(Settings):
         """(3, 3)."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(4,): fx, fy, cx, cy."""
+        return np.array([self.fx, self.fy, self.cx, self.cy])
+
     def rays(self) -> np.ndarray:
         """(height, width, 3): the point at depth 1 behind each pixel centre, camera frame."""
         x = (np.arange(self.width) - self.cx) / self.fx

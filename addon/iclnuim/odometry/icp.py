@@ -15,10 +15,9 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .photometric import PhotometricSettings, no_contrast, photometric_passes
+from .photometric import PhotometricSettings, Rgbd, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
-from .pyramid import Level, PyramidOdometer, pyramid
-from .solver import MIN_EIGENVALUE, Limits, Linearise, Pass, Stop, System, solve
+from .solver import MIN_EIGENVALUE, Level, Limits, Linearise, Pass, PyramidOdometer, Stop, System, pyramid, solve
 
 #: Disagreement of normals (1 - cosine) that is not yet noise: steps of 0.2 mm make less.
 MIN_NOISE = 1e-4
@@ -64,7 +63,7 @@ class PlaneTerm:
         self, reference: Level, current: Level, settings: IcpSettings, n: int, noise_share: float = 1.0
     ) -> None:
         self.reference, self.settings, self.noise_share = reference, settings, noise_share
-        found = kernels.flat_points(current.k, current.depth_z_m, current.normals, settings.strides[n])
+        found = kernels.flat_points(current.camera.intrinsics, current.depth_z_m, current.normals, settings.strides[n])
         self.pixels, self.points, self.directions = found
         count = len(self.points)
         self.residual, self.residual1 = np.empty((2, count), np.float32)
@@ -76,7 +75,14 @@ class PlaneTerm:
         gate = (MAX_DISTANCE_M, math.cos(math.radians(s.max_angle_deg)))
         found = (self.residual, self.J, self.residual1, self.J1)
         kernels.plane_residuals(
-            T.matrix, level.k, self.points, self.directions, level.depth_z_m, level.normals, *gate, *found
+            T.matrix,
+            level.camera.intrinsics,
+            self.points,
+            self.directions,
+            level.depth_z_m,
+            level.normals,
+            *gate,
+            *found,
         )
         if s.nu > 0:
             self.sigma = max(kernels.student_scale(self.residual, s.nu, self.sigma, 10), 1e-5)
@@ -156,28 +162,8 @@ class IcpRgbd(Icp):
     PRESETS = {
         "paper": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0)),
         "best": (
-            IcpSettings(
-                iterations=(0, 2, 2, 2),
-                strides=(1, 2, 1, 1),
-                bilateral=False,
-                max_angle_deg=12.0,
-                two_normals=True,
-                nu=10.0,
-                spread=30.0,
-                rough_step=3,
-                stop=Stop(min_step=5e-6),
-                limits=Limits(prior_m=0.003),
-                reference="keyframe",
-            ),
-            PhotometricSettings(
-                min_gradients=(12, 2, 3, 3),
-                max_depth_m=13.0,
-                nu=5.0,
-                mean_gradient=True,
-                spread=75.0,
-                tiles=True,
-                stop=Stop(min_step=5e-6),
-            ),
+            replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1), reference="keyframe"),
+            replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3)),
         ),
     }
 

@@ -20,8 +20,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
 from .protocol import Frame, Result, Status, failure
-from .pyramid import Level, PyramidOdometer, pyramid
-from .solver import Limits, Pass, Stop, System, solve
+from .solver import Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, solve
 
 NONE = np.empty(0)
 #: Grey levels (standard deviation) below which an image is black, white or covered.
@@ -129,7 +128,7 @@ class PhotometricTerm:
         size, sparse = reference.grey.size, tiles is not None
         self.pixels = size // 2 if sparse else size
         rule = (settings.min_gradients[n], settings.max_depth_m, ACROSS, DOWN, sparse)
-        found = kernels.gradient_points(reference.k, reference.grey, reference.depth_z_m, *rule)
+        found = kernels.gradient_points(reference.camera.intrinsics, reference.grey, reference.depth_z_m, *rule)
         self.points, self.greys, self.J, self.tile = found
         count = len(self.points)
         self.residual = np.empty(count, np.float32)
@@ -145,7 +144,7 @@ class PhotometricTerm:
         factor = self.tiles.factor if self.tiles else NONE
         seen = (self.points, self.greys, level.grey, level.depth_z_m, self.settings.max_dz_m)
         found = (self.residual, self.J, self.mean, self.tile, factor, self.parallax)
-        kernels.grey_residuals(T.inverse().matrix, level.k, *seen, *found)
+        kernels.grey_residuals(T.inverse().matrix, level.camera.intrinsics, *seen, *found)
         if nu > 0 and (iteration == 0 or not self.scale_once):
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 20), 1e-3)
         J = self.mean if self.settings.mean_gradient else self.J
@@ -241,18 +240,14 @@ class Dvo(Rgbd):
             stop=Stop(min_step=1e-7, min_decrease=5e-7, undo=True),
             limits=Limits(min_inliers=0.3),  # failure test of dvo_slam
         ),
-        "best": PhotometricSettings(
+        "best": replace(
+            Rgbd.PRESETS["best"],
             iterations=(0, 4, 4, 4),
             min_gradients=(2, 2, 2, 2),
             max_depth_m=1e9,
             max_dz_m=0.05,
-            nu=5.0,
             scale_once=True,
-            mean_gradient=True,
-            spread=75.0,
-            tiles=True,
             stop=Stop(min_step=2e-5, min_decrease=1e-3, undo=True),
             limits=Limits(min_inliers=0.01, prior_m=0.03),
-            reference="keyframe",
         ),
     }

@@ -1,14 +1,21 @@
-"""Gauss-Newton from coarse to fine, the loop that the built-in odometers share, and its normal equations."""
+"""What the built-in odometers share: pyramids of images, Gauss-Newton from coarse to fine on them, and its normal equations.
+
+Each level has its own camera (2x2 means, so that K keeps to pixel centres).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 
 from ..geometry import so3
+from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from .protocol import Result, Status, failure
+from . import kernels
+from .protocol import Frame, Result, Status, failure
 
 #: A direction counts as without information below this share of the largest eigenvalue.
 RANK_TOLERANCE = 1e-9
@@ -17,6 +24,61 @@ MIN_EIGENVALUE = 0.05
 #: A motion of more from the prediction is a failure (Kintinuous); a larger standard deviation is degenerate.
 MAX_STEP_M, MAX_SIGMA_M = 0.3, 0.003
 ORIGIN = np.zeros(3)
+#: No level is made of an image with fewer rows or columns than this.
+MIN_SIDE = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """grey and depth_z_m (h, w) float32; normals (h, w, 3) are made when asked for."""
+
+    grey: np.ndarray
+    depth_z_m: np.ndarray
+    camera: PinholeCamera
+    normal_step: int = 1
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Towards the camera, in its frame; 0 at depth edges and where a neighbour is missing."""
+        return kernels.normals(self.depth_z_m, self.camera.intrinsics, self.normal_step)
+
+
+class PyramidOdometer:
+    """An odometer whose prepare() makes a list of Level, fine to coarse, and what it reads of them.
+
+    settings have `iterations`, at most so many on each level, fine to coarse (0: the level is not read), and `reference`.
+    reads_normals, reads_grey: what a rendered reference needs to hold.
+    """
+
+    reads_normals = reads_grey = False
+
+    def __init__(self, settings: Any) -> None:
+        self.settings, self.iterations, self.reference = settings, settings.iterations, settings.reference
+        self.finest = next(n for n, count in enumerate(self.iterations) if count)
+
+    def schedule(self, levels: list[Level]) -> list[tuple[int, int]]:
+        """(level, iterations) from coarse to fine; of images too small for any, the coarsest there is."""
+        used = [(n, self.iterations[n]) for n in reversed(range(len(levels))) if self.iterations[n]]
+        return used or [(len(levels) - 1, self.iterations[self.finest])]
+
+
+def pyramid(
+    frame: Frame, camera: PinholeCamera, levels: int, *, median_depth: bool = False, normal_step: int = 1
+) -> list[Level]:
+    """Fine to coarse. Depth is halved by means of what belongs together, or by a 3x3 median and every second pixel."""
+    grey, z = frame.grey, frame.depth_z_m
+    result = [Level(grey, z, camera, normal_step)]
+    for _ in range(levels - 1):
+        if min(camera.width, camera.height) < MIN_SIDE:
+            break
+        camera = camera.halved()
+        grey = kernels.halve_grey(grey)
+        if median_depth:
+            z = np.ascontiguousarray(cv2.medianBlur(z, 3)[: 2 * camera.height : 2, : 2 * camera.width : 2])
+        else:
+            z = kernels.halve_depth(z)
+        result.append(Level(grey, z, camera, normal_step))
+    return result
 
 
 @dataclass(frozen=True, eq=False)

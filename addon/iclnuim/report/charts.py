@@ -86,11 +86,8 @@ def error_figure(report: Report) -> Figure:
     result, stamps_s, errors_m = report.result, report.result.stamps_s, report.result.translation_error_m
     if isinstance(result, AbsoluteError):
         truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
-        plane, coloured, name = (
-            widest_plane(truth.T_world_camera),
-            result.aligned,
-            "the estimate, coloured by its error",
-        )
+        plane, coloured = widest_plane(truth.T_world_camera), result.aligned
+        name = "the estimate, coloured by its error"
         _trajectory(first, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
         _trajectory(first, stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
         first.set_title("trajectories")

@@ -78,11 +78,7 @@ def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera
         tile = np.full((camera.pinhole.height, camera.pinhole.width, 3), 40, np.uint8)
         j = i - _APART if i >= _APART else min(i + _APART, len(pairs) - 1)
         stamps_s = np.array([pairs[i].stamp_s, pairs[j].stamp_s])
-        if (
-            truth is not None
-            and len(truth) > 1
-            and truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]
-        ):
+        if truth and truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]:
             poses = sample(truth, stamps_s)
             here, there = (_metres(pairs[n], camera) for n in (i, j))
             residual = carried_residual(here, there, poses[1].inverse() @ poses[0], camera.pinhole)

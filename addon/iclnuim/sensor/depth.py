@@ -162,14 +162,11 @@ class Kinect2012DepthNoise(NoiseModel):
         lateral_px = self.lateral_px + self.lateral_angle_px * angle / (np.float32(np.pi / 2) - angle)
         u, v = shifted_grid(depth_true_m, lateral_px, rng)
         depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
-        noisy_m = depth_z_m + self.axial_sigma_m(depth_z_m, angle) * gaussian(rng, depth_true_m.shape)
+        growth = angle / (np.float32(np.pi / 2) - angle)
+        axial_m = self.axial_m + self.axial_per_m * (depth_z_m - self.axial_nearest_m) ** 2
+        axial_m = axial_m + self.axial_angle / np.sqrt(np.maximum(depth_z_m, np.float32(0.01))) * growth**2
+        noisy_m = depth_z_m + axial_m * gaussian(rng, depth_true_m.shape)
         return np.where(seen & (depth_z_m > 0) & (noisy_m > 0), noisy_m, np.float32(0))
-
-    def axial_sigma_m(self, depth_z_m: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-        """Along the optical axis, metres."""
-        growth = angle_rad / (np.float32(np.pi / 2) - angle_rad)
-        flat = self.axial_m + self.axial_per_m * (depth_z_m - self.axial_nearest_m) ** 2
-        return flat + self.axial_angle / np.sqrt(np.maximum(depth_z_m, np.float32(0.01))) * growth**2
 
 
 @dataclass(frozen=True)

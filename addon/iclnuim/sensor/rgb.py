@@ -84,7 +84,9 @@ class ReleasedRgbNoise(NoiseModel):
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
         image = srgb8(_exposed(light, self.exposure))
         noisy = np.empty_like(image)
-        sigma = self.sigma_of_value()
+        variance = np.outer(self.variance_per_value, np.arange(256)) + np.array(self.variance)[:, None]
+        # (3, 256) of each value: cutting to whole values brings the missing variance of 1/12
+        sigma = np.sqrt(np.maximum(variance - 1 / 12, 0)).astype(np.float32)
         a, b, c = self.neighbour_weights()
         for k in range(3):
             clean = image[..., k]
@@ -94,11 +96,6 @@ class ReleasedRgbNoise(NoiseModel):
                 values = np.floor(clean[rows] + sigma[k].take(clean[rows]) * noise)
                 noisy[rows, :, k] = np.clip(values, 0, 255).astype(np.uint8)
         return noisy
-
-    def sigma_of_value(self) -> np.ndarray:
-        """(3, 256): what is added; cutting to whole values brings the missing variance of 1/12."""
-        variance = np.outer(self.variance_per_value, np.arange(256)) + np.array(self.variance)[:, None]
-        return np.sqrt(np.maximum(variance - 1 / 12, 0)).astype(np.float32)
 
     def neighbour_weights(self) -> tuple[np.float32, np.float32, np.float32]:
         """(a, b, c) with a^2 + b^2 + c^2 = 1, ab + bc = correlation at 1 px, ac = correlation at 2 px.

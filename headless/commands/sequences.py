@@ -1,0 +1,226 @@
+"""`iclnuim dataset`, `noise`, `inspect` and `pack`: RGB-D sequences made of a run's frames or of one that somebody has, looked at, and published.
+
+`dataset` takes the EXR frames of a run, `noise` any sequence, clean or with a sensor's noise, to any format; `noise calibrate` fits the noise
+to a real sensor. `inspect` says what is wrong with a sequence, and draws it; `pack` makes the archive to publish.
+"""
+
+import argparse
+import json
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
+from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
+from iclnuim.dataset.frames import FrameSource, image_frames, run_frames
+from iclnuim.dataset.inspection import inspect_sequence
+from iclnuim.dataset.packing import LICENCES, check_packable, pack, packed_names
+from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.errors import InputError
+from iclnuim.formats.files import data_lines, read_bytes, read_text, sha256
+from iclnuim.formats.png import read_depth16, read_rgb8
+from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
+
+from ..options import Console, common, renamed
+from ..sequence_options import add_camera_options, add_sensor_options, camera_from, sequence_options
+
+EXPOSURES = "exposures.txt"
+_ABOUT = """
+`iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR holds exposures.txt (lines
+`exposure image.png`, two or more images of each exposure of a static scene), and depth/*.png of a static wall, or
+wall1/*.png, wall2/*.png ... of walls of different slope.
+"""
+#: Labels of the figures, and their units.
+_LABELS = {
+    "rate_hz": ("frames a second", ""),
+    "duration_s": ("duration", " s"),
+    "depth_m": ("depth in metres", ""),
+    "depth_missing_share": ("share of pixels without depth", ""),
+    "length_m": ("length of the trajectory", " m"),
+    "max_speed_m_s": ("fastest", " m/s"),
+    "depth_fits_poses_mm": ("depth carried by the poses meets depth to", " mm"),
+    "depth_fits_mirrored_poses_mm": ("by the poses mirrored in y to", " mm"),
+}
+
+
+def configure_dataset(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence")
+    parser.add_argument("--frames", default="::", metavar="A:B:S", help="as a Python slice (B excluded); default: all")
+    _add_output_options(parser)
+    example = "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released"
+    common(parser, example).set_defaults(run=_dataset)
+
+
+def _add_output_options(parser: argparse.ArgumentParser) -> None:
+    """The noise, and in which formats a sequence is written."""
+    add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
+    renamed(parser, "--dialect", "--format", append=True)
+    bags, klg = "OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg", "OUT.klg, the log of ElasticFusion"
+    parser.add_argument("--rosbag", action="store_true", help=f"also {bags}")
+    parser.add_argument("--klg", action="store_true", help=f"also {klg}, and its camera OUT.cal")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that make images; default: one a core")
+
+
+def _dataset(args: argparse.Namespace, console: Console) -> None:
+    _write(run_frames(args.raw, args.frames), args, console)
+
+
+def _write(source: FrameSource, args: argparse.Namespace, console: Console) -> None:
+    """Write the sequence args.out, reporting progress."""
+    options = sequence_options(args)
+    formats = options.formats
+    if (args.klg or args.rosbag) and formats[0] not in ("tum", "icl-nuim"):
+        raise InputError("the format tum or icl-nuim first, to make bags and logs of", found=", ".join(formats))
+    writer = SequenceWriter(source, {args.out: options.sequence_settings()}, formats)
+    console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
+    progress = console.progress(len(writer.missing), "dataset")
+    written = writer.write(args.workers, lambda number: progress.advance())[0]
+    folders = [str(path) for path in (*written.folders, *_logs(written.folders[0], args, console))]
+    values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
+    text = f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"
+    lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
+    if lost:
+        kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
+        text += f"\ndepths that became 0 (no measurement): {kinds}"
+    console.result(values, text)
+
+
+def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path]:
+    """Bags and logs beside the sequence, made of its images. Those that are there stay."""
+    beside = args.out.resolve()
+    klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
+    wanted = [klg, ros1, ros2] if args.rosbag else [klg] if args.klg else []
+    for path in wanted:
+        there = path.exists()
+        console.note(f"{path} exists already and stays as it is" if there else f"{path} is written")
+        if not there and path == klg:
+            write_klg(folder, klg)
+        elif not there:
+            write_rosbag(folder, path, 1 if path == ros1 else 2)
+    return wanted
+
+
+def configure_noise(parser: argparse.ArgumentParser) -> None:
+    text = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
+    parser.add_argument("source", metavar="DIR", help=text)
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the noisy sequence; or what to calibrate from")
+    text = "as a Python slice over the pairs; default: all"
+    parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
+    add_camera_options(parser)
+    _add_output_options(parser)
+    example = "iclnuim noise traj3_frei_png noisy --depth-noise paper --rgb-noise paper --seed 1"
+    common(parser, example).set_defaults(run=_noise)
+    parser.description = f"{parser.description}.{_ABOUT}"
+
+
+def _noise(args: argparse.Namespace, console: Console) -> None:
+    if args.source == "calibrate":
+        _calibrate(args, console)
+        return
+    if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
+        raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
+    source = image_frames(Path(args.source), args.frames, camera_from(args))
+    _write(source, args, console)
+
+
+def _calibrate(args: argparse.Namespace, console: Console) -> None:
+    folder, units, values, lines = args.out, check_units(args.units or UNITS_PER_METRE), {}, []
+    rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
+    walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
+    depth = _calibrate_depth(walls, units) if walls else None
+    if rgb is None and depth is None:
+        raise InputError(f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them")
+    if rgb is not None:
+        values["rgb"] = asdict(rgb)
+        settings = json.dumps({"sigma_c": rgb.sigma_c, "sigma_s": rgb.sigma_s})
+        spreads = ", ".join(f"{name} {spread:.2%}" for name, spread in rgb.spreads.items())
+        gamma = f" {rgb.gamma:.3f}" if rgb.response == "gamma" else ""
+        lines.append(f"response: {rgb.response}{gamma} (spread of the light between exposures: {spreads})")
+        lines.append(f"--rgb-noise paper --rgb-settings '{settings}'")
+    if depth is not None:
+        values["depth"] = asdict(depth)
+        settings = json.dumps({"sigma_d": depth.sigma_d, "sigma_s_px": depth.sigma_s_px})
+        assumed = "; sigma_s_px assumed, as the walls are of one slope" if depth.fixed_sigma_s else ""
+        lines.append(f"depth from {depth.frames} frames{assumed}")
+        lines.append(f"--depth-noise paper --depth-settings '{settings}'")
+    console.result(values, "\n".join(lines))
+
+
+def _calibrate_rgb(file: Path) -> RgbCalibration:
+    images: dict[float, list[np.ndarray]] = {}
+    for number, line in data_lines(read_text(file)):
+        fields = line.split()
+        try:
+            exposure, path = float(fields[0]), file.parent / fields[1]
+        except (ValueError, IndexError):
+            raise InputError("lines `exposure image.png`", path=file, line=number, found=line) from None
+        images.setdefault(exposure, []).append(read_rgb8(path))
+    shapes = {image.shape for stack in images.values() for image in stack}
+    if len(shapes) != 1:
+        raise InputError("images of one size", path=file, found=sorted(shapes))
+    return calibrate_rgb(list(images), [np.stack(stack) for stack in images.values()])
+
+
+def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibration:
+    stacks = []
+    for wall in walls:
+        frames = [read_depth16(path) for path in sorted(wall.glob("*.png"))]
+        if len({frame.shape for frame in frames}) != 1:
+            raise InputError("depth images of one size", path=wall, found="several")
+        stacks.append(metres_from_depth16(np.stack(frames), units_per_metre))
+    return calibrate_depth(stacks, sigma_s_px=0.5)
+
+
+def configure_inspect(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM's format, or in the original's")
+    text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
+    parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
+    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures").set_defaults(run=_inspect)
+
+
+def _inspect(args: argparse.Namespace, console: Console) -> int:
+    """Exit code 2 where something is wrong, 0 where things are at most odd."""
+    found = inspect_sequence(args.folder)
+    values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
+    lines = []
+    for name, value in found.figures.items():
+        label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
+        if isinstance(value, dict):
+            value = ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
+        lines.append(f"{label}: {value}{unit}")
+    lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
+    console.result(values, "\n".join(lines + ([] if found.wrong else ["nothing wrong found"])))
+    if args.preview is not None:
+        from iclnuim.report.preview import draw_preview
+
+        for path in draw_preview(args.folder, args.preview, console.progress):
+            console.note(f"{path} written")
+    return 2 if found.wrong else 0
+
+
+def configure_pack(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="a finished sequence")
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: DIR.tar.gz")
+    parser.add_argument("--licence", choices=tuple(LICENCES), default="CC-BY-4.0", help="default: %(default)s")
+    parser.add_argument("--author", default="", help="who is to be named")
+    parser.add_argument("--no-preview", action="store_true", help="leave preview.png and preview.mp4 out")
+    common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz").set_defaults(run=_pack)
+
+
+def _pack(args: argparse.Namespace, console: Console) -> None:
+    out = args.out or args.folder.with_name(f"{args.folder.resolve().name}.tar.gz")
+    check_packable(args.folder, args.licence)
+    extra: dict[str, bytes] = {}
+    if not args.no_preview:
+        from iclnuim.report.preview import draw_preview
+
+        with tempfile.TemporaryDirectory() as scratch:
+            drawn = draw_preview(args.folder, Path(scratch), console.progress)
+            extra = {path.name: read_bytes(path) for path in drawn}
+    progress = console.progress(len(packed_names(args.folder)) + 2 + len(extra), "pack", "files")
+    count = pack(args.folder, out, args.licence, args.author, extra, lambda name: progress.advance())
+    digest = sha256(read_bytes(out))
+    values = {"archive": str(out), "files": count, "bytes": out.stat().st_size, "sha256": digest}
+    console.result(values, f"{out}: {count} files, {out.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}")
