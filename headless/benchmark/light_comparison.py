@@ -1,5 +1,6 @@
 """Ways of lighting a frame against a reference of many path-traced samples: seconds a frame, error, and flicker between frames;
-as a table and as a chart."""
+as a table and as a chart. Errors are of display values, 0..1.
+"""
 
 import hashlib
 import json
@@ -10,17 +11,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
-from iclnuim.blender import light_map, worker
-from iclnuim.dataset.run_folder import read_run
+from iclnuim import shipped
+from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
 from iclnuim.job import RenderJob
 from iclnuim.report.charts import COLOURS
+from iclnuim.sensor.transfer import srgb_from_light
 from iclnuim.worker_events import Event, FrameDone, Note, Ready
 from matplotlib.figure import Figure
-
-from .light_error import Error, carried_difference, error
 
 REFERENCE_SAMPLES = 2048
 #: Of its two halves: their noise must be neither each other's nor that of a way they judge.
@@ -29,6 +31,8 @@ _PATH_SAMPLES = (1, 4, 16, 64, 256)
 _BAKED_SAMPLES = (1, 2, 4, 8)
 #: Path tracing with more samples than this is slow: one frame is timed.
 _SLOW_SAMPLES = 16
+#: Depth that differs by more than this share is another surface.
+_SAME_SURFACE = 0.01
 
 _TO = "to the reference"
 _HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", _TO, "median error", _TO, "bias", "flicker")
@@ -41,6 +45,72 @@ class Way:
     family: str
     label: str
     job: RenderJob
+
+
+@dataclass(frozen=True)
+class Error:
+    """psnr_db of each view against the picture that path tracing converges to; median and mean difference of a colour value.
+
+    psnr_to_reference_db and median_to_reference: the same against the reference as it is, whose own noise counts as error.
+    """
+
+    psnr_db: tuple[float, ...]
+    psnr_to_reference_db: tuple[float, ...]
+    median: float
+    median_to_reference: float
+    bias: float
+
+    @property
+    def mean_psnr_db(self) -> float:
+        return float(np.mean(self.psnr_db))
+
+
+def error(frames: np.ndarray, halves: np.ndarray) -> Error:
+    """Of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.
+
+    The mean of the product of both differences is free of the references' noise: the halves' noise is independent. From
+    the median that noise, half the halves' difference, is taken in quadrature.
+    """
+    a, b = (srgb_from_light(frames) - srgb_from_light(half) for half in halves)
+    whole = srgb_from_light(frames) - srgb_from_light(halves.mean(0))
+    median, noise = float(np.median(np.abs(whole))), float(np.median(np.abs(a - b))) / 2
+    return Error(
+        psnr_db=tuple(_decibels(np.mean(x * y)) for x, y in zip(a, b, strict=True)),
+        psnr_to_reference_db=tuple(_decibels(np.mean(x**2)) for x in whole),
+        median=float(np.sqrt(max(median**2 - noise**2, 0))),
+        median_to_reference=median,
+        bias=float(whole.mean()),
+    )
+
+
+def _decibels(square: float) -> float:
+    return float(-10 * np.log10(max(square, 1e-9)))
+
+
+def carried_difference(
+    rgb_a: np.ndarray,
+    depth_a_z_m: np.ndarray,
+    rgb_b: np.ndarray,
+    depth_b_z_m: np.ndarray,
+    T_b_a: SE3,
+    camera: PinholeCamera,
+) -> np.ndarray:
+    """(n,) differences, mean over colours, of frame a's pixels and frame b read (bilinear) where they fall in it.
+
+    Scene-linear frames (h, w, 3) and planar depth (h, w) in metres. Left out: pixels without depth, outside b, or behind
+    or beside another surface in b.
+    """
+    points = T_b_a.apply(camera.unproject(depth_a_z_m).reshape(-1, 3))
+    pixels = camera.project(points).reshape(camera.height, camera.width, 2).astype(np.float32)
+    z = points[:, 2].reshape(camera.height, camera.width)
+    x, y = pixels[..., 0].copy(), pixels[..., 1].copy()
+    b = cv2.remap(srgb_from_light(rgb_b).astype(np.float32), x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3)
+    nearest, farthest = (
+        cv2.remap(f(depth_b_z_m, np.ones((2, 2))), x, y, cv2.INTER_NEAREST) for f in (cv2.erode, cv2.dilate)
+    )
+    same = (depth_a_z_m > 0) & (np.abs(nearest - z) < _SAME_SURFACE * z) & (np.abs(farthest - z) < _SAME_SURFACE * z)
+    difference = np.abs(b - srgb_from_light(rgb_a)).mean(-1)
+    return difference[same & np.isfinite(difference)]
 
 
 @dataclass(frozen=True)
@@ -90,16 +160,20 @@ class Comparison:
         return Result(way, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
+        from iclnuim.blender import worker
+
         samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
         job = replace(self.job.changed(light="path", samples=samples, denoise=False, seed=seed), camera=self.small)
         recipe = worker.recipe(job)
         key = json.dumps([recipe[k] for k in ("job", "scene_sha256", "trajectory_sha256", "blender")], sort_keys=True)
-        folder = light_map.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
+        folder = shipped.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
         self._render(job, folder, self.views)
         return _frames(folder, self.views)[0]
 
     def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
         """Render what is missing; when it began, and when each frame was reported: as the next one was rendered."""
+        from iclnuim.blender import worker
+
         times: list[float] = []
 
         def listen(event: Event) -> None:
@@ -114,7 +188,7 @@ class Comparison:
         return times
 
     def _flicker(self, folder: Path, firsts: list[int]) -> float:
-        poses = worker.load_trajectory(self.job).T_world_camera
+        poses = load_trajectory(self.job).T_world_camera
         rgb, depth_z_m = _frames(folder, [n + k for n in firsts for k in (0, 1)])
         differences = []
         for k, n in enumerate(firsts):

@@ -81,16 +81,10 @@ def pair_times(
                 times.append((*(made - begun), *(_clocks() - made)))
             on_round()
         made_s, made_cpu, files_s, files_cpu = np.array(times).T
-        found.append(
-            PairTime(
-                depth,
-                rgb,
-                frames_per_s=len(source.numbers) / float(np.median(made_s)),
-                cpu_ms=1e3 * float(np.median(made_cpu)) / len(source.numbers),
-                ratio=float(np.median(made_s / files_s)),
-                cpu_ratio=float(np.median(made_cpu / files_cpu)),
-            )
-        )
+        count = len(source.numbers)
+        ratios = float(np.median(made_s / files_s)), float(np.median(made_cpu / files_cpu))
+        speeds = (count / float(np.median(made_s)), 1e3 * float(np.median(made_cpu)) / count)
+        found.append(PairTime(depth, rgb, *speeds, *ratios))
     return found
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.headless.benchmark.light_error import carried_difference, error
+from iclnuim.headless.benchmark.light_comparison import carried_difference, error
 from iclnuim.sensor.transfer import light_from_srgb
 
 CAMERA = PinholeCamera.parse("160x120")

@@ -109,9 +109,8 @@ class AbsoluteError(PoseErrors):
     @property
     def completeness(self) -> Completeness:
         """Over all ground-truth frames; where one has several estimates, the closest in time counts."""
-        return Completeness.of(
-            self.translation_error_m[self.association.closest_per_first()], self.association.first_count
-        )
+        pairs = self.association
+        return Completeness.of(self.translation_error_m[pairs.closest_per_first()], pairs.first_count)
 
 
 def absolute_error(

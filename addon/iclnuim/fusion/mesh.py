@@ -64,10 +64,9 @@ def case_table() -> tuple[np.ndarray, np.ndarray]:
 
     Fans over the loops; normals point away from the inside.
     """
-    fans = (
+    cases = [
         [(loop[0], *loop[i : i + 2]) for loop in loops(case) for i in range(1, len(loop) - 1)] for case in range(256)
-    )
-    cases = list(fans)
+    ]
     count = np.array([len(c) for c in cases], np.int8)
     edges = np.zeros((256, count.max(), 3), np.int8)
     for case, found in enumerate(cases):

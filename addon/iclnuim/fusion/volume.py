@@ -87,7 +87,9 @@ class Volume:
         self.follow(T.translation)
         n = self._touched(inverse, K, T)
         if n is None:
-            self._make_room(T.translation)
+            rows = self.rows()  # memory is full: the half that lies farthest from the camera leaves
+            far = np.linalg.norm(self.grid.place[rows] * (8 * s.voxel_m) - T.translation, axis=1)
+            self._forget(rows[np.argsort(far, kind="stable")[len(rows) // 2 :]])
             n = self._touched(inverse, K, T)
         if n is None:
             hint = "larger voxels or more blocks"
@@ -143,12 +145,6 @@ class Volume:
         )
         self.max_used = max(self.max_used, self.blocks)
         return None if lost else n
-
-    def _make_room(self, centre_m: np.ndarray) -> None:
-        """Memory is full: the half that lies farthest from the camera leaves."""
-        rows = self.rows()
-        far = np.linalg.norm(self.grid.place[rows] * (8 * self.settings.voxel_m) - centre_m, axis=1)
-        self._forget(rows[np.argsort(far, kind="stable")[len(rows) // 2 :]])
 
     def _forget(self, rows: np.ndarray) -> None:
         if not len(rows):
