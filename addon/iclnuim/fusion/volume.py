@@ -106,12 +106,9 @@ class Volume:
             np.full((*shape, 3) if normals else (0, 0, 3), np.nan, np.float32),
             np.full((*shape, self.settings.channels) if colour else (0, 0, 3), np.nan, np.float32),
         )
-        tiles = (-(-camera.height // TILE), -(-camera.width // TILE))  # depths between which there are blocks in each
-        near, far = np.full(tiles, np.inf, np.float32), np.zeros(tiles, np.float32)
-        K, rule = camera.intrinsics, (self.settings.voxel_m, TILE)
-        kernels.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), *rule, near, far)
-        arrays = (near, np.minimum(far, np.float32(self.settings.far_m)))
-        kernels.trace(self.grid, K, *_parts(T), *rule, *arrays, view.depth_z_m, view.normals_camera, view.colour)
+        near, far = self._ranges(camera, T)
+        arrays = (near, far, view.depth_z_m, view.normals_camera, view.colour)
+        kernels.trace(self.grid, camera.intrinsics, *_parts(T), self.settings.voxel_m, TILE, *arrays)
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
@@ -134,6 +131,14 @@ class Volume:
         rows = np.flatnonzero(used)
         place = self.grid.place[rows]
         return rows[np.lexsort((place[:, 2], place[:, 1], place[:, 0]))].astype(np.int32)
+
+    def _ranges(self, camera: PinholeCamera, T: SE3) -> tuple[np.ndarray, np.ndarray]:
+        """Between which depths there are blocks, for tiles of the image; no deeper than far_m."""
+        shape = (-(-camera.height // TILE), -(-camera.width // TILE))
+        near, far = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
+        K, voxel_m = camera.intrinsics, self.settings.voxel_m
+        kernels.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), voxel_m, TILE, near, far)
+        return near, np.minimum(far, np.float32(self.settings.far_m))
 
     def _touched(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
         """How many rows are listed in self._rows; None where the memory does not suffice."""
