@@ -24,11 +24,9 @@ CORE = "errors settings geometry formats"
 #: room -> rooms it may import from, besides itself. A room is a folder or a file of the library; `api` is iclnuim itself.
 MAY_IMPORT = {
     "errors": "",
-    "scene_classes": "",
     "settings": "errors",
     "checkout": "errors",
-    "worker_events": "errors",
-    "worker_client": "errors formats worker_events",
+    "worker_events": "errors formats",
     "__main__": "checkout headless headless.cli",
     "shipped": "errors",
     "geometry": "errors settings",
@@ -38,14 +36,14 @@ MAY_IMPORT = {
     "job": f"{CORE} shipped sensor",
     "dataset": f"{CORE} api job shipped sensor evaluation",
     "postprocess": f"{CORE} sensor evaluation dataset",
-    "render": f"{CORE} job dataset worker_client worker_events",
+    "render": f"{CORE} job dataset worker_events",
     "lightmap": "errors geometry",
-    "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset scene_classes lightmap",
+    "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset lightmap",
     "report": f"{CORE} api evaluation dataset",
     "raycast": f"{CORE} api dataset",
     "odometry": f"{CORE} api evaluation dataset report",
     "fusion": f"{CORE} api evaluation dataset report odometry raycast blender shipped",
-    "ui": f"{CORE} api job worker_client worker_events shipped sensor evaluation dataset blender postprocess",
+    "ui": f"{CORE} api job worker_events shipped sensor evaluation dataset blender postprocess",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"}) + " api"
 MAY_IMPORT |= {

@@ -6,8 +6,7 @@ import time
 
 import pytest
 from iclnuim.errors import WorkError
-from iclnuim.worker_client import WorkerClient
-from iclnuim.worker_events import Exited, FrameDone, Note
+from iclnuim.worker_events import Exited, FrameDone, Note, WorkerClient
 
 WORKER = textwrap.dedent("""
     import json, sys

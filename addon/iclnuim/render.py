@@ -20,8 +20,7 @@ from .formats.trajectories import write_trajectory
 from .geometry.se3 import SE3
 from .geometry.trajectory import Trajectory, frame_slice
 from .job import RenderJob
-from .worker_client import WorkerClient, worker_command
-from .worker_events import ChunkDone, Event, Exited, Failed
+from .worker_events import ChunkDone, Event, Exited, Failed, WorkerClient, worker_command
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from iclnuim.geometry.handheld_plan import FreeSpace, PlanSettings, Waypoint, pl
 from iclnuim.geometry.scene_axes import SceneReading, parse_unit
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.raycast.caster import RayCaster
-from iclnuim.raycast.viewpoints import chosen
+from iclnuim.raycast.caster import RayCaster, viewpoints
 
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
@@ -330,7 +329,7 @@ def _waypoints(
         low, high = np.percentile(vertices, (1, 99), axis=0)  # a far backdrop or ground is left out
         low, high = np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
         space = FreeSpace.between(low, high, caster.distance)
-        found = chosen(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
+        found = viewpoints(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
         for waypoint in found:
             points = (waypoint.position_m, waypoint.look_at_m or ())
             console.note("viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points))

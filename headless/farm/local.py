@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from iclnuim.errors import IclnuimError, WorkError, named
-from iclnuim.worker_client import WorkerClient
-from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, FrameDone, Ready
+from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, FrameDone, Ready, WorkerClient
 
 from .chunks import Chunk
 from .run_plan import FarmSettings

@@ -15,8 +15,7 @@ from pathlib import Path
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.job import RenderJob
-from iclnuim.worker_client import WorkerClient, worker_command
-from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, Note, Ready, Started
+from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, Note, Ready, Started, WorkerClient, worker_command
 
 from ..isolation import crash_words
 from ..options import Console

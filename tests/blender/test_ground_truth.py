@@ -8,7 +8,7 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from iclnuim import scene_classes as classes
+from iclnuim.blender import ground_truth as classes
 from iclnuim.dataset.ground_truth import normal16
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr

@@ -112,7 +112,7 @@ def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
 @pytest.mark.parametrize("settings", [{}, {"Roughness": 0.9}, {"Roughness": 0.1, "IOR": 1.8}, {"Metallic": 0.4}])
 def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, settings):
     """Irradiance 1 in the map, radiance 1 around: what the diffuse share lacks the gloss must give, at every angle."""
-    from iclnuim.blender import baked_materials, compat
+    from iclnuim.blender import compat, lit_scene
 
     scene = made.fresh(bpy)
     world = bpy.data.worlds.new("white")
@@ -122,11 +122,11 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64)
     ball = bpy.context.object
     bpy.ops.object.shade_smooth()
-    ball.data.uv_layers.new(name=baked_materials.FRONT_UV)
+    ball.data.uv_layers.new(name=lit_scene.FRONT_UV)
     light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
     light.pixels.foreach_set(np.ones(64, np.float32))
     white = made.material(bpy, "white", (1, 1, 1), **settings)
-    ball.data.materials.append(baked_materials.baked_copy(white, light, False))
+    ball.data.materials.append(lit_scene.baked_copy(white, light, False))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.type, camera.data.ortho_scale, camera.location = "ORTHO", 2.0, (0, 0, 5)
     scene.collection.objects.link(camera)

@@ -7,7 +7,7 @@ import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import shipped_job
 from iclnuim.ui.work import Work
-from iclnuim.worker_client import WorkerClient, worker_command
+from iclnuim.worker_events import WorkerClient, worker_command
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 

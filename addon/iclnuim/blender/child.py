@@ -120,6 +120,11 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
     from iclnuim.blender import compat, worker
     from iclnuim.job import RenderJob
 
+    def signs_of_life() -> None:
+        while True:
+            time.sleep(ALIVE_S)
+            emit(events.Alive())
+
     job = RenderJob.from_dict(options["job"])
     if job.denoise and not compat.has_denoiser():
         emit(events.Note("this Blender has no OpenImageDenoise: rendering without"))
@@ -128,7 +133,7 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
         emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     with worker.Session(job, out, emit, options.get("threads")) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
-        threading.Thread(target=_signs_of_life, args=(emit,), daemon=True).start()
+        threading.Thread(target=signs_of_life, daemon=True).start()
         while (command := commands.next()) is not None:
             begun, stopped = time.perf_counter(), commands.stopped
             rendered, whole = 0, True
@@ -160,14 +165,6 @@ def _render(
         emit(Missing("sequences", len(writer.missing)))
         whole = bool(writer.write(None, lambda n: emit(Written(n)), should_stop))
     return rendered, whole
-
-
-def _signs_of_life(emit: EventStream) -> None:
-    from iclnuim.worker_events import Alive
-
-    while True:
-        time.sleep(ALIVE_S)
-        emit(Alive())
 
 
 def _share_the_machine(options: dict) -> None:

@@ -4,7 +4,6 @@ Motion blur and rolling shutter are many cheap renders at poses inside the expos
 """
 
 import math
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import bpy
@@ -77,7 +76,11 @@ def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.nda
         motions_px.append(moved * duration / (last - first) if moved else 0.0)
     rgb = np.empty((camera.height, camera.width, 3), np.float32)
     for band in plan(job.exposure, camera.height, *motions_px):
-        with _rows(band, camera.height):
+        # only the band's rows; Blender cuts to whole ones: a quarter of a row keeps rounding from taking one more or less
+        low, high = ((camera.height - row + 0.25) / camera.height for row in (band.bottom, band.top))
+        border = {"border_min_x": 0.0, "border_max_x": 1.0, "border_min_y": low, "border_max_y": high}
+        part = band.top != 0 or band.bottom != camera.height
+        with temporarily(bpy.context.scene.render, use_border=part, use_crop_to_border=part, **border):
             rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
     return rgb
 
@@ -93,12 +96,3 @@ def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np
             render(float(place), raw_file)
         total = total + read(raw_file, raw_file)[0].astype(np.float64)
     return (total / len(band.offsets_s)).astype(np.float32)
-
-
-def _rows(band: Band, height: int) -> AbstractContextManager[None]:
-    """Only these rows are rendered."""
-    part = band.top != 0 or band.bottom != height
-    # Blender cuts to whole rows: a quarter of a row keeps rounding from taking one more or less
-    low, high = ((height - row + 0.25) / height for row in (band.bottom, band.top))
-    border = {"border_min_x": 0.0, "border_max_x": 1.0, "border_min_y": low, "border_max_y": high}
-    return temporarily(bpy.context.scene.render, use_border=part, use_crop_to_border=part, **border)

@@ -4,12 +4,12 @@ Both come from each pixel's first ray, as Z does. Cycles' own Normal pass is the
 gloss bends them at grazing angles; so every material also puts out the shading normal itself, by a shader output variable (AOV).
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from .. import scene_classes as classes
 from ..dataset.ground_truth import INSTANCE, NORMAL
 from ..errors import InputError
 from ..formats import exr
@@ -23,6 +23,57 @@ SCHEMA_VERSION = 1
 _DIGITS = 6  # micrometres
 _AOV = "ShadingNormal"
 _MAX_OBJECTS = 32767  # of Blender's pass index
+#: The 40 labels of NYU Depth v2 as Gupta, Arbelaez and Malik (CVPR 2013) reduced them; number 1 comes first.
+NYU40 = (
+    "wall", "floor", "cabinet", "bed", "chair", "sofa", "table", "door", "window", "bookshelf",
+    "picture", "counter", "blinds", "desk", "shelves", "curtain", "dresser", "pillow", "mirror", "floor mat",
+    "clothes", "ceiling", "books", "refrigerator", "television", "paper", "towel", "shower curtain", "box", "whiteboard",
+    "person", "night stand", "toilet", "sink", "lamp", "bathtub", "bag", "otherstructure", "otherfurniture", "otherprop",
+)  # fmt: skip
+UNLABELLED = "unlabelled"
+#: Kinds in a user's own scene that are not in the table are numbered from here on, in alphabetical order.
+FIRST_OWN = 1000
+
+#: Our kinds and their NYU40 label, None where NYU40 has no word for it (what lies outside the window). Their order is their number:
+#: new ones go to the end, so that old label images keep their meaning.
+_LABELS = {
+    "wall": "wall", "floor": "floor", "ceiling": "ceiling", "door": "door", "window": "window", "moulding": "otherstructure",
+    "railing": "otherstructure", "backdrop": None, "sofa": "sofa", "chair": "chair", "table": "table", "cabinet": "cabinet",
+    "desk": "desk", "bookcase": "bookshelf", "stand": "otherfurniture", "lamp": "lamp", "pillow": "pillow", "blanket": "otherprop",
+    "curtain": "curtain", "rug": "floor mat", "picture": "picture", "television": "television", "books": "books", "paper": "paper",
+    "plant": "otherprop", "pot": "otherprop", "vase": "otherprop", "fruit": "otherprop", "plate": "otherprop", "mug": "otherprop",
+    "jar": "otherprop", "box": "box", "basket": "otherprop", "monitor": "otherprop", "keyboard": "otherprop", "mouse": "otherprop",
+    "computer": "otherprop", "cable": "otherprop", "phone": "otherprop", "tray": "otherprop", "stapler": "otherprop",
+    "folder": "otherprop", "clock": "otherprop", "board": "otherprop", "socket": "otherprop", "handle": "otherprop",
+    "vent": "otherstructure",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of thing: its number in label images, its name, and its NYU40 label (0 and `unlabelled` where there is none)."""
+
+    id: int
+    name: str
+    nyu40_id: int
+    nyu40: str
+
+
+def _kind(number: int, name: str, label: str | None) -> Kind:
+    return Kind(number, name, NYU40.index(label) + 1 if label else 0, label or UNLABELLED)
+
+
+#: name -> kind, of the shipped scenes
+KINDS = {name: _kind(number, name, label) for number, (name, label) in enumerate(_LABELS.items(), 1)}
+NO_KIND = Kind(0, UNLABELLED, 0, UNLABELLED)
+
+
+def kinds_of(names: list[str | None]) -> dict[str | None, Kind]:
+    """The kind for every name that occurs; None and an empty name have none. NYU40's own words are understood as well."""
+    found: dict[str | None, Kind] = {n: KINDS.get(n, NO_KIND) if n else NO_KIND for n in names}
+    for number, name in enumerate(sorted({n for n in names if n and n not in KINDS}), FIRST_OWN):
+        found[name] = _kind(number, name, name if name in NYU40 else None)
+    return found
 
 
 def number_objects() -> None:
@@ -80,7 +131,7 @@ def objects_table() -> dict:
     box: centre and quaternion (x y z w) in the world, its x along the longer level side; its full sides.
     """
     with surfaces.rendered_parts() as (found, _):
-        kinds = classes.kinds_of([_class_name(part.source) for part in found])
+        kinds = kinds_of([_class_name(part.source) for part in found])
         rows = [_row(part, kinds[_class_name(part.source)]) for part in found]
     rows.sort(key=lambda row: (row["id"], row["box_m"]["centre"]))
     listed = sorted({kind.id: kind for kind in kinds.values()}.values(), key=lambda kind: kind.id)
@@ -97,7 +148,7 @@ def _class_name(thing: bpy.types.Object) -> str | None:
     return own if isinstance(own, str) and own else None
 
 
-def _row(part: Part, kind: classes.Kind) -> dict:
+def _row(part: Part, kind: Kind) -> dict:
     points_m = part.vertices_m()
     box = upright_box(points_m)
     return {

@@ -17,7 +17,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -32,14 +32,13 @@ from ..lightmap.denoise import beside_known, contrast, denoise, fill
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
 from ..shipped import cache_folder as cache_folder
-from . import baked_materials, compat, light_sampling, lit_scene, scene, scene_key, settings, surfaces
-from .light_sampling import Halves
+from . import compat, light_sampling, lit_scene, scene, scene_key, surfaces
 from .lit_scene import LitScene, MapLayout
 from .surfaces import Part
 
 MAP, LAYOUT, RECIPE = "light.exr", "layout.npz", "recipe.json"
-#: A frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
-_BOUNCES = {
+#: Cycles for a frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
+BOUNCES = {
     "max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16,
 }  # fmt: skip
 _VIEWPOINTS = 64
@@ -51,17 +50,8 @@ _MAX_BOUNCES = 8
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
-@dataclass(frozen=True)
-class KnownMap:
-    """A light map in the cache: its folder, size on disk in bytes, age in seconds."""
-
-    folder: Path
-    size_bytes: int
-    age_s: float
-
-
-def prepare(job: RenderJob, cache: Path, report: Callable[[str], None]) -> Path:
-    """The folder in `cache` with the light map of the open scene, of the job's size, samples and seed, found or made.
+def prepare(job: RenderJob, report: Callable[[str], None]) -> Path:
+    """The folder in the cache with the light map of the open scene, of the job's size, samples and seed, found or made.
 
     Leaves the scene as it was. The coarse map in between is never larger than the map itself.
     """
@@ -78,9 +68,13 @@ def prepare(job: RenderJob, cache: Path, report: Callable[[str], None]) -> Path:
         versions = {"blender": compat.version_line(), "iclnuim": __version__, "extra": {}}
         key = {**scene_key.key_parts(found, bpy.context.scene), "settings": asked, **versions}
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
+        cache = cache_folder()
         folder = cache / "light" / name
         if not is_whole(folder):
             _make(folder, found, depsgraph, asked, key, report)
+    with suppress(IclnuimError, OSError):  # a note for `find`; a cache that cannot be written stays without it
+        (cache / "light/known").mkdir(parents=True, exist_ok=True)
+        write_json(_note_file(cache, job), {"map": folder.name})
     return folder
 
 
@@ -100,13 +94,6 @@ def apply(folder: Path) -> LitScene:
             lit.hidden.append((lamp, lamp.name, False))
             lamp.hide_render = True
     return lit
-
-
-def apply_render_settings(scene: bpy.types.Scene) -> None:
-    """For frames by baked light: bounces; and reflections find the sky by themselves, at less cost than by aiming at it."""
-    settings.assign(scene.cycles, _BOUNCES)
-    if scene.world is not None:
-        scene.world.cycles.sampling_method = "NONE"
 
 
 def _make(
@@ -149,10 +136,12 @@ def _make(
 
 
 @contextmanager
-def _bounced(found: list[Part], coarse: "_Points", first: Halves) -> Iterator[None]:
+def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterator[None]:
     """The scene lit by the coarse map with all bounces but the last; `first` is the light that comes straight."""
     cycles = bpy.context.scene.cycles
-    image = lit_scene.image_from_pixels(coarse.map(first))
+    light = coarse.map(first)
+    image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
+    lit_scene.set_pixels(image, light)
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
     lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image, gathering=True)
     try:
@@ -188,8 +177,7 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(F,) faces that show baked light, (F,) faces that let light through, (F,) faces that send light to others."""
     rows = []
     for part in found:
-        kinds = [baked_materials.kind(m) for m in part.mesh.materials] or [baked_materials.kind(None)]
-        table = np.array([(k.diffuse, k.translucent, k.sends) for k in kinds])
+        table = np.array([lit_scene.kind(m) for m in part.mesh.materials] or [lit_scene.kind(None)])
         rows.append(table[np.maximum(surfaces.material_of_face(part), 0)])
     diffuse, translucent, sends = np.concatenate(rows).T
     return diffuse | translucent, translucent, sends
@@ -228,23 +216,23 @@ class _Points:
         self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
         self.visible.ravel()[hidden] = True
 
-    def direct(self) -> Halves:
+    def direct(self) -> np.ndarray:
+        """(2, N, 3), as light_sampling has it."""
         return light_sampling.direct(self.points_m, self.normals, self.samples, self.seed, list(bpy.data.materials))
 
-    def gathered(self) -> Halves:
+    def gathered(self) -> np.ndarray:
         return light_sampling.gathered(self.points_m, self.normals, self.samples, self.seed)
 
-    def contrast(self, light: Halves) -> np.ndarray:
+    def contrast(self, light: np.ndarray) -> np.ndarray:
         """(F, 2) how much light changes on each side from texel to texel."""
-        steps = contrast(*self._images(light), self.chart)
+        image = self.layout.texels.image
+        steps = contrast(image(light[0]), image(light[1]), self.chart)
         return self.layout.per_side(steps.ravel()[self.layout.texels.index])
 
-    def _images(self, light: Halves) -> tuple[np.ndarray, np.ndarray]:
-        return self.layout.texels.image(light.a), self.layout.texels.image(light.b)
-
-    def map(self, light: Halves) -> np.ndarray:
+    def map(self, light: np.ndarray) -> np.ndarray:
         """(size, size, 3): noise taken out, hidden texels next to seen ones and gutters filled."""
-        smooth = denoise(*self._images(light), self.chart, self.facing, self.visible)
+        image = self.layout.texels.image
+        smooth = denoise(image(light[0]), image(light[1]), self.chart, self.facing, self.visible)
         filled, reached = fill(smooth, self.visible, self.chart, 2)
         smooth = np.where(reached[..., None], filled, smooth)
         return fill(smooth, self.chart >= 0, self.chart, 2)[0].astype(np.float32)
@@ -297,15 +285,8 @@ def read_recipe(folder: Path) -> dict:
     return read_json(folder / RECIPE)
 
 
-def note(cache: Path, job: RenderJob, folder: Path) -> None:
-    """Remember that `folder` holds the light of the job's scene. A cache that cannot be written stays without the note."""
-    with suppress(IclnuimError, OSError):
-        (cache / "light/known").mkdir(parents=True, exist_ok=True)
-        write_json(_note_file(cache, job), {"map": folder.name})
-
-
-def find(cache: Path, job: RenderJob) -> KnownMap | None:
-    """The map noted for the job's scene, settings and Blender; None where there is none, or not any more."""
+def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
+    """(folder, size in bytes, age in seconds) of the map noted for the job's scene, settings and Blender; None where none is."""
     try:
         folder = cache / "light" / str(read_json(_note_file(cache, job))["map"])
         if not is_whole(folder):
@@ -313,19 +294,21 @@ def find(cache: Path, job: RenderJob) -> KnownMap | None:
         files = [path.stat() for path in folder.iterdir()]
     except (IclnuimError, OSError, KeyError):
         return None
-    return KnownMap(folder, sum(f.st_size for f in files), time.time() - max(f.st_mtime for f in files))
+    return folder, sum(f.st_size for f in files), time.time() - max(f.st_mtime for f in files)
 
 
 def _note_file(cache: Path, job: RenderJob) -> Path:
     light = [job.map_size, job.map_samples, job.seed, job.lambertian]
-    decides = [_scene_hash(job.scene), job.reading.to_dict(), *light, compat.version_line(), __version__]
+    # the scene's own file alone: what lies beside it is known only once it is open
+    path = scene.shipped_file(job.scene) if scene.is_shipped(job.scene) else Path(job.scene)
+    decides = [
+        _file_hash(path, path.stat().st_mtime_ns),
+        job.reading.to_dict(),
+        *light,
+        compat.version_line(),
+        __version__,
+    ]
     return cache / "light/known" / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
-
-
-def _scene_hash(name: str) -> str:
-    """Of the scene's own file alone: what lies beside it is known only once it is open."""
-    path = scene.shipped_file(name) if scene.is_shipped(name) else Path(name)
-    return _file_hash(path, path.stat().st_mtime_ns)
 
 
 @functools.lru_cache(maxsize=4)

@@ -10,7 +10,6 @@ windows, skies and surfaces need many.
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -57,25 +56,10 @@ _BAKE = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Halves:
-    """Light (n, 3) by two independent halves of the samples."""
-
-    a: np.ndarray
-    b: np.ndarray
-
-    def __add__(self, other: "Halves") -> "Halves":
-        return Halves(self.a + other.a, self.b + other.b)
-
-    @property
-    def mean(self) -> np.ndarray:
-        return (self.a + self.b) / 2
-
-
 def direct(
     points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]
-) -> Halves:
-    """Light that comes straight from lamps and sky of the open scene; what `materials` emit is left out."""
+) -> np.ndarray:
+    """(2, n, 3), by two independent halves of the samples: light straight from lamps and sky; what `materials` emit is left out."""
     with without_glow(materials):
         passes = [
             (lamps, world, max(1, samples // (2 * share)), seed + 100 * number)
@@ -84,22 +68,22 @@ def direct(
         return _sampled(points_m, normals, passes)
 
 
-def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> Halves:
-    """Light that the surfaces of the open scene send, shown as they glow: by emission, or by baked light."""
+def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> np.ndarray:
+    """(2, n, 3), by halves: light that the surfaces of the open scene send, shown as they glow: by emission, or by baked light."""
     return _sampled(points_m, normals, [([], False, max(1, samples // 2), seed)])
 
 
 def _sampled(
     points_m: np.ndarray, normals: np.ndarray, passes: list[tuple[list[bpy.types.Object], bool, int, int]]
-) -> Halves:
+) -> np.ndarray:
     """The sum of passes: lamps, whether the world shines, samples of each half, seed."""
-    light = Halves(np.zeros((len(points_m), 3), np.float32), np.zeros((len(points_m), 3), np.float32))
+    light = np.zeros((2, len(points_m), 3), np.float32)
     for part in batches(len(points_m)):
         with target(points_m[part], normals[part]) as irradiance:
             for lamps, world, samples, seed in passes:
                 with only(lamps, world):
-                    light.a[part] += irradiance(samples, 2 * seed)
-                    light.b[part] += irradiance(samples, 2 * seed + 1)
+                    for half in (0, 1):
+                        light[half, part] += irradiance(samples, 2 * seed + half)
     return light
 
 
@@ -280,10 +264,7 @@ def target(points_m: np.ndarray, normals: np.ndarray) -> Iterator[Callable[[int,
     try:
         yield irradiance
     finally:
-        for blocks, block in zip(
-            ("objects", "meshes", "materials", "images"), (thing, mesh, material, image), strict=True
-        ):
-            getattr(bpy.data, blocks).remove(block)
+        bpy.data.batch_remove([thing, mesh, material, image])
 
 
 def batches(count: int) -> list[slice]:

@@ -64,7 +64,8 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
     """
     here = set(objects)
     tops = [o for o in objects if o.parent is None or o.parent not in here]
-    if all(_is_plain(o) for o in tops):
+    meshes = all(o.type == "MESH" and o.data.users == 1 and o.animation_data is None for o in tops)
+    if meshes and not any(o.children or o.modifiers or o.constraints or o.data.shape_keys for o in tops):
         for thing in tops:
             _into_vertices(thing, matrix)
         return
@@ -81,12 +82,6 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
             lamp.energy *= scale**2
         if lamp.type in ("POINT", "SPOT"):
             lamp.shadow_soft_size *= scale
-
-
-def _is_plain(thing: bpy.types.Object) -> bool:
-    if thing.type != "MESH" or thing.data.users != 1 or thing.animation_data is not None:
-        return False
-    return not (thing.children or thing.modifiers or thing.constraints or thing.data.shape_keys)
 
 
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:

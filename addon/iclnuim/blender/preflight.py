@@ -29,19 +29,16 @@ def findings(baked: bool) -> list[str]:
         elif any(_used(n, "Alpha", 1.0) for n in principled):
             mixed.append(material.name)
     lens = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
-    as_it_is = (
-        view.view_transform in ("Standard", "Raw")
-        and view.look in ("None", "")
-        and view.exposure == 0
-        and view.gamma == 1
-    )
+    as_it_is = view.view_transform in ("Standard", "Raw") and view.look in ("None", "")
+    as_it_is &= view.exposure == 0 and view.gamma == 1
     transform = f"view transform {view.view_transform}, exposure {view.exposure:g}, gamma {view.gamma:g}"
     corners = [np.array(o.matrix_world) @ (*c, 1.0) for o in scene.objects if o.type == "MESH" for c in o.bound_box]
     far = max((float(np.abs(c[:3]).max()) for c in corners), default=0.0)
     moves = moving_names(scene)
-    baked_wrong, own_time = (
-        "baked light would be wrong there, path traced light is not",
-        "each frame shows them at its own time",
+    own_time = (
+        "baked light would be wrong there, path traced light is not"
+        if baked
+        else "each frame shows them at its own time"
     )
     found = {
         "motion blur is on in the scene: switched off here (it moves Z by millimetres)": scene.render.use_motion_blur,
@@ -52,7 +49,7 @@ def findings(baked: bool) -> list[str]:
         f"partly transparent surfaces ({_names(mixed)}): Z is that of the nearest one, seen or not": mixed,
         f"normal maps or bumps ({_names(bumps)}): seen in gloss alone by baked light": bumps,
         f"surfaces {far:.0f} m from the origin: float32 depth loses precision there": far > FAR_M,
-        f"objects or lights that move ({', '.join(moves)[:120]}): {baked_wrong if baked else own_time}": moves,
+        f"objects or lights that move ({', '.join(moves)[:120]}): {own_time}": moves,
     }
     return [sentence for sentence, is_so in found.items() if is_so]
 
@@ -71,7 +68,12 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
     shown = [o for o in scene.objects if o.type != "CAMERA" and not o.hide_render]
     moving = {o.name for o in shown if (o.type != "EMPTY" or o.instance_collection) and _moves(o, set())}
     materials = [m for m in bpy.data.materials if m.users and m.node_tree]
-    films = {m for m in materials for n in m.node_tree.nodes if _is_film(n)}
+    films = {
+        m
+        for m in materials
+        for n in m.node_tree.nodes
+        if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image and n.image.source in ("MOVIE", "SEQUENCE")
+    }
     changing = {m.name for m in materials if _varies(m) or _varies(m.node_tree) or m in films}
     sky = scene.world is not None and (_varies(scene.world) or _varies(scene.world.node_tree))
     return [*sorted(moving | changing), *(["the sky"] if sky else [])]
@@ -111,10 +113,6 @@ def _spread(curve: bpy.types.FCurve) -> float:
         return float("inf")
     values = [point.co[1] for point in curve.keyframe_points]
     return max(values) - min(values) if values else 0.0
-
-
-def _is_film(node: bpy.types.Node) -> bool:
-    return node.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and node.image and node.image.source in ("MOVIE", "SEQUENCE")
 
 
 def strand_names(scene: bpy.types.Scene) -> list[str]:

@@ -130,7 +130,10 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
         for thing in moved:
             _displace(scene, thing)
     for material in materials:
-        _flatten(material, set(moved))
+        # what the meshes hold now, the material no longer does; where it displaces things that have no own mesh it becomes a bump
+        material.displacement_method = "BUMP"
+        if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
+            compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
     names = ", ".join(sorted(o.name for o in moved))[:120]
     return [*([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []), *adaptive]
 
@@ -186,14 +189,6 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
     mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
     mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
     mesh.update()
-
-
-def _flatten(material: bpy.types.Material, moved: set[bpy.types.Object]) -> None:
-    """What the meshes hold now, the material no longer does; where it displaces things that have no own mesh it becomes a bump."""
-    material.displacement_method = "BUMP"
-    users = [o for o in bpy.data.objects if material.name in o.material_slots]
-    if all(o in moved for o in users):
-        compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:

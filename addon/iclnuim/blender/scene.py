@@ -10,14 +10,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 import bpy
+import numpy as np
+from mathutils import Vector
 
 from .. import shipped
 from ..errors import InputError
 from ..formats.ply import check_ply
+from ..geometry.points import farthest_points
 from ..geometry.scene_axes import SceneReading
 from ..job import RenderJob
 from ..shipped import SCENES
-from . import baked_materials, compat, neutral_light, orient, preflight, sanitize, scene_paths, surfaces
+from . import compat, lit_scene, orient, preflight, sanitize, scene_paths, surfaces
 
 #: The file's own axes are kept: turning and scaling is left to orient.py.
 _OWN_AXES = {"forward_axis": "Y", "up_axis": "Z"}
@@ -33,6 +36,15 @@ IMPORTERS: dict[str, Callable[[str], object]] = {
 KINDS = (".blend", *IMPORTERS)
 #: A light map has about as many texels; more triangles than that gain nothing from it, and laying them out takes minutes.
 MAX_BAKED = 2_000_000
+#: For light inside: places tried, and sight lines from each.
+_PLACES, _RAYS = 400, 48
+#: Less of a place's sight lines than this reach the sky: then it needs lamps.
+_SHUT_IN = 0.03
+_LAMPS, _RADIUS_M = 4, 0.15
+#: Watts for a square metre of the room's walls: mid-grey surfaces come out at about a third of white.
+_W_PER_M2 = 1.0
+#: What glows and is smaller than this is a status lamp, not the light of a room.
+_SMALLEST_EMITTER_M = 0.03
 
 
 def open_empty() -> None:
@@ -96,7 +108,7 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if scene.camera is None and len(cameras) == 1:
         scene.camera = cameras[0]  # formats without an active camera: their only one is
-    return [*notes, *neutral_light.add_where_there_is_none(scene)]
+    return [*notes, *_light_up(scene)]
 
 
 def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
@@ -117,8 +129,8 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
     for what, names in hindrances.items():
         if names:
             return f"{what} ({', '.join(names)[:120]})"
-    kinds = map(baked_materials.kind, _shown_materials(scene))
-    if not any(kind.diffuse or kind.translucent for kind in kinds):
+    kinds = map(lit_scene.kind, _shown_materials(scene))
+    if not any(diffuse or translucent for diffuse, translucent, _ in kinds):
         return "no diffuse surface"
     count = surfaces.triangle_count()
     return f"{count} triangles, more than the texels of a light map" if count > MAX_BAKED else None
@@ -167,3 +179,93 @@ def load(path: Path) -> None:
         logging.disable(logging.NOTSET)
     if result != {"FINISHED"}:
         raise InputError("a scene that Blender can read", path=path, found="a file that its reader gives up on")
+
+
+def _light_up(scene: bpy.types.Scene) -> list[str]:
+    """Light for a scene that has none: an even white sky, and lamps inside where the sky does not reach; then a sentence that says so."""
+    if _has_light(scene):
+        return []
+    world = bpy.data.worlds.new("Neutral light")
+    if world.node_tree is None:
+        world.use_nodes = True
+    sky = world.node_tree.nodes["Background"].inputs
+    sky["Color"].default_value, sky["Strength"].default_value = (1.0, 1.0, 1.0, 1.0), 1.0
+    scene.world = world
+    lamps = _light_inside(scene)
+    inside = f", and {lamps} soft lamps inside, where the sky does not reach" if lamps else ""
+    return [f"the scene has no light: an even white sky was added{inside}"]
+
+
+def _has_light(scene: bpy.types.Scene) -> bool:
+    lamps = [lamp.data for lamp in surfaces.rendered_lamps(scene)]
+    instanced = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects) and bpy.data.lights
+    if any(lamp.energy > 0 for lamp in lamps) or instanced or _shines(scene.world):
+        return True
+    things = [o for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
+    glowing = [o for o in things if any(s.material and _emits(s.material.node_tree) for s in o.material_slots)]
+    return any(max(o.dimensions) > _SMALLEST_EMITTER_M for o in glowing)
+
+
+def _shines(world: bpy.types.World | None) -> bool:
+    if world is None:
+        return False
+    if world.node_tree is None or not world.use_nodes:
+        return max(world.color) > 0
+    nodes = world.node_tree.nodes
+    sky = any(_is_on(n, "Color", "Strength") for n in nodes if n.type == "BACKGROUND")
+    return sky or any(n.type in ("EMISSION", "GROUP") for n in nodes)
+
+
+def _emits(tree: bpy.types.NodeTree | None) -> bool:
+    return tree is not None and any(
+        (n.type == "EMISSION" and _is_on(n, "Color", "Strength"))
+        or (n.type == "BSDF_PRINCIPLED" and _is_on(n, "Emission Color", "Emission Strength"))
+        for n in compat.nodes_of(tree)
+    )
+
+
+def _is_on(node: bpy.types.Node, *names: str) -> bool:
+    colour, strength = (node.inputs[name] for name in names)
+    bright = colour.is_linked or max(tuple(colour.default_value)[:3]) > 0
+    return bright and (strength.is_linked or strength.default_value > 0)
+
+
+def _light_inside(scene: bpy.types.Scene) -> int:
+    """Lamps at free places that are shut in, far from one another; how many."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render and len(o.data.polygons)]
+    corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or [np.zeros(4)])
+    low, high = corners[:, :3].min(0), corners[:, :3].max(0)
+    rng = np.random.default_rng(0)
+    places = low + (high - low) * rng.uniform(0.05, 0.95, (_PLACES, 3))
+    rays = rng.normal(size=(_RAYS, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    seen = np.array([_look_round(depsgraph, place, rays) for place in places])
+    free = (seen[:, 1] < 0.1) & (seen[:, 2] > 2 * _RADIUS_M)
+    shut_in = free & (seen[:, 0] < _SHUT_IN)
+    if shut_in.sum() < 0.5 * max(free.sum(), 1):
+        return 0
+    chosen = farthest_points(places[shut_in], _LAMPS, first=int(places[shut_in][:, 2].argmax()))
+    size = high - low
+    watts = _W_PER_M2 * 2 * float(size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+    for place in chosen:
+        data = bpy.data.lights.new("Neutral light", "POINT")
+        data.energy, data.shadow_soft_size = watts / len(chosen), _RADIUS_M
+        lamp = bpy.data.objects.new("Neutral light", data)
+        lamp.location, lamp.visible_camera = place, False  # seen in gloss: metal shows nothing else
+        scene.collection.objects.link(lamp)
+    return len(chosen)
+
+
+def _look_round(depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray) -> tuple[float, float, float]:
+    """Shares of sight lines that reach the sky and that end at a back, and the nearest surface in metres."""
+    sky = backs = 0
+    nearest = np.inf
+    origin = Vector(place)
+    for ray in rays:
+        hit, location, normal, *_ = depsgraph.scene.ray_cast(depsgraph, origin, Vector(ray))
+        sky += not hit
+        if hit:
+            backs += normal.dot(Vector(ray)) > 0
+            nearest = min(nearest, (location - origin).length)
+    return sky / len(rays), backs / len(rays), nearest

@@ -1,7 +1,6 @@
 """Render settings: everything that decides a pixel is set here, so that nothing of the opened file's own settings leaks in."""
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 
 import bpy
 
@@ -67,37 +66,29 @@ def assign(thing: object, values: Mapping[str, object]) -> None:
         setattr(thing, name, value)
 
 
-def depth_only() -> AbstractContextManager[None]:
-    """One narrow ray a pixel: beside an antialiased picture Z is rendered on its own, so that it is the same bits as without."""
-    return compat.temporarily(bpy.context.scene.cycles, filter_width=CENTRE_FILTER_PX, samples=1, use_denoising=False)
-
-
 def remove_gloss() -> None:
     """Take view-dependent light out of every material of the open scene: what an odometer gains then is what reflections cost it.
 
     A mix or sum with a Glossy BSDF becomes its other part; a metal becomes a matt surface of its colour; a Principled surface loses
     specular, metallic, coat and sheen.
     """
-    for material in bpy.data.materials:
-        if material.use_nodes and material.node_tree:
-            _without_gloss(material.node_tree)
-
-
-def _without_gloss(tree: bpy.types.NodeTree) -> None:
-    for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:
-        shaders = [s for s in node.inputs if s.type == "SHADER" and s.is_linked]
-        others = [s.links[0].from_socket for s in shaders if not s.links[0].from_node.type.startswith("BSDF_GLOSSY")]
-        if len(shaders) == 2 and len(others) == 1:
-            compat.redirect(node.outputs[0], others[0])
-    for node in [n for n in tree.nodes if n.type == "BSDF_GLOSSY"]:
-        matt = tree.nodes.new("ShaderNodeBsdfDiffuse")
-        matt.inputs["Color"].default_value = node.inputs["Color"].default_value
-        if node.inputs["Color"].is_linked:
-            tree.links.new(node.inputs["Color"].links[0].from_socket, matt.inputs["Color"])
-        compat.redirect(node.outputs[0], matt.outputs[0])
-        tree.nodes.remove(node)
-    for node in [n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"]:
-        for name, value in _MATT.items():
-            if name in node.inputs:
-                compat.unlink(node.inputs[name])
-                node.inputs[name].default_value = value
+    for tree in [m.node_tree for m in bpy.data.materials if m.use_nodes and m.node_tree]:
+        for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:
+            shaders = [s for s in node.inputs if s.type == "SHADER" and s.is_linked]
+            others = [
+                s.links[0].from_socket for s in shaders if not s.links[0].from_node.type.startswith("BSDF_GLOSSY")
+            ]
+            if len(shaders) == 2 and len(others) == 1:
+                compat.redirect(node.outputs[0], others[0])
+        for node in [n for n in tree.nodes if n.type == "BSDF_GLOSSY"]:
+            matt = tree.nodes.new("ShaderNodeBsdfDiffuse")
+            matt.inputs["Color"].default_value = node.inputs["Color"].default_value
+            if node.inputs["Color"].is_linked:
+                tree.links.new(node.inputs["Color"].links[0].from_socket, matt.inputs["Color"])
+            compat.redirect(node.outputs[0], matt.outputs[0])
+            tree.nodes.remove(node)
+        for node in [n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"]:
+            for name, value in _MATT.items():
+                if name in node.inputs:
+                    compat.unlink(node.inputs[name])
+                    node.inputs[name].default_value = value

@@ -122,8 +122,12 @@ class Session:
             ground_truth.number_objects()
             table = ground_truth.objects_table()
         if job.light == "baked":
-            light_map.apply(_light(job, self.emit))
-            light_map.apply_render_settings(bpy.context.scene)
+            light_map.apply(light_map.prepare(job, lambda text: self.emit(events.Note(text))))
+            settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
+            if (
+                bpy.context.scene.world is not None
+            ):  # reflections find the sky by themselves, at less cost than by aiming at it
+                bpy.context.scene.world.cycles.sampling_method = "NONE"
         if job.ground_truth:
             ground_truth.add_passes()
         camera.keyframe(self.trajectory.T_world_camera, job.camera)
@@ -175,7 +179,7 @@ def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: b
     """
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
         _set_up(job, emit, threads, opened, must_bake=True)
-        return _light(job, emit)
+        return light_map.prepare(job, lambda text: emit(events.Note(text)))
 
 
 def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False) -> None:
@@ -196,13 +200,6 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
         emit(events.Note(text))
 
 
-def _light(job: RenderJob, emit: Emit) -> Path:
-    """The light map of the open scene."""
-    folder = light_map.prepare(job, cache := light_map.cache_folder(), lambda text: emit(events.Note(text)))
-    light_map.note(cache, job, folder)
-    return folder
-
-
 def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path]:
     """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed.
 
@@ -212,7 +209,9 @@ def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path]:
     frames.render(number, raw)
     if job.antialias or (job.ground_truth and job.samples != 1):
         raw_depth = name.with_name(f"{name.name}-depth.exr")
-        with settings.depth_only():
+        # one narrow ray a pixel, so that Z is the same bits as without antialiasing
+        narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
+        with compat.temporarily(bpy.context.scene.cycles, **narrow):
             frames.render(number, raw_depth)
     return raw, raw_depth
 

@@ -300,9 +300,7 @@ def lay_out(
         place = np.searchsorted(np.cumsum(total[order]), total.sum() / 2)
         usual = max(float(seen[order[min(place, len(order) - 1)]]), 1e-12)
         weight *= np.clip(np.sqrt(seen / usual), SPARSEST, DENSEST)
-    if (
-        contrast is not None
-    ):  # an edge's error is in proportion to texel size: the cube root makes the sum of errors least
+    if contrast is not None:  # an edge's error grows with texel size: the cube root makes the sum of errors least
         changes = mean(contrast)
         usual = max(float(np.average(changes, weights=total)), 1e-12)
         weight *= np.clip(np.cbrt(np.maximum(changes, 0) / usual), EVENEST, SHARPEST)

@@ -76,7 +76,7 @@ def join(parts: list[Surfaces]) -> Surfaces:
         normals=np.concatenate([p.normals for p in parts]),
         vertex=np.concatenate([p.vertex + v for p, v in zip(parts, vertices, strict=False)]),
         face_start=np.concatenate(
-            [*(p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)), corners[-1:]]
+            [p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)] + [corners[-1:]]
         ),
         triangles=np.concatenate([p.triangles + c for p, c in zip(parts, corners, strict=False)]),
         triangle_face=np.concatenate([p.triangle_face + f for p, f in zip(parts, faces, strict=False)]),

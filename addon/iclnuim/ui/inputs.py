@@ -31,7 +31,16 @@ _FRESH_S = 1.0
 def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     """The trajectory chosen, scaled and moved, and a sentence on how its file was read. Raises InputError."""
     settings = context.scene.iclnuim
-    loaded, sentence = _chosen(context, settings)
+    if settings.trajectory_source == "CAMERA":
+        loaded, sentence = camera.trajectory(context.scene), "the active camera's animation"
+    elif settings.trajectory_source == "FILE":
+        if not settings.trajectory_file:
+            raise InputError("a trajectory file", found="none", hint="choosing one under {trajectory}")
+        file = read_trajectory(bpy.path.abspath(settings.trajectory_file))
+        loaded, sentence = file.trajectory, file.read_as.sentence
+    else:
+        sentence = _shipped_name(settings)
+        loaded = read_trajectory(shipped.trajectory_file(sentence)).trajectory
     if settings.scale == 1.0 and not settings.use_start:
         return loaded, sentence
     start = loaded.T_world_camera[0]
@@ -89,26 +98,15 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
         line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
         try:
             if found := light_map.find(state.cache_folder(), settings.to_job(name, "kt2")):
+                _, size_bytes, age_s = found
                 units = (("day", 86400), ("hour", 3600), ("minute", 60))
-                ages = ((int(found.age_s // seconds), unit) for unit, seconds in units)
+                ages = ((int(age_s // seconds), unit) for unit, seconds in units)
                 age = next((f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n), "less than a minute")
-                line = f"this scene's light is in the cache: {found.size_bytes / 1e6:.1f} MB, baked {age} ago"
+                line = f"this scene's light is in the cache: {size_bytes / 1e6:.1f} MB, baked {age} ago"
         except (IclnuimError, OSError):
             line = "no scene file is chosen yet"
         known = held.light_map = asked, time.monotonic(), line
     return known[2]
-
-
-def _chosen(context: bpy.types.Context, settings: bpy.types.PropertyGroup) -> tuple[Trajectory, str]:
-    if settings.trajectory_source == "CAMERA":
-        return camera.trajectory(context.scene), "the active camera's animation"
-    if settings.trajectory_source == "FILE":
-        if not settings.trajectory_file:
-            raise InputError("a trajectory file", found="none", hint="choosing one under {trajectory}")
-        loaded = read_trajectory(bpy.path.abspath(settings.trajectory_file))
-        return loaded.trajectory, loaded.read_as.sentence
-    name = _shipped_name(settings)
-    return read_trajectory(shipped.trajectory_file(name)).trajectory, name
 
 
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
@@ -128,11 +126,16 @@ def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGrou
     return str(path)
 
 
-def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
+def chosen_scene(settings: bpy.types.PropertyGroup) -> str:
+    """scene_name() of what was chosen. Raises InputError for a file that was not."""
     if settings.scene_source == "FILE" and not settings.scene_file:
         raise InputError("a scene file", found="none", hint="choosing one under {scene}")
-    if settings.scene_source != "OPEN":
-        return scene_name(settings)
+    return scene_name(settings)
+
+
+def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
+    if (name := chosen_scene(settings)) != "OPEN":
+        return name
     path = out / "scene.blend"
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
         hint = "Resume, which continues with the scene as it was, or another {out}"

@@ -8,7 +8,6 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from .. import shipped
 from ..blender import camera as keyed_camera
 from ..blender import orient, sanitize, scene, scene_paths
 from ..dataset.frames import read_frame
@@ -36,7 +35,8 @@ def load_scene(self, context):
     settings = context.scene.iclnuim
     if settings.scene_source == "OPEN":
         raise InputError("a built-in scene or a file to show", found="the open file, which is here already")
-    file, reading = _scene_file(settings), settings.reading()
+    name, reading = inputs.chosen_scene(settings), settings.reading()
+    file = scene.shipped_file(name) if scene.is_shipped(name) else scene.checked_file(name)
     if settings.scene_source == "FILE":
         scene_paths.check(file, reading)
     old = bpy.data.collections.get(trajectory_view.COLLECTION)
@@ -50,9 +50,9 @@ def load_scene(self, context):
             orient.orient(file, reading, list(collection.all_objects))
     else:
         _import(context, file, reading, collection)
-    collection[trajectory_view.SHOWN] = inputs.scene_name(settings)
-    for name in ("Cube", "Light"):  # the start-up file's would stand in the room; they are hidden, not removed
-        thing = context.scene.collection.all_objects.get(name)
+    collection[trajectory_view.SHOWN] = name
+    for start_up in ("Cube", "Light"):  # the start-up file's would stand in the room; they are hidden, not removed
+        thing = context.scene.collection.all_objects.get(start_up)
         if thing is not None and thing.name not in collection.all_objects:
             thing.hide_viewport = thing.hide_render = True
     for area in state.areas("VIEW_3D"):
@@ -206,17 +206,6 @@ def plot(self, context):
         raise InputError("an evaluation to plot", found="none", hint="Evaluate first")
     plot = pictures.error_plot(ate.stamps_s, ate.translation_error_m, ate.translation_m.rmse)
     image_editor.show(context, PLOT, plot)
-
-
-def _scene_file(settings: bpy.types.PropertyGroup) -> Path:
-    if settings.scene_source == "FILE":
-        if not settings.scene_file:
-            raise InputError("a scene file", found="none", hint="choosing one under {scene}")
-        return scene.checked_file(inputs.scene_name(settings))
-    file = shipped.folder("blend") / f"{settings.scene_source}.blend"
-    if not file.is_file():
-        raise InputError("the built-in scene", path=file, found="no such file", hint="installing the extension again")
-    return file
 
 
 def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from .. import worker_events as events
 from ..errors import WorkError, named
-from ..worker_client import WorkerClient
+from ..worker_events import WorkerClient
 
 #: A worker that was asked to stop gets this long to finish its frame; then it is ended, and the frame is rendered again on resume.
 GRACE_S = 4.0
