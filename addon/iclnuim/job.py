@@ -17,6 +17,8 @@ from .settings import Settings, declared, same_as, setting
 SCHEMA_VERSION = 1
 #: Effective settings where a job names none. Few samples do for baked light: only reflections and glass are sampled.
 LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples": 1, "denoise": False}}
+#: Core-seconds that a bake of 2048 x 2048 texels with 32 samples takes in the living room (docs/farm.md).
+_BAKE_CORE_S = 1110.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class RenderJob(Settings):
         choices={
             "baked": "diffuse light from a map that is baked once per scene; reflections and glass are traced",
             "path": "every frame path traced in full; slow, follows moving things",
+            "auto": "user-provided scenes: the one that ends sooner, the default of the command line; built-in scenes: baked",
         },
         source="baked: paper, section III",
     )
@@ -61,7 +64,9 @@ class RenderJob(Settings):
 
     def __post_init__(self) -> None:
         known = declared(RenderJob)
-        for name, value in LIGHT_DEFAULTS[known["light"].checked(self.light)].items():
+        if known["light"].checked(self.light) == "auto" and self.scene in shipped.SCENE_NAMES:
+            object.__setattr__(self, "light", "baked")
+        for name, value in LIGHT_DEFAULTS.get(self.light, {}).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, declaration in known.items():
@@ -97,6 +102,11 @@ class RenderJob(Settings):
         if settings.get("light", self.light) != self.light:
             settings = {"samples": None, "denoise": None, **settings}
         return replace(self, **settings)
+
+
+def bake_core_s(job: RenderJob) -> float:
+    """Core-seconds that the light map of a job takes, from its texels and samples; estimated, scenes differ."""
+    return _BAKE_CORE_S * job.map_size**2 * job.map_samples / (2048**2 * 32)
 
 
 def shipped_job(sequence: str) -> RenderJob:

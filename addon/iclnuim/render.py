@@ -48,7 +48,8 @@ def render_frames(
     with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
         inbox: queue.SimpleQueue[tuple[WorkerClient, Event]] = queue.SimpleQueue()
         log = Path(folder) / "worker.log"
-        worker = WorkerClient(worker_command(), {"job": job.to_dict()}, Path(out).resolve(), log, inbox)
+        options = {"job": job.to_dict(), "asked": numbers if job.light == "auto" else ()}
+        worker = WorkerClient(worker_command(), options, Path(out).resolve(), log, inbox)
         try:
             worker.send({"frames": numbers})
             while not isinstance(event := inbox.get()[1], ChunkDone):

@@ -116,6 +116,8 @@ def _job(args: argparse.Namespace) -> RenderJob:
         job = RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
     else:
         job = read_recipe(args.sequence) if args.sequence.endswith(".json") else shipped_job(args.sequence)
+    if args.scene and not (args.sequence or "").endswith(".json") and not {"map_size", "map_samples"} & given.keys():
+        given.setdefault("light", "auto")
     if args.camera:
         given["camera"] = PinholeCamera.parse(args.camera)
     return job.changed(reading=options.settings_from(args, job.reading), **given)

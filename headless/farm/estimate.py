@@ -11,14 +11,14 @@ from statistics import fmean, median
 from iclnuim import shipped
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import sha256, write_json
-from iclnuim.job import RenderJob
+from iclnuim.job import RenderJob, bake_core_s
 
 from .run_plan import RunPlan
 
 #: Fewer frames than this say little.
 MIN_FRAMES = 3
-#: Core-seconds, living room at 640 x 480 (docs/farm.md): bake of 2048 x 2048 texels with 32 samples each; the pair of sequences of a frame.
-BAKE_CORE_S, PAIR_CORE_S = 1110.0, 0.1
+#: Core-seconds, living room at 640 x 480 (docs/farm.md): the pair of sequences of a frame.
+PAIR_CORE_S = 0.1
 START_S = 15.0
 #: Bytes of a frame: its EXR a pixel, and its four images (clean and noisy, measured on kt2) a pixel.
 EXR_BYTES, PAIR_BYTES = 10.0, 4.6
@@ -37,7 +37,7 @@ def default(job: RenderJob) -> Figures:
     """Of the living room, by samples and pixels."""
     vga = job.camera.width * job.camera.height / (640 * 480)
     samples = job.samples or 0
-    seconds = 0.35 + 0.2 * samples if job.light == "baked" else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
+    seconds = 0.35 + 0.2 * samples if job.light != "path" else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
     return Figures(max(0.05, seconds * (1 if job.exposure.instant else 8) * vga))
 
 
@@ -107,8 +107,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
     pixels = plan.job.camera.width * plan.job.camera.height
     pairs = len(plan.numbers) if plan.sequences is not None else 0
-    texels = plan.job.map_size**2 * plan.job.map_samples / (2048**2 * 32)
-    bake_s = BAKE_CORE_S * texels if plan.job.light == "baked" and chunks else 0.0
+    bake_s = bake_core_s(plan.job) if plan.job.light != "path" and chunks else 0.0
     pairs_s = PAIR_CORE_S * pixels / (640 * 480) * pairs
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus

@@ -37,6 +37,7 @@ class Workers:
     out: Path
     console: Console
     shared: bool = False
+    asked: Sequence[int] = ()
     _printed: set[str] = field(default_factory=set)
     _count: Iterator[int] = field(default_factory=itertools.count)
 
@@ -53,6 +54,7 @@ class Workers:
             "cores": cores if len(granted) == len(own_cores()) else [],
             "threads": self.threads(cores),
             "journal": str(log.with_name(journal)),
+            "asked": self.asked,
         }
         return WorkerClient(worker_command(), options, self.out.resolve(), log.resolve(), inbox)
 
@@ -77,7 +79,7 @@ class LocalRun:
     def __init__(self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False) -> None:
         self.plan, self.console, self.should_stop = plan, console, should_stop
         self.farm: LocalFarm | None = None
-        self._workers = Workers(plan.job, plan.raw, console, shared)
+        self._workers = Workers(plan.job, plan.raw, console, shared, plan.numbers)
         self._inbox: Inbox = queue.SimpleQueue()
 
     def __enter__(self) -> "LocalRun":

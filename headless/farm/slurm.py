@@ -217,7 +217,8 @@ def _refuse_other_job(plan: RunPlan) -> None:
     if not (plan.raw / "sequence.json").is_file():
         return
     there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
-    settled = {"light", "samples"} if (there.get("light"), asked["light"]) == ("path", "baked") else set()
+    free = asked["light"] == "auto" or (there.get("light"), asked["light"]) == ("path", "baked")
+    settled = {"light", "samples"} if free else set()
     names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
     begun, wanted = ({name: job.get(name) for name in names} for job in (there, asked))
     refuse_other("run", plan.raw, begun, wanted, "another {out}")

@@ -3,7 +3,8 @@
     python .../child.py JOB.json OUT
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
-JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE}. Commands:
+JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE,
+"asked": [..]}. Commands:
 {"frames": [..]}, also with "sequences": {..} to be made of them (dataset/variants.py), {"bake": true}, {"blend": FILE} for a copy of the prepared scene, {"stop": true}. At the end of
 input, or when the parent is gone, the frame in work is finished and the process ends. Events are those of worker_events.py.
 Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
@@ -131,7 +132,7 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
         job = job.changed(denoise=False)
     if options.get("journal"):
         emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    with worker.Session(job, out, emit, options.get("threads")) as session:
+    with worker.Session(job, out, emit, options.get("threads"), options.get("asked", ())) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
         threading.Thread(target=signs_of_life, daemon=True).start()
         while (command := commands.next()) is not None:

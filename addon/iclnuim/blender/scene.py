@@ -7,6 +7,7 @@ import hashlib
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -113,9 +114,15 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
 
 def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
     """The job with the light that the open scene allows, and a word where that is not the light asked for."""
-    if job.light != "baked" or (hindrance := why_not_baked(bpy.context.scene)) is None:
+    if job.light == "path" or (hindrance := why_not_baked(bpy.context.scene)) is None:
         return job, []
-    return job.changed(light="path"), [f"{hindrance}: path traced instead of baked light"]
+    return with_light(job, "path"), [f"{hindrance}: path traced instead of baked light"]
+
+
+def with_light(job: RenderJob, light: str) -> RenderJob:
+    """The job settled on a light; samples that were given with light "auto" stay. Denoising only where this Blender can."""
+    job = replace(job, light=light) if job.light == "auto" else job.changed(light=light)
+    return job if compat.has_denoiser() else job.changed(denoise=False)
 
 
 def why_not_baked(scene: bpy.types.Scene) -> str | None:

@@ -33,7 +33,7 @@ _RENDER = {
 }  # fmt: skip
 
 
-def apply(job: RenderJob) -> None:
+def apply(job: RenderJob, threads: int | None = None) -> None:
     """Cycles on the CPU for `job`, linear 32-bit multilayer EXR with Z. Raises WorkError for a denoiser that is not there.
 
     Rays go through the pixel centre, or spread over neighbouring pixels with antialias.
@@ -58,6 +58,8 @@ def apply(job: RenderJob) -> None:
     layer.pass_alpha_threshold = 0.0  # the pane counts as a surface: Z is that of the first one a ray meets
     layer.material_override = None
     layer.cycles.denoising_store_passes = False
+    if threads:
+        scene.render.threads_mode, scene.render.threads = "FIXED", threads
 
 
 def assign(thing: object, values: Mapping[str, object]) -> None:

@@ -25,7 +25,7 @@ from ..formats.files import make_folder, process_lives, read_bytes, sha256, writ
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
-from . import camera, compat, frames, ground_truth, light_map, output, preflight, scene, settings
+from . import camera, compat, first_look, frames, ground_truth, light_map, output, preflight, scene, settings
 
 Emit = Callable[[Event], None]
 
@@ -33,16 +33,28 @@ Emit = Callable[[Event], None]
 class Session:
     """A run opened in `out`, its scene built at the first frame and kept; then any frames of it, as often as asked.
 
-    `threads` for Cycles; default: all cores of this process. Use as a context manager: Blender's chatter goes to a log meanwhile.
+    `threads` for Cycles; default: all cores of this process. `asked`: frames that are wanted: a user-provided scene gets a preview of the
+    first, and light "auto" is chosen for so many. Use as a context manager: Blender's chatter goes to a log meanwhile.
     """
 
-    def __init__(self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None) -> None:
+    def __init__(
+        self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None, asked: Sequence[int] = ()
+    ) -> None:
         compat.require_supported_version()
         self.emit, self.threads = emit, threads
         self.trajectory = load_trajectory(job)
-        self._opened = not scene.is_shipped(job.scene)
+        self._opened, look = not scene.is_shipped(job.scene), None
         self.job = _opened(job, emit) if self._opened else job
+        if self._opened and asked and job.light != "path" and not (out / first_look.PREVIEW).exists():
+            with output.blender_output_in(Path(os.devnull)):
+                look = first_look.look(self.job, self.trajectory, asked[0], threads)
+            self._opened = False
+        if self.job.light == "auto":
+            self.job, sentence = first_look.choose(self.job, out, look, len(asked))
+            emit(events.Note(sentence))
         self.run = open_run(out, recipe(self.job), self.trajectory)
+        if look:
+            emit(events.Note(look.write(out)))
         begun, features = read_run(out).recipe.get("machine", {}).get("features"), _features()
         if begun is not None and begun != features:
             processors = f"a processor with {' '.join(begun)}, this one has {' '.join(features)}"
@@ -189,10 +201,7 @@ def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_
         wanted = "a scene whose light can be baked"
         raise InputError(wanted, path=job.scene, found=hindrance, hint="{light} path")
     _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
-    settings.apply(job)
-    if threads:
-        render = bpy.context.scene.render
-        render.threads_mode, render.threads = "FIXED", threads
+    settings.apply(job, threads)
 
 
 def _note_all(emit: Emit, texts: list[str]) -> None:

@@ -100,7 +100,7 @@ def light(layout, settings, context):
     names = [name for name in settings_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
     maps = [name for name in names if name.startswith("map_")]
     _props(layout, settings, (name for name in names if name not in maps))
-    if settings.light == "baked":
+    if settings.light != "path":
         _props(layout, settings, maps)
         layout.operator("iclnuim.bake", icon="LIGHT_SUN")
         _text(layout, context, inputs.light_map_line(settings))

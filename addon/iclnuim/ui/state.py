@@ -100,6 +100,7 @@ def start(
     state = current()
     state.work.refuse_a_second()
     options, log = {"job": job.to_dict(), "nice": 10}, user_folder("log") / "child.txt"
+    options["asked"] = command.get("frames", ()) if job.light == "auto" else ()
     worker = WorkerClient(worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())})
     state.work.start(kind, command, worker, when_done)
     state.on_done = on_done

@@ -1,0 +1,90 @@
+"""The first look at a user-provided scene: a preview of one frame, path traced and denoised, and from its time the light that costs less."""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..dataset.run_folder import read_run
+from ..formats import png
+from ..geometry.trajectory import Trajectory
+from ..job import RenderJob, bake_core_s
+from ..sensor.transfer import srgb8
+from . import camera, compat, frames, light_map, scene, settings
+
+#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured: the bake of another scene, on another machine,
+#: differs as its samples do.
+_SAMPLE_CORE_S = 3.0
+#: Of the preview, in the run folder: its name, its longer side in pixels, and its samples: as many as fit the time, two at least.
+PREVIEW = "preview.png"
+_SIDE_PX, _MAX_SAMPLES, _SAMPLES_S = 320, 16, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """rgb (h, w, 3): scene-linear, of frame `number`. What was estimated from its time, in seconds: path_s, baked_s of a frame of the job, bake_s."""
+
+    rgb: np.ndarray
+    number: int
+    samples: int
+    path_s: float
+    baked_s: float
+    bake_s: float
+
+    def write(self, folder: Path) -> str:
+        """Write preview.png into the run folder; the sentence to print."""
+        png.write_png(folder / PREVIEW, srgb8(self.rgb))
+        return f"preview of frame {self.number}, path traced with {self.samples} samples: {folder / PREVIEW}"
+
+
+def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:
+    """Render frame `number` of the open scene, small. Settings, camera and materials of the scene are changed: open it again to render the job."""
+    path = job.changed(light="path", denoise=compat.has_denoiser(), antialias=False)
+    settings.apply(path, threads)
+    camera.keyframe(trajectory.T_world_camera, job.camera)
+    render, cycles = bpy.context.scene.render, bpy.context.scene.cycles
+    render.resolution_percentage = min(100, 100 * _SIDE_PX // max(render.resolution_x, render.resolution_y))
+    share = 1e4 / render.resolution_percentage**2
+    with tempfile.TemporaryDirectory() as folder:
+        raw = Path(folder) / "raw.exr"
+
+        def timed(samples: int) -> float:
+            cycles.samples, begun = samples, time.perf_counter()
+            frames.render(number, raw)
+            return time.perf_counter() - begun
+
+        timed(1)  # prepares what all frames share
+        one_s = timed(1)
+        samples = max(2, min(_MAX_SAMPLES, int(_SAMPLES_S / one_s)))
+        sample_s = max(0.0, timed(samples) - one_s) / (samples - 1)
+        wanted = job.samples if job.light == "path" else job.changed(light="path").samples
+        path_s = share * (one_s + (wanted - 1) * sample_s)
+        vga = job.camera.width * job.camera.height / (640 * 480)
+        bake_s = bake_core_s(job) / _SAMPLE_CORE_S * share * sample_s / vga
+        return Look(frames.read(raw, raw)[0], number, samples, path_s, share * one_s, bake_s)
+
+
+def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tuple[RenderJob, str]:
+    """The job with baked light or path tracing, whichever ends sooner for so many frames, and the sentence that says so.
+
+    A run that was begun in `out` keeps its light.
+    """
+    if (out / "sequence.json").is_file():
+        light = read_run(out).recipe["job"]["light"]
+        return scene.with_light(job, light), f"light: {light}, as this run was begun"
+    if look is None or light_map.find(light_map.cache_folder(), job):
+        return scene.with_light(job, "baked"), "light: baked" + (", found in the cache" if look else "")
+    baked_s, path_s = look.bake_s + frame_count * look.baked_s, frame_count * look.path_s
+    light, name, other = ("path", "path traced", "baked") if path_s <= baked_s else ("baked", "baked", "path")
+    frames = f"{frame_count} frame{'s' * (frame_count != 1)}"
+    times = f"{frames}: about {_told(path_s)} path traced, {_told(baked_s)} baked, of which {_told(look.bake_s)} for the bake"
+    return scene.with_light(
+        job, light
+    ), f"light: {name}, as it ends sooner ({times}); the setting light {other} overrides this"
+
+
+def _told(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
