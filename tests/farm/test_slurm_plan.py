@@ -236,6 +236,20 @@ def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, mo
     assert again == replace(plan, raw=raw)
 
 
+def test_light_is_chosen_for_a_users_own_scene_unless_options_name_it_or_its_map(tmp_path):
+    own = ("--scene", str(tmp_path / "own.blend"))
+    cases = {
+        ("kt2", *own): "auto",
+        ("kt2", *own, "--light", "baked"): "baked",
+        ("kt2", *own, "--map-size", "64"): "baked",
+    }
+    cases |= {("kt2",): "baked", ("kt2", "--scene", "office"): "baked", ("kt2", "--light", "auto"): "baked"}
+    for words, light in cases.items():
+        assert asked_for(tmp_path, *words).job.light == light, words
+    auto = asked_for(tmp_path, "kt2", *own, "--samples", "7").job
+    assert (auto.samples, replace(auto, light="path").denoise) == (7, True)
+
+
 def test_a_record_with_unknown_keys_or_values_that_do_not_fit_is_refused_by_name(tmp_path, job, capsys):
     plan = RunPlan(job, tmp_path, (0, 1))
     plan.write_record()

@@ -42,8 +42,8 @@ class Look:
 
 def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:
     """Render frame `number` of the open scene, small. Settings, camera and materials of the scene are changed: open it again to render the job."""
-    path = job.changed(light="path", denoise=compat.has_denoiser(), antialias=False)
-    settings.apply(path, threads)
+    path = scene.with_light(job, "path")
+    settings.apply(path.changed(denoise=compat.has_denoiser(), antialias=False), threads)
     camera.keyframe(trajectory.T_world_camera, job.camera)
     render, cycles = bpy.context.scene.render, bpy.context.scene.cycles
     render.resolution_percentage = min(100, 100 * _SIDE_PX // max(render.resolution_x, render.resolution_y))
@@ -60,8 +60,7 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
         one_s = timed(1)
         samples = max(2, min(_MAX_SAMPLES, int(_SAMPLES_S / one_s)))
         sample_s = max(0.0, timed(samples) - one_s) / (samples - 1)
-        wanted = job.samples if job.light == "path" else job.changed(light="path").samples
-        path_s = share * (one_s + (wanted - 1) * sample_s)
+        path_s = share * (one_s + ((path.samples or 1) - 1) * sample_s)
         vga = job.camera.width * job.camera.height / (640 * 480)
         bake_s = bake_core_s(job) / _SAMPLE_CORE_S * share * sample_s / vga
         return Look(frames.read(raw, raw)[0], number, samples, path_s, share * one_s, bake_s)
@@ -79,11 +78,10 @@ def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tu
         return scene.with_light(job, "baked"), "light: baked" + (", found in the cache" if look else "")
     baked_s, path_s = look.bake_s + frame_count * look.baked_s, frame_count * look.path_s
     light, name, other = ("path", "path traced", "baked") if path_s <= baked_s else ("baked", "baked", "path")
-    frames = f"{frame_count} frame{'s' * (frame_count != 1)}"
-    times = f"{frames}: about {_told(path_s)} path traced, {_told(baked_s)} baked, of which {_told(look.bake_s)} for the bake"
-    return scene.with_light(
-        job, light
-    ), f"light: {name}, as it ends sooner ({times}); the setting light {other} overrides this"
+    many = f"{frame_count} frame{'s' * (frame_count != 1)}"
+    times = f"{many}: about {_told(path_s)} path traced, {_told(baked_s)} baked, {_told(look.bake_s)} of it the bake"
+    sentence = f"light: {name}, which ends sooner ({times}); the setting light {other} overrides this"
+    return scene.with_light(job, light), sentence
 
 
 def _told(seconds: float) -> str:

@@ -15,7 +15,7 @@ const JOB_TYPE = {
           description: "Folder on shared storage; holds raw/, and of a data set clean/ and noisy/" },
         { key: "dataset", type: "bool", default: true, label: "Data set",
           description: "Make the sequences from the frames; the frames go once both stand" },
-        { key: "light", type: "string", choices: ["baked", "path"], default: "baked",
+        { key: "light", type: "string", choices: ["auto", "baked", "path"], default: "baked",
           description: "Light map baked once, or full path tracing" },
         { key: "samples", type: "int32", default: 0, propargs: { min: 0 },
           description: "Rays a pixel; 0 for that light's own number" },

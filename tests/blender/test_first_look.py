@@ -1,0 +1,56 @@
+"""A user-provided scene's first look: the preview, the choice between baked light and path tracing, and that neither changes a frame."""
+
+import json
+
+import pytest
+
+pytest.importorskip("bpy", reason="needs the bpy package")
+
+from iclnuim.blender import worker  # noqa: E402
+from iclnuim.formats.png import read_rgb8  # noqa: E402
+from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
+from iclnuim.job import RenderJob  # noqa: E402
+from iclnuim.worker_events import Note  # noqa: E402
+
+
+@pytest.fixture
+def begun(cornered_room, forward_path, tmp_path, monkeypatch):
+    """`begun(folder, asked, frames, **settings)`: the run folder, its recipe's job, the notes."""
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
+
+    def begin(folder, asked, frames=(), **settings):
+        notes, out = [], tmp_path / folder
+        job = RenderJob("test", str(cornered_room), str(forward_path), PinholeCamera.parse("64x48"), **settings)
+        take = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
+        with worker.Session(job, out, take, asked=asked) as session:
+            session.render(frames, lambda: False)
+        return out, json.loads((out / "sequence.json").read_text())["job"], notes
+
+    return begin
+
+
+def test_a_bake_that_would_not_pay_is_not_begun_and_the_run_keeps_its_light(begun):
+    out, job, notes = begun("run", [0], [0], light="auto", samples=4)
+    assert (job["light"], job["samples"]) == ("path", 4)
+    assert any("light: path traced" in note and "1 frame:" in note and "light baked" in note for note in notes)
+    assert any(f"preview of frame 0, path traced with 16 samples: {out}/preview.png" in note for note in notes)
+    picture = read_rgb8(out / "preview.png")
+    assert picture.shape == (48, 64, 3) and picture.std() > 5
+    _, again, notes = begun("run", [0] * 10**6, light="auto", samples=4)
+    assert again == job and not any("preview" in note for note in notes)
+    plain, _, notes = begun("plain", [0], [0], light="path", samples=4)
+    assert not (plain / "preview.png").exists()
+    assert (plain / "exr/000000.exr").read_bytes() == (out / "exr/000000.exr").read_bytes()
+
+
+def test_many_frames_are_baked(begun):
+    _, job, notes = begun("run", [0] * 10**6, light="auto")
+    assert (job["light"], job["samples"], job["denoise"]) == ("baked", 1, False)
+    assert any("light: baked, which ends sooner (1000000 frames:" in note for note in notes)
+
+
+def test_a_preview_does_not_change_baked_frames(begun):
+    small = {"light": "baked", "map_size": 32, "map_samples": 2}
+    first, second = (begun(name, asked, [0], **small)[0] for name, asked in (("with", [0]), ("without", [])))
+    assert (first / "preview.png").exists() and not (second / "preview.png").exists()
+    assert (first / "exr/000000.exr").read_bytes() == (second / "exr/000000.exr").read_bytes()
