@@ -5,6 +5,7 @@ OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metre
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
+OUT/preview.png          user-provided scenes: a small path-traced picture of the first frame
 """
 
 import json
