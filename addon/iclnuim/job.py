@@ -105,8 +105,11 @@ class RenderJob(Settings):
 
 
 def bake_core_s(job: RenderJob) -> float:
-    """Core-seconds that the light map of a job takes, from its texels and samples; estimated, scenes differ."""
-    return _BAKE_CORE_S * job.map_size**2 * job.map_samples / (2048**2 * 32)
+    """Core-seconds that the light map of a job takes, from its texels and samples, those of the coarse map included; estimated, scenes differ."""
+    fine, coarse = job.map_size**2 * job.map_samples, min(1024, job.map_size) ** 2 * 16
+    return (
+        _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
+    )  # lamps and one bounce, and three more
 
 
 def shipped_job(sequence: str) -> RenderJob:
