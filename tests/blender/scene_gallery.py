@@ -304,13 +304,13 @@ def tiny_light(folder: Path) -> None:
     )
 
 
-@scene(light="either")
+@scene(light="either", note="light through it does not reach other surfaces")
 def sun_through_a_window(folder: Path) -> None:
     """A room lit by the sun through a pane of window glass."""
     window_room(material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5))
 
 
-@scene(light="either")
+@scene(light="either", note="light through it does not reach other surfaces")
 def sun_through_thin_glass(folder: Path) -> None:
     """The same with a Glass BSDF, as architects' files have it."""
     pane = bpy.data.materials.new("pane")
