@@ -83,3 +83,53 @@ def test_units_are_read_by_name_or_as_metres():
     assert scene_axes.parse_unit("0.3048") == 0.3048
     with pytest.raises(InputError, match="a unit"):
         scene_axes.parse_unit("furlong")
+
+
+def boxes(lows, highs):
+    """Vertices and triangles of closed boxes between (n, 3) and (n, 3)."""
+    made = [room(np.subtract(high, low)) for low, high in zip(lows, highs, strict=True)]
+    vertices = np.concatenate([corners + low for (corners, _), low in zip(made, lows, strict=True)])
+    return vertices, np.concatenate([triangles + 8 * k for k, (_, triangles) in enumerate(made)])
+
+
+def kitchen(width, depth, height, ceiling=True):
+    """z up: a floor, walls and a ceiling of two triangles each; along one wall cupboards of many panels with handles; a table."""
+    lows, highs = [], []
+    for x in np.arange(0.0, width - 0.6, 0.6):
+        for z, top, back in ((0.1, 0.85, 0.6), (1.4, 2.1, 0.35)):
+            lows += [(x, y, z) for y in (0.02, back - 0.06, back - 0.04, back)]  # back, drawer, door of two panels
+            highs += [(x + 0.58, y + 0.02, top) for y in (0.02, back - 0.06, back - 0.04, back)]
+            lows += [(x + 0.1 + 0.03 * k, back + 0.03, top - 0.1) for k in range(12)]
+            highs += [(x + 0.12 + 0.03 * k, back + 0.05, top - 0.08) for k in range(12)]
+    lows += [(0.0, 0.02, 0.86), (0.8, depth - 1.2, 0.72)]
+    highs += [(width - 0.3, 0.62, 0.9), (width - 0.8, depth - 0.4, 0.76)]
+    lows += [(x, depth - 1.2, 0.0) for x in (0.8, width - 0.85)]
+    highs += [(x + 0.05, depth - 1.15, 0.72) for x in (0.8, width - 0.85)]
+    shell, faces = room(np.array([width, depth, height]))
+    inside, panels = boxes(np.array(lows), np.array(highs))
+    if not ceiling:
+        faces = faces[~(shell[faces][..., 2] == height).all(1)]
+    return np.concatenate([shell, inside]), np.concatenate([faces, panels + 8])
+
+
+@pytest.mark.parametrize("unit", scene_axes.UNITS_M)
+@pytest.mark.parametrize(
+    ("up", "size", "ceiling"),
+    [
+        *[(up, (6.9, 4.1, 2.8), True) for up in "zyx"],  # x up, which is rare, is found where it is clear
+        *[(up, *kind) for up in "zy" for kind in (((4.2, 3.4, 2.5), True), ((5, 3.6, 2.6), False))],
+    ],
+)
+def test_a_kitchen_stands_on_its_floor_in_every_unit(up, size, ceiling, unit):
+    vertices, triangles = kitchen(*size, ceiling)
+    turned = np.roll(vertices, "xyz".index(up) - 2, axis=1) / scene_axes.UNITS_M[unit]
+    shape = scene_axes.shape_of(turned, triangles)
+    assert {scene_axes.guess_up(shape, usual) for usual in "yz"} == {up}
+    assert scene_axes.guess_unit_m(shape, up) == scene_axes.UNITS_M[unit]
+
+
+def test_a_size_that_no_unit_makes_a_room_stays_in_metres_and_is_not_plausible():
+    shape = scene_axes.shape_of(*room(np.array([140.0, 90.0, 1.2])))
+    assert scene_axes.guess_unit_m(shape, "z") == 1.0
+    assert not scene_axes.is_plausible(shape.extent, "z")
+    assert scene_axes.is_plausible(np.array([20.0, 12.0, 8.0]), "z")

@@ -31,11 +31,8 @@ def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object
     usual = "y" if kind in _Y_UP else "z"
     up, unit_m = reading.up or usual, reading.unit_m
     if kind in _SILENT and (reading.up is None or unit_m is None):
-        found = surfaces.triangles()
-        if not len(found.triangles):
-            raise InputError("a scene with at least one surface", path=path, found="none")
-        shape = scene_axes.shape_of(found.vertices, found.triangles)
-        up = reading.up or scene_axes.guess_up(shape, _SILENT[kind])
+        shape = _shape(path)
+        up = reading.up or scene_axes.guess_up(shape, _SILENT[kind], unit_m)
         unit_m = unit_m or scene_axes.guess_unit_m(shape, up)
         reasons.append(_guess(reading, shape.extent * unit_m, up))
     elif unit_m is None:
@@ -45,17 +42,46 @@ def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object
     matrix = scene_axes.linear(up, unit_m, reading.mirror) @ turn.T
     if not np.allclose(matrix, np.eye(3), atol=1e-9):
         _move(objects, matrix)
+    if reading.unit_m is None and (doubt := _doubt_of_size(path, objects, unit_m)):
+        reasons.append(doubt)
     sentence = f"the scene is read as {up} up, {scene_axes.unit_name(unit_m)}"
     sentence += f", {reading.mirror} mirrored" if reading.mirror != "none" else ""
     told = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
     return "; ".join([sentence, *reasons]), told
 
 
+def _shape(path: Path) -> scene_axes.Shape:
+    found = surfaces.triangles()
+    if not len(found.triangles):
+        raise InputError("a scene with at least one surface", path=path, found="none")
+    return scene_axes.shape_of(found.vertices, found.triangles)
+
+
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
     unknown = [name for name, given in (("up axis", reading.up), ("unit", reading.unit_m)) if given is None]
+    options = " and ".join("scene unit" if name == "unit" else "up" for name in unknown)
+    said = f"as the format does not say its {' and '.join(unknown)} (options: {options})"
+    return f"a guess from its shape ({_size(extent_m, up)}), {said}"
+
+
+def _size(extent_m: np.ndarray, up: str) -> str:
     across = sorted(np.delete(extent_m, "xyz".index(up[-1])))
-    size = f"{across[1]:.3g} x {across[0]:.3g} m, {extent_m['xyz'.index(up[-1])]:.3g} m high"
-    return f"a guess from its shape ({size}), as the format does not say its {' and '.join(unknown)}"
+    return f"{across[1]:.3g} x {across[0]:.3g} m, {extent_m['xyz'.index(up[-1])]:.3g} m high"
+
+
+def _doubt_of_size(path: Path, objects: Sequence[bpy.types.Object], unit_m: float) -> str | None:
+    """A word where what was read is of no room's size; a look at the boxes of objects spares one at all triangles."""
+    bpy.context.view_layer.update()
+    shown = [o for o in objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
+    corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or np.zeros((1, 4)))
+    if scene_axes.is_plausible(np.ptp(corners[:, :3], axis=0), "z") or not len(surfaces.triangles().triangles):
+        return None
+    shape = _shape(path)
+    if scene_axes.is_plausible(shape.extent, "z"):
+        return None
+    better = unit_m * scene_axes.guess_unit_m(shape, "z")
+    advice = f"; as {scene_axes.unit_name(better)} it would be a room's" if better != unit_m else ""
+    return f"no size of a room ({_size(shape.extent, 'z')}){advice} (option: scene unit)"
 
 
 def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:

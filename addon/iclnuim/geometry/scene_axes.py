@@ -19,11 +19,16 @@ UP = {
     "-y": axes.Z_UP_FROM_Y_DOWN,
     "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
 }
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-#: Metres are believed while the scene's largest extent stays within these; else the unit that makes it about a room high.
-PLAUSIBLE_M, ROOM_HEIGHT_M = (0.2, 60.0), 2.5
-#: The other axis is taken for up where level surfaces speak for it this much more clearly than for the usual one.
-CLEARLY = 1.5
+UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+#: Metres are believed while the largest extent and the height stay within these; else the unit is taken that makes a room's height.
+PLAUSIBLE_M, MAX_HEIGHT_M = (0.2, 60.0), 15.0
+#: Rooms are this high, mostly by about a quarter more or less; and so high at least and at most.
+ROOM_HEIGHT_M, _SPREAD, _HEIGHTS_M = 2.6, 0.25, (1.9, 12.0)
+#: A height off by this many spreads is no room's, and the shape alone speaks.
+_MAX_SPREADS = 2.8
+LAYERS = 20
+#: Another axis than the format's usual one is taken for up where its evidence is this many times larger; x, which few programs use, this many.
+CLEARLY, CLEARLY_X, CLEARLY_UNIT = 1.5, 4.0, 4.0
 
 
 def parse_unit(text: str) -> float:
@@ -74,10 +79,15 @@ class SceneReading(Settings):
 
 @dataclass(frozen=True)
 class Shape:
-    """What a guess goes by: extent (3,) of nearly all corners along the file's axes, and area_facing (3,) of surfaces square to each."""
+    """What a guess goes by, along the file's axes, backdrops left out.
+
+    extent (3,); level (3, LAYERS): the area square to each axis in layers from its low to its high end, in shares of the cross-section;
+    askew (3,): the share of surfaces neither square nor parallel to it.
+    """
 
     extent: np.ndarray
-    area_facing: np.ndarray
+    level: np.ndarray
+    askew: np.ndarray
 
 
 def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:
@@ -87,43 +97,80 @@ def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:
 
 
 def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
-    """Of vertices (n, 3) and triangles (m, 3), where its detail is: a landscape seen through a window does not count.
+    """Of vertices (n, 3) and triangles (m, 3). What lies far from the detail does not count: a landscape seen through a window.
 
-    A surface faces an axis within some 15 degrees.
+    The extent is that of 98 % of the area: floor and ceiling count however few corners they have. A surface is square to an axis within some 15 degrees.
     """
     corners = vertices[triangles.reshape(-1)].reshape(-1, 3, 3)
     low, high = np.percentile(corners.reshape(-1, 3), (2, 98), axis=0)
-    within = ((corners.mean(1) >= low) & (corners.mean(1) <= high)).all(1)
+    margin = float((high - low).max())
+    within = ((corners >= low - margin) & (corners <= high + margin)).all((1, 2))
     corners = corners[within] if within.any() else corners
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     areas = np.linalg.norm(vectors, axis=1)
-    facing = np.abs(vectors) > 0.966 * np.maximum(areas, 1e-30)[:, None]
-    return Shape(high - low, (facing * areas[:, None]).sum(0))
+    low, high = np.stack([_ends(corners[..., k].ravel(), np.repeat(areas, 3)) for k in range(3)], -1)
+    extent, cosines = high - low, np.abs(vectors) / np.maximum(areas, 1e-30)[:, None]
+    cross_section = np.maximum(extent[[1, 0, 0]] * extent[[2, 2, 1]], 1e-9 * float(extent.max(initial=1e-9)) ** 2)
+    layer = ((corners.mean(1) - low) / np.maximum(extent, 1e-30) * LAYERS).clip(0, LAYERS - 1).astype(int)
+    facing = (cosines > 0.966) * areas[:, None]
+    level = np.stack([np.bincount(layer[:, k], facing[:, k], LAYERS) for k in range(3)]) / cross_section[:, None]
+    askew = (cosines > 0.05) & (cosines < 0.99)
+    both = (askew * areas[:, None]).sum(0) / max(float(areas.sum()), 1e-30), askew.mean(0)
+    return Shape(extent, level.clip(0, 1), np.sqrt((both[0] + 0.005) * (both[1] + 0.1)))
 
 
-def guess_up(shape: Shape, usual: str) -> str:
-    """`y` or `z`. Floors, ceilings and table tops are large, and scenes are wider than high: level area per height decides.
+def _ends(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(2,) the values below and above which 1 % of the weight lies."""
+    order = values.argsort()
+    share = np.cumsum(weights[order])
+    at = np.searchsorted(share, np.array([0.01, 0.99]) * share[-1])
+    return values[order[np.minimum(at, len(order) - 1)]]
 
-    The format's `usual` axis wins unless the other is clearly better.
+
+def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
+    """The axis that points up: floors, ceilings and table tops are large, scenes are wider than high, and rooms some 2.6 m high.
+
+    Evidence is the level area per height, times how likely the height is a room's in `unit_m` or the unit guessed for it. The format's
+    `usual` axis wins unless another is clearly better.
     """
-    other = {"y": "z", "z": "y"}[usual]
-    evidence = {
-        axis: shape.area_facing[k] / max(float(shape.extent[k]), 1e-9 * float(shape.extent.max(initial=1e-9)))
-        for axis, k in (("y", 1), ("z", 2))
-    }
-    return other if evidence[other] > CLEARLY * evidence[usual] and evidence[other] > 0 else usual
+
+    def evidence(axis: str) -> float:
+        k, unit = "xyz".index(axis), unit_m or guess_unit_m(shape, axis)
+        height = max(float(shape.extent[k]), 1e-9 * float(shape.extent.max(initial=1e-9)))
+        spreads = min(abs(np.log(height * unit / ROOM_HEIGHT_M)) / _SPREAD, _MAX_SPREADS)
+        flat = shape.level[k].sum() * shape.extent.prod() / height**2 / shape.askew[k]
+        rare = 1.0 if axis == usual else CLEARLY_X if axis == "x" else CLEARLY
+        return float(flat * np.exp(-0.5 * spreads**2) / rare / (1.0 if unit == 1.0 else CLEARLY_UNIT))
+
+    return max((usual, *"yzx".replace(usual, "")), key=evidence)
 
 
 def guess_unit_m(shape: Shape, up: str) -> float:
-    """Metres if the scene is then of a plausible size; else the one of m, cm, mm that makes it most nearly a room high."""
-    largest, height = float(shape.extent.max(initial=0.0)), float(shape.extent["xyz".index(up[-1])])
-    if PLAUSIBLE_M[0] <= largest <= PLAUSIBLE_M[1] or largest <= 0:
-        return 1.0
-    measure = height if height > 0 else largest
-    return min((1.0, 0.01, 0.001), key=lambda unit_m: abs(np.log(measure * unit_m / ROOM_HEIGHT_M)))
+    """Metres if the scene is then of a plausible size; else the unit that makes it most nearly as high as a room; where none does, metres.
+
+    A hall of two storeys' height whose tables would be as high as a person is a room in feet.
+    """
+    k = "xyz".index(up[-1])
+    height = float(shape.extent[k])
+    inner = shape.level[k, 1:-3]
+    tables = float(inner @ np.arange(1.5, LAYERS - 3)) / max(float(inner.sum()), 1e-9) / LAYERS * height
+    if is_plausible(shape.extent, up):
+        in_feet = 6.5 < height < 12 and 1.4 < tables < 4 and 0.02 < inner.max() < 0.7
+        return UNITS_M["ft"] if in_feet else 1.0
+    low, high = _HEIGHTS_M
+    rooms = [u for u in UNITS_M.values() if low <= height * u <= high and is_plausible(shape.extent * u, up)]
+    return min(rooms, key=lambda unit_m: abs(np.log(height * unit_m / ROOM_HEIGHT_M)), default=1.0)
+
+
+def is_plausible(extent_m: np.ndarray, up: str) -> bool:
+    """Whether a scene of this extent (3,) is believed: from a thing on a table to a building."""
+    low, high = PLAUSIBLE_M
+    return bool(low <= extent_m.max() <= high and extent_m["xyz".index(up[-1])] <= MAX_HEIGHT_M)
 
 
 def unit_name(unit_m: float) -> str:
     """`centimetres`, or `0.3 m`."""
-    names = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches", 0.3048: "feet"}
+    names = dict(
+        zip(UNITS_M.values(), ("metres", "decimetres", "centimetres", "millimetres", "inches", "feet"), strict=True)
+    )
     return names.get(unit_m, f"units of {unit_m:g} m")
