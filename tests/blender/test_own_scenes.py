@@ -55,6 +55,24 @@ def test_a_format_that_says_nothing_has_its_guess_told(exported):
     assert not any("guess" in note for note in opened(exported["glb"]))
 
 
+def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
+    kinds = {
+        "wall": "d 1\nTr 1\nTf 1 1 1\nillum 2",
+        "pane": "d 1.0\nTf 1 1 1\nillum 4",
+        "veil": "d 0.5\nTf 1 1 1\nillum 2",
+    }
+    (tmp_path / "max.mtl").write_text("".join(f"newmtl {name}\n{lines}\n\n" for name, lines in kinds.items()))
+    faces = "".join(f"usemtl {name}\nf 1 2 3\n" for name in kinds)
+    (tmp_path / "room.obj").write_text(f"mtllib max.mtl\nv 0 0 0\nv 3 0 0\nv 0 2 3\n{faces}")
+    notes = opened(tmp_path / "room.obj")
+    glass = {
+        name: bpy.data.materials[name].node_tree.nodes["Principled BSDF"].inputs["Transmission Weight"]
+        for name in kinds
+    }
+    assert {name: weight.default_value for name, weight in glass.items()} == {"wall": 0.0, "pane": 1.0, "veil": 1.0}
+    assert any("opaque materials (wall)" in note for note in notes)
+
+
 def moved(exported, tmp_path, matrix):
     """The OBJ with its vertices and normals taken elsewhere, textures beside it."""
     shutil.copytree(exported["obj"].parent / "tex", tmp_path / "tex", dirs_exist_ok=True)

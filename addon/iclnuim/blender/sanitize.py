@@ -4,6 +4,8 @@ by materials, drivers written in Python.
 All in memory. Functions that return sentences say what was found and done.
 """
 
+import os
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -52,6 +54,24 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
         f"scripts in the file ({_names(scripts)}): not run": scripts,
     }
     return [sentence for sentence, is_so in found.items() if is_so]
+
+
+def without_false_glass(path: Path) -> list[str]:
+    """Materials of the OBJ at `path` that `Tf` alone makes glass are opaque: 3ds Max writes `Tf 1 1 1` for all, with `d 1` and `illum 2`."""
+    named = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
+    libraries = {path.parent / os.fsdecode(name).strip('"') for name in named} | {path.with_suffix(".mtl")}
+    texts = [library.read_text("utf-8", "replace") for library in sorted(libraries) if library.is_file()]
+    opaque = []
+    for block in (block for text in texts for block in re.split(r"^\s*newmtl[ \t]+", text, flags=re.MULTILINE)[1:]):
+        name, *lines = block.splitlines()
+        values = {word.lower(): rest for word, *rest in (line.split() for line in lines if line.strip())}
+        solid = values.get("illum") in (["0"], ["1"], ["2"]) and re.fullmatch(r"1(\.0*)?", values.get("d", ["1"])[-1])
+        material = bpy.data.materials.get(name.strip()[:63]) if solid and "tf" in values else None
+        for node in material.node_tree.nodes if material else ():
+            if node.type == "BSDF_PRINCIPLED" and node.inputs["Transmission Weight"].default_value > 0:
+                node.inputs["Transmission Weight"].default_value = 0.0
+                opaque.append(material)
+    return [f"Tf of opaque materials ({_names(opaque)}): not taken for glass"] if opaque else []
 
 
 def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:

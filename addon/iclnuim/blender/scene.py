@@ -99,7 +99,8 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
         if ranges:  # readers leave the timeline as it was: as long as what moves
             scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
             scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
-    notes = [*missing, *sanitize.sanitize(scene)]
+    false_glass = sanitize.without_false_glass(path) if path.suffix.lower() == ".obj" else []
+    notes = [*missing, *sanitize.sanitize(scene), *false_glass]
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found=missing[0] if missing else "none")
     sentence, worth_telling = orient.orient(path, reading, list(scene.objects))
