@@ -18,7 +18,7 @@ from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.handheld_plan import FreeSpace, PlanSettings, Waypoint, plan
-from iclnuim.geometry.scene_axes import SceneReading, parse_unit
+from iclnuim.geometry.scene_axes import SceneReading, is_plausible, parse_unit, shape_of
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster, viewpoints
@@ -304,9 +304,23 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     if not len(found.triangles):
         raise InputError("a scene with surfaces", path=args.scene, found="none")
     caster = RayCaster(found.vertices, found.triangles)
-    waypoints = _waypoints(args, found.vertices, caster, settings, console)
-    places = np.array([w.position_m for w in waypoints])
-    space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, caster.distance)
+    texts = args.viewpoints
+    if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
+        shape = shape_of(found.vertices, found.triangles)
+        if not is_plausible(shape.extent, "z"):
+            size = " x ".join(f"{x:.3g}" for x in shape.extent)
+            hint = "another {unit_m}, or places of your own"
+            raise InputError("a scene of the size of a room or building", found=f"{size} m", hint=hint)
+        low, high = np.maximum(shape.low - 0.5, found.vertices.min(0)), shape.low + shape.extent + 0.5
+        space = FreeSpace.between(low, np.minimum(high, found.vertices.max(0)), caster.distance)
+        waypoints = viewpoints(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
+        for waypoint in waypoints:
+            points = (waypoint.position_m, waypoint.look_at_m or ())
+            console.note("viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points))
+    else:
+        waypoints = _waypoints(texts)
+        places = np.array([w.position_m for w in waypoints])
+        space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, caster.distance)
     made = plan(waypoints, space, Path(args.scene).name, settings)
     name = (args.out or Path()) / Path(args.scene).stem
     name.parent.mkdir(parents=True, exist_ok=True)
@@ -321,19 +335,7 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)
 
 
-def _waypoints(
-    args: argparse.Namespace, vertices: np.ndarray, caster: RayCaster, settings: PlanSettings, console: Console
-) -> list[Waypoint]:
-    texts = args.viewpoints
-    if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
-        low, high = np.percentile(vertices, (1, 99), axis=0)  # a far backdrop or ground is left out
-        low, high = np.maximum(low - 0.5, vertices.min(0)), np.minimum(high + 0.5, vertices.max(0))
-        space = FreeSpace.between(low, high, caster.distance)
-        found = viewpoints(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
-        for waypoint in found:
-            points = (waypoint.position_m, waypoint.look_at_m or ())
-            console.note("viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points))
-        return found
+def _waypoints(texts: list[str]) -> list[Waypoint]:
     if len(texts) == 1 and Path(texts[0]).is_file():
         lines = read_text(texts[0]).splitlines()
         rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, 1)]

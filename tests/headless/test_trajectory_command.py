@@ -250,7 +250,7 @@ def test_options_that_cannot_be_get_one_line(run, walk, tmp_path):
     assert_refused(run("plot", walk, "-o", tmp_path / "a.gif", "--quiet"), ".png, .pdf, .svg", "found .gif")
     assert_refused(run("info", tmp_path), "a folder of POV-Ray camera files", "no such file")
     code, _, err = run("info", walk, "--unit", "inch")
-    assert code == 2 and "expected a unit: m, cm, mm, in, ft, or metres as a number, found inch" in err
+    assert code == 2 and "expected a unit: m, dm, cm, mm, in, ft, or metres as a number, found inch" in err
 
 
 def test_a_full_disk_is_exit_code_three_and_leaves_nothing(walk, tmp_path):

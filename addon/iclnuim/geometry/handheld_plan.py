@@ -25,7 +25,7 @@ SHAKES = (
 #: Without a point to look at the camera looks ahead, a little down.
 _DOWN_RAD = 0.1
 #: The route is planned this much farther from surfaces than asked, if possible, for spline and shake.
-_MARGINS_M = (0.15, 0.05, 0.0)
+MARGINS_M = (0.15, 0.05, 0.0)
 #: Spacing of viewpoints on the route: first wide, then so close that the spline cannot leave it.
 _SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
 _MAX_YAW_STEP_RAD = np.radians(80.0)
@@ -80,10 +80,14 @@ class FreeSpace:
         away = np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1).ravel().tolist()
         clear, across = free.tobytes(), (free.shape[1] * free.shape[2], free.shape[2], 1)
         steps = [(int(np.dot(n, across)), float(np.linalg.norm(n))) for n in product((-1, 0, 1), repeat=3) if any(n)]
+        if not _reaches(free, first, goal, np.array([step for step, _ in steps])):
+            found = f"none that keeps {clear_m:.2f} m from every surface"
+            hint = "a smaller {clearance_m}, or viewpoints in one room"
+            raise InputError("viewpoints with a route between them", found=found, hint=hint)
         length: dict[int, float] = {first: 0.0}
         before: dict[int, int | None] = {first: None}
         open_, done = [(0.0, first)], set()
-        while open_:
+        while True:  # there is a route
             cell = heapq.heappop(open_)[1]
             if cell == goal:
                 route = [goal]
@@ -101,15 +105,22 @@ class FreeSpace:
                 if longer < length.get(other, np.inf):
                     length[other], before[other] = longer, cell
                     heapq.heappush(open_, (longer + away[other], other))
-        found = f"none that keeps {clear_m:.2f} m from every surface"
-        hint = "a smaller {clearance_m}, or viewpoints in one room"
-        raise InputError("viewpoints with a route between them", found=found, hint=hint)
 
     def _is_clear(self, a_m: np.ndarray, b_m: np.ndarray, clear_m: float) -> bool:
         count = max(2, int(np.linalg.norm(b_m - a_m) / 0.05) + 2)
         share = np.linspace(0.0, 1.0, count)[:, None]
         inner = (a_m + share * (b_m - a_m))[1:-1]
         return bool((self.measure(inner) >= clear_m).all())
+
+
+def _reaches(free: np.ndarray, first: int, goal: int, steps: np.ndarray) -> bool:
+    """Whether steps (n,) between flat indices lead from `first` to `goal` through free cells."""
+    seen, front = np.zeros(free.size, bool), np.array([first])
+    while len(front) and not seen[goal]:
+        front = np.unique(front[:, None] + steps)
+        front = front[free.flat[front] & ~seen[front]]
+        seen[front] = True
+    return bool(seen[goal])
 
 
 @dataclass(frozen=True)
@@ -161,11 +172,11 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
         raise InputError(f"viewpoints at least {clear_m:g} m from every surface", found=found, hint=hint)
     places = [np.array(w.position_m) for w in waypoints]
     found = "none"
-    for margin_m in _MARGINS_M:
+    for margin_m in MARGINS_M:
         try:
             routes = [space.route(a, b, clear_m + margin_m) for a, b in pairwise(places)]
         except InputError:
-            if margin_m == _MARGINS_M[-1]:
+            if margin_m == MARGINS_M[-1]:
                 raise
             continue
         for spacing_m in _SPACINGS_M:

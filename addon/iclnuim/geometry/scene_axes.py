@@ -81,10 +81,11 @@ class SceneReading(Settings):
 class Shape:
     """What a guess goes by, along the file's axes, backdrops left out.
 
-    extent (3,); level (3, LAYERS): the area square to each axis in layers from its low to its high end, in shares of the cross-section;
+    low (3,), extent (3,): its box; level (3, LAYERS): the area square to each axis in layers from its low to its high end, in shares of the cross-section;
     askew (3,): the share of surfaces neither square nor parallel to it.
     """
 
+    low: np.ndarray
     extent: np.ndarray
     level: np.ndarray
     askew: np.ndarray
@@ -116,7 +117,7 @@ def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
     level = np.stack([np.bincount(layer[:, k], facing[:, k], LAYERS) for k in range(3)]) / cross_section[:, None]
     askew = (cosines > 0.05) & (cosines < 0.99)
     both = (askew * areas[:, None]).sum(0) / max(float(areas.sum()), 1e-30), askew.mean(0)
-    return Shape(extent, level.clip(0, 1), np.sqrt((both[0] + 0.005) * (both[1] + 0.1)))
+    return Shape(low, extent, level.clip(0, 1), np.sqrt((both[0] + 0.005) * (both[1] + 0.1)))
 
 
 def _ends(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

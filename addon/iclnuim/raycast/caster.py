@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError, WorkError
 from ..formats.scene_model import SceneModel
 from ..geometry.camera import PinholeCamera
-from ..geometry.handheld_plan import FreeSpace, Waypoint, rounded
+from ..geometry.handheld_plan import MARGINS_M, FreeSpace, Waypoint, rounded
 from ..geometry.points import farthest_points
 from ..geometry.se3 import SE3
 
@@ -18,10 +18,13 @@ _ARRIVED = 1 - 1e-4
 FRONT, BACK = 0, 1
 #: Viewpoints: places tried, and rays from each.
 _CANDIDATES, _RAYS = 3000, 64
-#: Places above a floor that eyes and cameras are held at.
-_EYES_M = (1.0, 1.8)
-#: A free place sees no more backs than this; of free places those in rooms see nearly as many surfaces as any.
-_BACKS, _ENCLOSED = 0.1, 0.9
+#: Heights above the floor that eyes and cameras are held at.
+_EYES_M = (1.2, 1.7)
+#: A step that a person takes on a floor, stairs included; furniture is higher.
+_STEP_M = 0.2
+#: A free place sees no more backs than this; of free places those in rooms see nearly as many surfaces around them as any.
+#: Where no more than this share of them is free of backs, the walls show their backs to the room.
+_BACKS, _ENCLOSED, _FEW = 0.1, 0.6, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,20 +136,27 @@ class Visibility:
 
 
 def viewpoints(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int) -> list[Waypoint]:
-    """`count` waypoints in free space: in rooms, at eye height, far from one another, looking across; in an order with short routes. Raises InputError where there is no room for them."""
+    """`count` waypoints in an order with short routes, above one connected floor. Raises InputError where there is no room for them."""
     if not 2 <= count <= 100:
         raise InputError("2 to 100 viewpoints", found=count)
     rng = np.random.default_rng(seed)
-    cells = np.argwhere(space.clearance_m >= clear_m + space.cell_m)
-    if len(cells) > _CANDIDATES:
-        cells = cells[rng.choice(len(cells), _CANDIDATES, replace=False)]
-    places = space.low_m + space.cell_m * cells
     rays = rng.normal(size=(_RAYS, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    places = _inside(places, caster, rays)
+    places, most = np.zeros((0, 3)), 0
+    for margin_m in MARGINS_M:
+        places = _standing(space, caster, clear_m + margin_m, rays, rng)
+        most = max(most, len(places))
+        if len(places) >= count:
+            break
     if len(places) < count:
-        found = f"{len(places)} free places"
-        raise InputError(f"room for {count} viewpoints", found=found, hint="giving the {viewpoints}")
+        low, high = _EYES_M
+        expected = f"a floor with {count} places free of surfaces {low} to {high} m above it, connected to one another"
+        fewer = f"auto:{most}, " if most > 1 else ""
+        hint = (
+            f"{fewer}a smaller {{clearance_m}}, another {{unit_m}} if the scene's size is wrong, or places of your own"
+        )
+        height = space.cell_m * (space.clearance_m.shape[2] - 1)
+        raise InputError(expected, found=f"{most} in a scene {height:.2g} m high", hint=hint)
     places = farthest_points(places, count)
     left, order = list(range(1, count)), [0]
     while left:  # from one to the nearest that is left
@@ -156,18 +166,44 @@ def viewpoints(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, 
     return [Waypoint(rounded(p), rounded(_gaze(p, places, caster, rays))) for p in places]
 
 
-def _inside(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
-    """Those in rooms; at eye height above what lies below, where there are enough of them."""
-    if not len(places):
-        return places
-    distance, back = _look(caster, places, rays)
-    fronts = (np.isfinite(distance) & ~back).mean(1)
-    free = (back.mean(1) < _BACKS) & (fronts > 0)
-    free &= fronts >= _ENCLOSED * fronts[free].max(initial=0.0)
-    places = places[free]
+def _standing(
+    space: FreeSpace, caster: RayCaster, clear_m: float, rays: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """(n, 3) places where a person could hold a camera: of those in rooms, the ones above the largest floor that can be walked over.
+
+    Table tops are floors of their own, as a step leads there that nobody takes; rooms without a way are, too.
+    """
+    from scipy import ndimage
+
+    cells = np.argwhere(space.clearance_m >= clear_m)
+    places = space.low_m + space.cell_m * cells
     below = _look(caster, places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0] if len(places) else np.zeros(0)
-    standing = (below > _EYES_M[0]) & (below < _EYES_M[1])
-    return places[standing] if standing.sum() >= 50 else places
+    slack = max(space.cell_m - 0.3, 0.0)  # coarse cells may leave no layer at eye height
+    at_eyes = (below >= _EYES_M[0] - slack) & (below <= _EYES_M[1] + slack)
+    cells, places, below = cells[at_eyes], places[at_eyes], below[at_eyes]
+    if not len(cells):
+        return places
+    floors = places[:, 2] - below
+    steps = np.rint((floors - floors.min()) / _STEP_M).astype(int)
+    walked = np.zeros((*space.clearance_m.shape[:2], steps.max() + 1), bool)
+    walked[cells[:, 0], cells[:, 1], steps] = True
+    floor = ndimage.label(walked, np.ones((3, 3, 3)))[0][cells[:, 0], cells[:, 1], steps]
+    part = ndimage.label(space.clearance_m >= clear_m, np.ones((3, 3, 3)))[0][tuple(cells.T)]
+    group = floor * (part.max() + 1) + part
+    places[:, 2] = floors + below.clip(*_EYES_M)
+    kept = rng.permutation(len(places))[:_CANDIDATES]
+    kept = kept[_in_rooms(places[kept], caster, rays)]
+    names, counts = np.unique(group[kept], return_counts=True)
+    return places[kept[group[kept] == names[counts.argmax()]]] if len(kept) else places[:0]
+
+
+def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
+    """(n,) whether walls stand around; backs mean a place inside of something, unless all walls show theirs."""
+    distance, back = _look(caster, places, rays)
+    met, free = np.isfinite(distance), back.mean(1) < _BACKS
+    free = free if free.mean() > _FEW else np.ones(len(places), bool)
+    around = met[:, np.abs(rays[:, 2]) < 0.3].mean(1)
+    return free & (around > 0) & (around >= _ENCLOSED * around[free].max(initial=0.0))
 
 
 def _look(caster: RayCaster, places: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
