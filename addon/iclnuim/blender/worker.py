@@ -61,7 +61,7 @@ class Session:
             expected = "its frames will equal those of one kind by tolerance, not to the byte"
             emit(events.Note(f"this run was begun on {processors}: {expected}"))
         self.work = _work_folder(self.run)
-        self._output = output.blender_output_in(self.work / "blender.log")
+        self._output = output.blender_output_in(self.work / "blender.log", errors=False)
         self._ready = False
 
     def __enter__(self) -> "Session":
@@ -177,7 +177,7 @@ def recipe(job: RenderJob) -> dict:
 
 def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     """Open a user-provided scene before its run begins: its textures count in the recipe, and what moves decides the light."""
-    with output.blender_output_in(Path(os.devnull)):
+    with output.blender_output_in(Path(os.devnull), errors=False):
         notes = scene.open_scene(job.scene, job.reading)
         job, more = scene.lit_as_it_can_be(job)
     _note_all(emit, [*notes, *more])
