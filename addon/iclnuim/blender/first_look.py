@@ -46,20 +46,20 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
     settings.apply(path.changed(denoise=compat.has_denoiser(), antialias=False), threads)
     camera.keyframe(trajectory.T_world_camera, job.camera)
     render, cycles = bpy.context.scene.render, bpy.context.scene.cycles
-    render.resolution_percentage = min(100, 100 * _SIDE_PX // max(render.resolution_x, render.resolution_y))
-    share = 1e4 / render.resolution_percentage**2
+    percentage = max(1, min(100, 100 * _SIDE_PX // max(render.resolution_x, render.resolution_y)))
+    share = 1e4 / percentage**2
     with tempfile.TemporaryDirectory() as folder:
         raw = Path(folder) / "raw.exr"
 
-        def timed(samples: int) -> float:
-            cycles.samples, begun = samples, time.perf_counter()
+        def timed(samples: int, percentage: int) -> float:
+            cycles.samples, render.resolution_percentage, begun = samples, percentage, time.perf_counter()
             frames.render(number, raw)
             return time.perf_counter() - begun
 
-        timed(1)  # prepares what all frames share
-        one_s = timed(1)
+        timed(1, max(1, percentage // 8))  # prepares what all frames share
+        one_s = timed(1, percentage)
         samples = max(2, min(_MAX_SAMPLES, int(_SAMPLES_S / one_s)))
-        sample_s = max(0.0, timed(samples) - one_s) / (samples - 1)
+        sample_s = max(0.0, timed(samples, percentage) - one_s) / (samples - 1)
         path_s = share * (one_s + ((path.samples or 1) - 1) * sample_s)
         vga = job.camera.width * job.camera.height / (640 * 480)
         bake_s = bake_core_s(job) / _SAMPLE_CORE_S * share * sample_s / vga
@@ -85,4 +85,5 @@ def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tu
 
 
 def _told(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    unit, size = next(((u, s) for u, s in (("s", 1), ("min", 60)) if seconds < 100 * s), ("h", 3600))
+    return f"{seconds / size:.0f} {unit}"
