@@ -1,5 +1,6 @@
 """Scenes of one's own: what every format gives, how axes and units are told, what is mended, and what is refused."""
 
+import json
 import math
 import shutil
 import sys
@@ -71,6 +72,14 @@ def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
     }
     assert {name: weight.default_value for name, weight in glass.items()} == {"wall": 0.0, "pane": 1.0, "veil": 1.0}
     assert any("opaque materials (wall)" in note for note in notes)
+
+
+def test_a_gltf_with_an_extension_that_blender_lacks_is_refused_in_one_line(tmp_path, capsys):
+    path, names = tmp_path / "packed.gltf", ["EXT_meshopt_compression"]
+    path.write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": names, "extensionsRequired": names}))
+    with pytest.raises(InputError, match="EXT_meshopt_compression is not available"):
+        opened(path)
+    assert capsys.readouterr().out == ""
 
 
 def moved(exported, tmp_path, matrix):

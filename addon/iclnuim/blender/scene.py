@@ -4,9 +4,11 @@ The file itself is never written.
 """
 
 import hashlib
+import io
 import logging
 import math
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,10 +172,11 @@ def load(path: Path) -> None:
         check_ply(path)
     logging.disable(logging.WARNING)  # readers written in Python tell every node of the file
     try:
-        if path.suffix.lower() == ".blend":
-            result = bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
-        else:
-            result = IMPORTERS[path.suffix.lower()](str(path))
+        with redirect_stdout(io.StringIO()):  # where bpy.ops prints the errors of readers a second time
+            if path.suffix.lower() == ".blend":
+                result = bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+            else:
+                result = IMPORTERS[path.suffix.lower()](str(path))
     except AttributeError:
         without = f"{compat.version_line()} without its reader"
         raise InputError("a Blender that reads this kind of file", path=path, found=without) from None
