@@ -61,7 +61,7 @@ class Result:
     residual: root mean square in the method's unit (grey levels or metres); inliers: share of the pixels used.
     information (6, 6): of a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue: of the
     centred, length-scaled translation block, as a share of its trace (1/3 at best). largest_sigma_m: standard deviation
-    in the least certain direction, NaN without a noise model. under_constrained: in how many directions the
+    in the least certain direction, NaN without a noise model. matches: features used, 0 where there are none. under_constrained: in how many directions the
     constant-velocity prediction outweighs the images. converged: false where the iterations were used up.
     """
 
@@ -75,6 +75,7 @@ class Result:
     smallest_eigenvalue: float = float("nan")
     largest_sigma_m: float = float("nan")
     under_constrained: int = 0
+    matches: int = 0
     seconds: float = 0.0
     reason: str = ""
 

@@ -7,6 +7,7 @@ from .protocol import Odometer
 
 #: name -> module, class; importing this list loads neither numba nor OpenCV
 ODOMETERS = {
+    "fovis": (".fovis", "Fovis"),
     "rgbd": (".photometric", "Rgbd"),
     "dvo": (".photometric", "Dvo"),
     "icp": (".icp", "Icp"),

@@ -78,6 +78,23 @@ class KeyframeReference(Reference):
         return bool(moved_m < share * self.max_m) and not rotated(view[1], T_world_camera, share * self.max_deg)
 
 
+class MatchesReference(Reference):
+    """A frame serves while `min_matches` features are found again (Huang 2011, section 3.6; 150 in the authors' program)."""
+
+    def __init__(self, min_matches: int = 150) -> None:
+        self.min_matches = min_matches
+        self.kept: View | None = None
+
+    def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
+        if self.kept is None or result is None or result.matches < self.min_matches:
+            return self.restart(frame, prepared, T_world_camera)
+        return self.kept
+
+    def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
+        self.kept = prepared, T_world_camera
+        return self.kept
+
+
 class EntropyReference(KeyframeReference):
     """A keyframe serves while the entropy of the motion is min_ratio of its first or more: C. Kerl, J. Sturm, D. Cremers,
     "Dense visual SLAM for RGB-D cameras", IROS 2013, section IV-B. The next keyframe is the last frame before it was less.
@@ -113,7 +130,12 @@ def _entropy(result: Result | None) -> float:
 
 
 #: What an odometer may ask for by its `reference`.
-REFERENCES = {"frame": Reference, "keyframe": KeyframeReference, "entropy": EntropyReference}
+REFERENCES = {
+    "frame": Reference,
+    "keyframe": KeyframeReference,
+    "entropy": EntropyReference,
+    "matches": MatchesReference,
+}
 
 
 def reference(name: str) -> Reference:

@@ -1,0 +1,286 @@
+"""Corners with depth, and which corner of one frame is which of another: the front end of FOVIS.
+
+A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011, sections 3.1 to 3.4.
+Pyramid levels are halved by a 5x5 Gaussian whose centre is an even pixel, so that (u, v) on level n is (u, v) 2^n in the image.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+
+from ..geometry.camera import PinholeCamera
+from .protocol import Frame
+from .pyramid import MIN_SIDE
+
+#: Pixels to either side of a corner that describe it.
+REACH = 4
+#: Brightness of a description in the mean.
+MID_GREY = 128.0
+#: Of the structure tensor of a corner (slopes a pixel of an image in 0..1, squared): two grey levels.
+MIN_EIGENVALUE = (2 / 255) ** 2
+#: Corners kept in each square of so many pixels, the strongest.
+BUCKET_PX, PER_BUCKET = 80, 25
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Of one frame. images: grey (h, w) uint8, fine to coarse; uv (n, 2): in the image, pixels; level (n,); points_m (n, 3):
+    in the camera's frame; descriptions (n, 81) uint8.
+    """
+
+    images: list[np.ndarray]
+    depth_z_m: np.ndarray
+    camera: PinholeCamera
+    uv: np.ndarray
+    level: np.ndarray
+    points_m: np.ndarray
+    descriptions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Of `count` corners seen in both frames: pixels uv (n, 2), points_m (n, 3) of both, and the pyramid level."""
+
+    uv0: np.ndarray
+    points0_m: np.ndarray
+    uv1: np.ndarray
+    points1_m: np.ndarray
+    level: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.level)
+
+    def chosen(self, which: np.ndarray) -> "Matches":
+        """Those of a mask or of indices."""
+        return Matches(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+
+def features(frame: Frame, camera: PinholeCamera, levels: int, count: int, detector: str) -> Features:
+    """About `count` corners with depth over all levels, at most PER_BUCKET a square; detector: of DETECTORS."""
+    detect, *thresholds = DETECTORS[detector]
+    images = [np.clip(frame.grey + 0.5, 0, 255).astype(np.uint8)]
+    while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
+        images.append(cv2.pyrDown(images[-1]))
+    found = [_inside(detect(image), image.shape) for image in images]
+    threshold = _threshold(np.concatenate([scores for _, scores in found]), count, thresholds)
+    kept = [
+        _strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
+        for n, (uv, scores) in enumerate(found)
+    ]
+    level = np.repeat(np.arange(len(images)), [len(uv) for uv in kept])
+    uv = np.concatenate([uv * 2**n for n, uv in enumerate(kept)]).astype(float)
+    z = frame.depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]
+    descriptions = np.concatenate([describe(image, uv) for image, uv in zip(images, kept, strict=True)])
+    has = z > 0
+    points_m = _points(camera, uv[has], z[has])
+    return Features(images, frame.depth_z_m, camera, uv[has], level[has], points_m, descriptions[has])
+
+
+def _points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
+    return np.stack([x * z_m, y * z_m, z_m], axis=1)
+
+
+def fast_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) and scores (n,) of FAST at its lowest threshold; the score is the highest at which it is a corner."""
+    corners = cv2.FastFeatureDetector.create(5, True).detect(image)
+    return np.array([c.pt for c in corners], np.int64).reshape(-1, 2), np.array([c.response for c in corners])
+
+
+def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) and scores (n,): where the structure tensor's smaller eigenvalue is greatest (Shi, Tomasi 1994)."""
+    scores = cv2.cornerMinEigenVal(image, 2 * REACH - 1)
+    v, u = np.nonzero((scores == cv2.dilate(scores, np.ones((7, 7), np.uint8))) & (scores > MIN_EIGENVALUE))
+    return np.stack([u, v], axis=1), scores[v, u]
+
+
+#: name -> (corners of an image, lowest and highest threshold of their scores)
+DETECTORS = {"fast": (fast_corners, 5, 70), "eigenvalue": (eigenvalue_corners, MIN_EIGENVALUE, np.inf)}
+
+
+def _inside(found: tuple[np.ndarray, np.ndarray], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Those whose surroundings lie within the image."""
+    uv, scores = found
+    inside = ((uv > REACH) & (uv < (shape[1] - REACH - 2, shape[0] - REACH - 2))).all(axis=1)
+    return uv[inside], scores[inside]
+
+
+def _threshold(scores: np.ndarray, count: int, limits: list[float]) -> float:
+    """The threshold within its limits that leaves about `count` corners."""
+    if len(scores) <= count:
+        return limits[0]
+    return float(np.clip(np.partition(scores, len(scores) - count)[len(scores) - count], *limits))
+
+
+def _strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
+    """The PER_BUCKET strongest of each square; equals in the order in which they were found."""
+    bucket = uv[:, 1] // BUCKET_PX * -(-width // BUCKET_PX) + uv[:, 0] // BUCKET_PX
+    order = np.lexsort((-scores, bucket))
+    first = np.searchsorted(bucket[order], bucket[order])
+    return uv[np.sort(order[np.arange(len(order)) - first < PER_BUCKET])]
+
+
+def describe(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(n, 81) uint8: the pixels about each of uv (n, 2), their mean brought to mid-grey."""
+    around = np.arange(-REACH, REACH + 1)
+    patches = image[uv[:, 1, None, None] + around[:, None], uv[:, 0, None, None] + around].reshape(
+        len(uv), (2 * REACH + 1) ** 2
+    )
+    shift = MID_GREY - patches.mean(axis=1, keepdims=True)
+    return np.clip(patches + shift, 0, 255).astype(np.uint8)
+
+
+def match(
+    reference: Features, current: Features, expected_uv: np.ndarray, search_px: float, precision_px: float, strict: bool
+) -> Matches:
+    """Corners that are each other's best (sum of absolute differences) within search_px of where they are expected.
+
+    expected_uv (n, 2): of the reference's corners in the current image. Places are refined below a pixel until a step is
+    shorter than precision_px; depth is interpolated there.
+    """
+    pairs = mutual_best(
+        reference.descriptions, current.descriptions, reference.level, current.level, expected_uv, current.uv, search_px
+    )
+    found = pairs >= 0
+    i, j = np.flatnonzero(found), pairs[found]
+    uv, lost = current.uv[j].copy(), np.zeros(len(j), bool)
+    for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
+        at = np.flatnonzero(reference.level[i] == n)
+        refine(image0, image1, reference.uv[i[at]] / 2**n, uv, at, float(2**n), precision_px, lost)
+    z = depth_at(current.depth_z_m, uv)
+    matches = Matches(reference.uv[i], reference.points_m[i], uv, _points(current.camera, uv, z), reference.level[i])
+    return matches.chosen((z > 0) & ~(lost & strict))
+
+
+@njit(cache=True)
+def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, search_px):
+    """(n0,): the index in 1 of each one's partner, -1 where it has none. On the same level only."""
+    n0, n1 = len(level0), len(level1)
+    best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
+    of0, of1 = np.full(n0, -1), np.full(n1, -1)
+    for i in range(n0):
+        for j in range(n1):
+            if level0[i] != level1[j]:
+                continue
+            du, dv = uv1[j, 0] - expected_uv[i, 0], uv1[j, 1] - expected_uv[i, 1]
+            if du * du + dv * dv > search_px * search_px:
+                continue
+            limit = max(best0[i], best1[j])
+            score = 0
+            for k in range(descriptions0.shape[1]):
+                score += abs(np.int32(descriptions0[i, k]) - np.int32(descriptions1[j, k]))
+                if score >= limit:
+                    break
+            if score < best0[i]:
+                best0[i], of0[i] = score, j
+            if score < best1[j]:
+                best1[j], of1[j] = score, i
+    for i in range(n0):
+        if of0[i] >= 0 and of1[of0[i]] != i:
+            of0[i] = -1
+    return of0
+
+
+@njit(cache=True)
+def _at(image, u, v):
+    """Bilinear, at a place with four neighbours."""
+    j, i = int(u), int(v)
+    s, t = u - j, v - i
+    a, b = float(image[i, j]), float(image[i, j + 1])
+    c, d = float(image[i + 1, j]), float(image[i + 1, j + 1])
+    top, bottom = a + s * (b - a), c + s * (d - c)
+    return top + t * (bottom - top)
+
+
+@njit(cache=True)
+def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
+    """Moves uv1[at] (pixels of the full image, `scale` of image1's) to where image1 looks like image0 around uv0.
+
+    Efficient second-order minimization (Benhimane, Malis 2004) of the squared difference less its mean; at most 6 steps and
+    1.5 pixels, and only while the difference falls.
+    """
+    h, w = image1.shape
+    size = 2 * REACH + 1
+    gu, gv, patch = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    for n in range(len(at)):
+        for i in range(size):
+            for j in range(size):
+                x, y = uv0[n, 0] + j - REACH, uv0[n, 1] + i - REACH
+                patch[i, j] = _at(image0, x, y)
+                gu[i, j] = (_at(image0, x + 1, y) - _at(image0, x - 1, y)) / 2
+                gv[i, j] = (_at(image0, x, y + 1) - _at(image0, x, y - 1)) / 2
+        start_u, start_v = uv1[at[n], 0] / scale, uv1[at[n], 1] / scale
+        u, v, best_u, best_v, best = start_u, start_v, start_u, start_v, np.inf
+        for _ in range(7):
+            if not (u > REACH + 1 and v > REACH + 1 and u < w - REACH - 3 and v < h - REACH - 3):
+                break
+            a = b = c = p = q = mean = mean_u = mean_v = squares = 0.0
+            for i in range(size):
+                for j in range(size):
+                    x, y = u + j - REACH, v + i - REACH
+                    r = patch[i, j] - _at(image1, x, y)
+                    x_slope = (gu[i, j] + (_at(image1, x + 1, y) - _at(image1, x - 1, y)) / 2) / 2
+                    y_slope = (gv[i, j] + (_at(image1, x, y + 1) - _at(image1, x, y - 1)) / 2) / 2
+                    a += x_slope * x_slope
+                    b += x_slope * y_slope
+                    c += y_slope * y_slope
+                    p += x_slope * r
+                    q += y_slope * r
+                    mean += r
+                    mean_u += x_slope
+                    mean_v += y_slope
+                    squares += r * r
+            count = size * size
+            error = squares - mean * mean / count
+            if error >= best:
+                break
+            best, best_u, best_v = error, u, v
+            a -= mean_u * mean_u / count
+            b -= mean_u * mean_v / count
+            c -= mean_v * mean_v / count
+            p -= mean_u * mean / count
+            q -= mean_v * mean / count
+            det = a * c - b * b
+            if det < 1e-9:
+                break
+            du, dv = (c * p - b * q) / det, (a * q - b * p) / det
+            u, v = u + du, v + dv
+            if abs(du) < precision_px and abs(dv) < precision_px:
+                best_u, best_v = u, v
+                break
+        if (best_u - start_u) ** 2 + (best_v - start_v) ** 2 <= 2.25:
+            uv1[at[n], 0], uv1[at[n], 1] = best_u * scale, best_v * scale
+        else:
+            lost[at[n]] = True
+
+
+def depth_at(depth_z_m: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(n,) metres, interpolated; 0 where one of the four pixels has none."""
+    j, i = uv.astype(int).T
+    s, t = (uv - np.stack([j, i], axis=1)).T
+    a, b, c, d = depth_z_m[i, j], depth_z_m[i, j + 1], depth_z_m[i + 1, j], depth_z_m[i + 1, j + 1]
+    mixed = (1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * c + s * d)
+    return np.where(np.minimum(np.minimum(a, b), np.minimum(c, d)) > 0, mixed, 0.0)
+
+
+@njit(cache=True)
+def consistent(points0_m, points1_m, max_m):
+    """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less than max_m (section 3.4)."""
+    n = len(points0_m)
+    agree = np.zeros((n, n), np.bool_)
+    for i in range(n):
+        for j in range(i):
+            d0 = d1 = 0.0
+            for k in range(3):
+                d0 += (points0_m[i, k] - points0_m[j, k]) ** 2
+                d1 += (points1_m[i, k] - points1_m[j, k]) ** 2
+            agree[i, j] = agree[j, i] = abs(np.sqrt(d0) - np.sqrt(d1)) < max_m
+    degree = agree.sum(axis=1)
+    clique, possible = np.zeros(n, np.bool_), np.ones(n, np.bool_)
+    for i in np.argsort(-degree, kind="mergesort"):
+        if possible[i]:
+            clique[i] = True
+            possible &= agree[i]
+    return clique

@@ -1,0 +1,147 @@
+"""FOVIS: A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011.
+
+Corners are matched by their looks, kept where their distances agree, and the motion is where both frames' corners fall on
+each other's (section 3.5).
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from ..geometry import so3
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from . import kernels
+from .features import Features, Matches, consistent, features, match
+from .protocol import Frame, Result, Status, failure
+from .solver import Limits, Pass, Stop, System, solve
+
+#: The first rotation is found on images of so many rows, in so many iterations.
+SMALL_ROWS, ROTATION_ITERATIONS = 30, 30
+
+
+@dataclass(frozen=True)
+class FovisSettings:
+    """The defaults are the authors' own (fovis 1.2)."""
+
+    levels: int = 3
+    detector: str = "fast"
+    count: int = 1229  # corners a frame: the authors' one in 250 pixels of 640x480
+    search_px: float = 25.0
+    precision_px: float = 0.1  # a corner's place is refined until a step is shorter
+    strict: bool = False  # a corner whose place cannot be refined is dropped
+    max_distance_m: float = 0.1  # between two distances that agree
+    max_error_px: float = 1.5  # of an inlier
+    min_agreement: float = 0.06  # share of the matches within it; of unrelated images at most 0.01
+    min_inliers: int = 10
+    spread: float = 0.0  # so many of a corner's four equations share one error; 0: no noise model
+    nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
+    iterations: int = 6
+    limits: Limits = Limits(max_step_m=math.inf, min_inliers=0.0, max_sigma_m=math.inf)
+    stop: Stop = Stop(min_step=1e-4)
+    level_weights: bool = False  # a coarse level's pixel counts as what it is in the image
+    reference: str = "matches"
+
+
+PRESETS = {
+    "paper": FovisSettings(),
+    "best": FovisSettings(
+        detector="eigenvalue",
+        precision_px=0.01,
+        strict=True,
+        nu=5.0,
+        iterations=10,
+        stop=Stop(min_step=1e-6),
+        level_weights=True,
+        spread=2.0,
+        limits=Limits(min_inliers=0.0, prior_m=0.03),
+    ),
+}
+
+
+class Fovis:
+    name = "fovis"
+
+    def __init__(self, settings: FovisSettings) -> None:
+        self.settings, self.reference = settings, settings.reference
+
+    def prepare(self, frame: Frame, camera: PinholeCamera) -> Features:
+        return features(frame, camera, self.settings.levels, self.settings.count, self.settings.detector)
+
+    def align(self, reference: Features, current: Features, guess: SE3) -> Result:
+        s, camera = self.settings, reference.camera
+        start = SE3(_rotation(reference, current, guess), guess.translation)
+        expected_uv = camera.project(start.inverse().apply(reference.points_m))
+        found = match(reference, current, expected_uv, s.search_px, s.precision_px, s.strict)
+        agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
+        result = self._motion(agreeing, camera, start)
+        if result.status is Status.FAILED:
+            return result
+        T = result.T_reference_camera
+        errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
+        inliers = agreeing.chosen(errors_px <= s.max_error_px)
+        if len(inliers) < s.min_agreement * len(found):
+            return failure(f"features: {len(inliers)} of {len(found)} agree about a motion")
+        return self._motion(inliers, camera, T)
+
+    def _motion(self, matches: Matches, camera: PinholeCamera, start: SE3) -> Result:
+        s = self.settings
+        if len(matches) < s.min_inliers:
+            return failure(f"features: {len(matches)} agree, fewer than {s.min_inliers}")
+        term = ReprojectionTerm(matches, camera, s)
+        return replace(
+            solve([Pass(term, s.iterations, 4 * len(matches), s.stop)], start, s.limits), matches=len(matches)
+        )
+
+
+class ReprojectionTerm:
+    """Equations in pixels: where each frame's points fall in the other image, against the corner there."""
+
+    def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings) -> None:
+        self.matches, self.camera, self.settings = matches, camera, settings
+        self.sigma = 1.0
+        self.weight = np.tile(2.0**-matches.level if settings.level_weights else np.ones(len(matches)), 4)
+
+    def __call__(self, T: SE3, iteration: int) -> System:
+        m, s = self.matches, self.settings
+        forward, J0 = self._rows(m.uv0, T.apply(m.points1_m))
+        back, J1 = self._rows(m.uv1, T.inverse().apply(m.points0_m))
+        J1 = -J1 @ T.rotation.T
+        arms = np.concatenate([np.tile(T.apply(m.points1_m), (2, 1)), np.tile(m.points0_m, (2, 1))])
+        J = np.concatenate([J0, J1])
+        J = np.concatenate([J, np.cross(arms, J)], axis=1) * self.weight[:, None]
+        residual = np.concatenate([forward, back]) * self.weight
+        if s.nu:
+            self.sigma = max(kernels.student_scale(residual, s.nu, self.sigma, 10), 1e-3)
+        system = System.of_sums(kernels.sums(arms, J, residual, J, residual, self.sigma, s.nu))
+        return system.as_information(s.spread)
+
+    def _rows(self, uv: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (2 n,), u first, and their slopes (2 n, 3) by the points."""
+        x, y, z = points_m.T
+        nothing, c = np.zeros(len(z)), self.camera
+        slopes_u = np.stack([c.fx / z, nothing, -c.fx * x / z**2], axis=1)
+        slopes_v = np.stack([nothing, c.fy / z, -c.fy * y / z**2], axis=1)
+        return (uv - c.project(points_m)).T.ravel(), np.concatenate([slopes_u, slopes_v])
+
+
+def _rotation(reference: Features, current: Features, guess: SE3) -> np.ndarray:
+    """Rotation (3, 3) of the current camera in the reference's, from small images (section 3.2); the guess where they do not fit."""
+    camera, rows = reference.camera, min(SMALL_ROWS, reference.camera.height)
+    scale = rows / camera.height
+    size = max(round(camera.width * scale), 1), rows
+    small = [cv2.resize(f.images[-1], size, interpolation=cv2.INTER_AREA) for f in (reference, current)]
+    focal = np.array([camera.fx, camera.fy]) * scale
+    centre = (np.array([camera.cx, camera.cy]) + 0.5) * scale - 0.5
+    wx, wy, wz = so3.log(guess.rotation.T)  # moves the image by focal (wy, -wx) and turns it by wz
+    turn = np.array([[math.cos(wz), -math.sin(wz)], [math.sin(wz), math.cos(wz)]])
+    warp = np.c_[turn, centre + focal * (wy, -wx) - turn @ centre].astype(np.float32)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, ROTATION_ITERATIONS, 1e-4)
+    try:
+        warp = cv2.findTransformECC(*small, warp, cv2.MOTION_EUCLIDEAN, criteria, None, 1)[1]
+    except cv2.error:
+        return guess.rotation
+    shift = (warp[:, :2] @ centre + warp[:, 2] - centre) / focal
+    return so3.exp(np.array([-shift[1], shift[0], math.atan2(warp[1, 0], warp[0, 0])])).T

@@ -1,0 +1,146 @@
+"""FOVIS on a corner of three planes whose cells have random greys: corners with a depth everywhere, and a motion that we know."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+
+pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+cv2 = pytest.importorskip("cv2")
+from iclnuim.odometry import features  # noqa: E402
+from iclnuim.odometry.fovis import PRESETS, Fovis  # noqa: E402
+from iclnuim.odometry.protocol import Frame  # noqa: E402
+from iclnuim.odometry.track import track  # noqa: E402
+
+CAMERA = PinholeCamera.parse("320x240")
+TWIST = np.array([0.006, -0.004, 0.005, 0.004, -0.003, 0.005])
+PLANES = np.array([[0.8, 0.0, 0.6], [-0.8, 0.0, 0.6], [0.0, 0.8, 0.6]])
+CELL_M = 0.12
+
+
+def seen(T_world_camera: SE3, brighter: float = 0.0) -> Frame:
+    """n . x = 2 m for each plane; the image is the mean of 2x2 rays a pixel, a little blurred as a lens does it."""
+    fine = PinholeCamera(
+        2 * CAMERA.width, 2 * CAMERA.height, 2 * CAMERA.fx, 2 * CAMERA.fy, 2 * CAMERA.cx + 0.5, 2 * CAMERA.cy + 0.5
+    )
+    z, points = _hits(fine, T_world_camera)
+    x, y, w = np.moveaxis(np.floor(points / CELL_M + 0.37).astype(np.int64), -1, 0)
+    cell = (x * 73856093) ^ (y * 19349663) ^ (w * 83492791)
+    grey = (40 + 170 * (cell % 1000003 * 7919 % 104729) / 104729).astype(np.float32)
+    small = cv2.resize(cv2.GaussianBlur(grey, (0, 0), 1.2), (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_AREA)
+    return Frame.of(small + brighter, _hits(CAMERA, T_world_camera)[0], 0.0)
+
+
+def _hits(camera: PinholeCamera, T_world_camera: SE3) -> tuple[np.ndarray, np.ndarray]:
+    rays, origin = camera.rays() @ T_world_camera.rotation.T, T_world_camera.translation
+    z = np.full(rays.shape[:2], np.inf)
+    for n in PLANES:
+        slope = rays @ n
+        z = np.minimum(z, np.where(slope > 1e-6, (2 - n @ origin) / np.maximum(slope, 1e-6), np.inf))
+    return z, origin + rays * z[..., None]
+
+
+def path(count: int) -> list[SE3]:
+    return [SE3.exp(i * TWIST) for i in range(count)]
+
+
+def error_m(found, truth: SE3) -> float:
+    return float(np.linalg.norm(found.T_world_camera.translation - truth.translation))
+
+
+def tracked(preset: str, frames: list[Frame], policy: str = "hold"):
+    return list(track(Fovis(PRESETS[preset]), CAMERA, enumerate(frames), policy))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_known_motion_is_found_from_one_kept_frame(preset):
+    poses = path(5)
+    found = tracked(preset, [seen(T) for T in poses])
+    assert [f.lost for f in found] == [False] * 5 and all(f.result.matches > 250 for f in found[1:])
+    assert error_m(found[-1], poses[-1]) < 0.05 * np.linalg.norm(poses[-1].translation)
+
+
+def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
+    turn = SE3.exp(np.r_[0, 0, 0, 0, 0.12, 0])  # 29 pixels; without the first rotation nothing is found in 10
+    settings = replace(PRESETS["best"], search_px=10.0)
+    odometer = Fovis(settings)
+    one, other = (odometer.prepare(seen(T), CAMERA) for T in (SE3.identity(), turn))
+    result = odometer.align(one, other, SE3.identity())
+    assert np.abs(result.T_reference_camera.rotation - turn.rotation).max() < 1e-3
+
+
+def test_a_brighter_image_is_matched_alike():
+    odometer = Fovis(PRESETS["paper"])
+    one, plain, brighter = (
+        odometer.prepare(f, CAMERA) for f in (seen(SE3.identity()), seen(path(2)[1]), seen(path(2)[1], 20))
+    )
+    found = [odometer.align(one, other, SE3.identity()) for other in (plain, brighter)]
+    assert found[1].matches > 0.9 * found[0].matches
+    assert np.abs(found[1].T_reference_camera.translation - found[0].T_reference_camera.translation).max() < 5e-4
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("kind", ["grain", "grain with depth of grain", "black", "constant depth"])
+def test_frames_without_a_motion_are_lost(preset, kind):
+    rng = np.random.default_rng(5)
+    h, w = CAMERA.height, CAMERA.width
+    frames = []
+    for T in path(6):
+        frame = seen(T)
+        grain = rng.integers(0, 256, (h, w)).astype(np.float32)
+        depth = rng.uniform(1, 4, (h, w)) if "depth of" in kind else np.full((h, w), 2.0)
+        image = grain if "grain" in kind else np.zeros((h, w)) if kind == "black" else rng.permuted(frame.grey, axis=1)
+        frames.append(Frame.of(image, depth, 0.0))
+    found = tracked(preset, frames)[1:]
+    assert all(f.lost and f.result.reason.startswith("features:") for f in found)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_views_of_elsewhere_are_lost(preset):
+    rng = np.random.default_rng(3)
+    frames = [
+        seen(SE3.exp(np.r_[rng.uniform(-0.3, 0.3, 3), rng.choice([-1, 1], 3) * rng.uniform(0.2, 0.5, 3)]))
+        for _ in range(6)
+    ]
+    assert all(f.lost for f in tracked(preset, frames)[1:])
+
+
+def test_a_refined_place_is_where_the_corner_went():
+    shift = np.array([0.37, -0.61])
+    image = seen(SE3.identity()).grey.astype(np.uint8)
+    moved = cv2.warpAffine(image, np.c_[np.eye(2), shift], (CAMERA.width, CAMERA.height), flags=cv2.INTER_LANCZOS4)
+    uv, _ = features.eigenvalue_corners(image)
+    uv = uv[((uv > 20) & (uv < (CAMERA.width - 20, CAMERA.height - 20))).all(axis=1)]
+    places = uv.astype(float)
+    lost = np.zeros(len(uv), bool)
+    features.refine(image, moved, uv.astype(float), places, np.arange(len(uv)), 1.0, 0.01, lost)
+    assert not lost.any() and np.median(np.abs(places - uv - shift)) < 0.02
+
+
+def test_the_clique_leaves_out_what_moved_by_itself():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (40, 3)) + (0, 0, 3)
+    after = SE3.exp(TWIST * 5).apply(points)
+    after[30:] += rng.uniform(0.3, 0.6, (10, 3))
+    assert features.consistent(points, after, 0.1).tolist() == [True] * 30 + [False] * 10
+
+
+def test_partners_are_each_others_best_within_reach():
+    looks = np.array([[0] * 4, [100] * 4, [200] * 4], np.uint8)
+    level, uv = np.zeros(3, np.int64), np.array([[10.0, 10], [20, 10], [30, 10]])
+    reach = features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 15.0)
+    assert reach.tolist() == [-1, 1, -1]  # the likenesses of 0 and 2 are 20 pixels away
+    assert features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 25.0).tolist() == [2, 1, 0]
+
+
+def test_corners_are_spread_over_the_image_and_have_depth():
+    frame = seen(SE3.identity())
+    depth = frame.depth_z_m.copy()
+    depth[:, :100] = 0
+    found = features.features(Frame.of(frame.grey, depth, 0.0), CAMERA, 3, 400, "fast")
+    assert found.uv[:, 0].min() >= 100 and len(found.uv) < 400
+    bucket = found.uv[found.level == 0] // features.BUCKET_PX
+    assert np.unique(bucket, axis=0, return_counts=True)[1].max() <= features.PER_BUCKET
+    assert np.allclose(CAMERA.project(found.points_m), found.uv)
