@@ -64,7 +64,7 @@ def test_a_known_motion_is_found_from_one_kept_frame(preset):
 
 def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
     turn = SE3.exp(np.r_[0, 0, 0, 0, 0.12, 0])  # 29 pixels; without the first rotation nothing is found in 10
-    settings = replace(PRESETS["best"], search_px=10.0)
+    settings = replace(PRESETS["best"], searches_px=(10.0,))
     odometer = Fovis(settings)
     one, other = (odometer.prepare(seen(T), CAMERA) for T in (SE3.identity(), turn))
     result = odometer.align(one, other, SE3.identity())

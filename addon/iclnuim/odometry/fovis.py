@@ -18,8 +18,10 @@ from .features import Features, Matches, consistent, features, match
 from .protocol import Frame, Result, Status, failure
 from .solver import Limits, Pass, Stop, System, solve
 
-#: The first rotation is found on images of so many rows, in so many iterations.
-SMALL_ROWS, ROTATION_ITERATIONS = 30, 30
+#: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
+SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
+#: Where a smaller share of the matches agrees, the prediction may have missed a sudden turn: small images are asked.
+FEW = 0.5
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class FovisSettings:
     levels: int = 3
     detector: str = "fast"
     count: int = 1229  # corners a frame: the authors' one in 250 pixels of 640x480
-    search_px: float = 25.0
+    searches_px: tuple[float, ...] = (25.0,)  # about where the motion found so far puts a corner
     precision_px: float = 0.1  # a corner's place is refined until a step is shorter
     strict: bool = False  # a corner whose place cannot be refined is dropped
     max_distance_m: float = 0.1  # between two distances that agree
@@ -71,20 +73,39 @@ class Fovis:
         return features(frame, camera, self.settings.levels, self.settings.count, self.settings.detector)
 
     def align(self, reference: Features, current: Features, guess: SE3) -> Result:
+        if min(len(reference.uv), len(current.uv)) < self.settings.min_inliers:
+            return failure("features: too few corners with depth")
+        first, *others = self.settings.searches_px
+        result = self._around(reference, current, guess, first)
+        if result.inliers < FEW:  # none where it failed
+            turned = self._around(reference, current, _turned(reference, current, guess), first)
+            result = turned if turned.matches > result.matches else result
+        for search_px in others:
+            if result.status is not Status.FAILED:
+                result = self._around(reference, current, result.T_reference_camera, search_px)
+        return result
+
+    def _around(self, reference: Features, current: Features, start: SE3, search_px: float) -> Result:
+        """With corners within `search_px` of where `start` puts them."""
         s, camera = self.settings, reference.camera
-        start = SE3(_rotation(reference, current, guess), guess.translation)
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
-        found = match(reference, current, expected_uv, s.search_px, s.precision_px, s.strict)
+        found = match(reference, current, expected_uv, search_px, s.precision_px, s.strict)
         agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
         result = self._motion(agreeing, camera, start)
         if result.status is Status.FAILED:
             return result
-        T = result.T_reference_camera
-        errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
+        errors_px = np.linalg.norm(
+            camera.project(result.T_reference_camera.apply(agreeing.points1_m)) - agreeing.uv0, axis=1
+        )
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
         if len(inliers) < s.min_agreement * len(found):
             return failure(f"features: {len(inliers)} of {len(found)} agree about a motion")
-        return self._motion(inliers, camera, T)
+        result = self._motion(inliers, camera, result.T_reference_camera)
+        return (
+            replace(result, matches=len(inliers), inliers=len(inliers) / len(found))
+            if result.status is not Status.FAILED
+            else result
+        )
 
     def _motion(self, matches: Matches, camera: PinholeCamera, start: SE3) -> Result:
         s = self.settings
@@ -127,21 +148,31 @@ class ReprojectionTerm:
         return (uv - c.project(points_m)).T.ravel(), np.concatenate([slopes_u, slopes_v])
 
 
-def _rotation(reference: Features, current: Features, guess: SE3) -> np.ndarray:
-    """Rotation (3, 3) of the current camera in the reference's, from small images (section 3.2); the guess where they do not fit."""
+def _turned(reference: Features, current: Features, guess: SE3) -> SE3:
+    """The guess with the rotation that small images of both still show (section 3.2); the guess itself where they do not fit."""
     camera, rows = reference.camera, min(SMALL_ROWS, reference.camera.height)
     scale = rows / camera.height
-    size = max(round(camera.width * scale), 1), rows
-    small = [cv2.resize(f.images[-1], size, interpolation=cv2.INTER_AREA) for f in (reference, current)]
-    focal = np.array([camera.fx, camera.fy]) * scale
-    centre = (np.array([camera.cx, camera.cy]) + 0.5) * scale - 0.5
-    wx, wy, wz = so3.log(guess.rotation.T)  # moves the image by focal (wy, -wx) and turns it by wz
-    turn = np.array([[math.cos(wz), -math.sin(wz)], [math.sin(wz), math.cos(wz)]])
-    warp = np.c_[turn, centre + focal * (wy, -wx) - turn @ centre].astype(np.float32)
+    small = [
+        cv2.resize(f.images[-1], (max(round(camera.width * scale), 1), rows), interpolation=cv2.INTER_AREA)
+        for f in (reference, current)
+    ]
+    expected = _rigid_warp(reference.uv, camera.project(guess.inverse().apply(reference.points_m)), scale)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, ROTATION_ITERATIONS, 1e-4)
     try:
-        warp = cv2.findTransformECC(*small, warp, cv2.MOTION_EUCLIDEAN, criteria, None, 1)[1]
+        found = cv2.findTransformECC(*small, expected.astype(np.float32), cv2.MOTION_EUCLIDEAN, criteria, None, BLUR)[1]
     except cv2.error:
-        return guess.rotation
-    shift = (warp[:, :2] @ centre + warp[:, 2] - centre) / focal
-    return so3.exp(np.array([-shift[1], shift[0], math.atan2(warp[1, 0], warp[0, 0])])).T
+        return guess
+    centre = (np.array([camera.cx, camera.cy]) + 0.5) * scale - 0.5
+    turn = found[:, :2] @ expected[:, :2].T  # of what was expected into what is seen
+    shift = (turn @ (centre - expected[:, 2]) + found[:, 2] - centre) / (np.array([camera.fx, camera.fy]) * scale)
+    return guess @ SE3(so3.exp(-np.array([-shift[1], shift[0], math.atan2(turn[1, 0], turn[0, 0])])), np.zeros(3))
+
+
+def _rigid_warp(uv0: np.ndarray, uv1: np.ndarray, scale: float) -> np.ndarray:
+    """(2, 3): the turn and shift of the image by which uv0 (n, 2) fall nearest uv1, in an image of `scale`."""
+    uv0, uv1 = ((uv + 0.5) * scale - 0.5 for uv in (uv0, uv1))
+    mean0, mean1 = np.median(uv0, axis=0), np.median(uv1, axis=0)
+    (x0, y0), (x1, y1) = (uv0 - mean0).T, (uv1 - mean1).T
+    angle = math.atan2(x0 @ y1 - y0 @ x1, x0 @ x1 + y0 @ y1)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    return np.c_[turn, mean1 - turn @ mean0]
