@@ -60,11 +60,11 @@ class Matches:
 def features(frame: Frame, camera: PinholeCamera, levels: int, count: int, detector: str) -> Features:
     """About `count` corners with depth over all levels, at most PER_BUCKET a square; detector: of DETECTORS."""
     detect, *thresholds = DETECTORS[detector]
-    images = [np.clip(frame.grey + 0.5, 0, 255).astype(np.uint8)]
+    images: list[np.ndarray] = [np.clip(frame.grey + 0.5, 0, 255).astype(np.uint8)]
     while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
         images.append(cv2.pyrDown(images[-1]))
     found = [_inside(detect(image), image.shape) for image in images]
-    threshold = _threshold(np.concatenate([scores for _, scores in found]), count, thresholds)
+    threshold = _threshold(np.concatenate([scores for _, scores in found]), count, *thresholds)
     kept = [
         _strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
         for n, (uv, scores) in enumerate(found)
@@ -107,11 +107,11 @@ def _inside(found: tuple[np.ndarray, np.ndarray], shape: tuple[int, ...]) -> tup
     return uv[inside], scores[inside]
 
 
-def _threshold(scores: np.ndarray, count: int, limits: list[float]) -> float:
+def _threshold(scores: np.ndarray, count: int, low: float, high: float) -> float:
     """The threshold within its limits that leaves about `count` corners."""
     if len(scores) <= count:
-        return limits[0]
-    return float(np.clip(np.partition(scores, len(scores) - count)[len(scores) - count], *limits))
+        return low
+    return float(np.clip(np.partition(scores, len(scores) - count)[len(scores) - count], low, high))
 
 
 def _strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
@@ -168,9 +168,9 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
             if du * du + dv * dv > search_px * search_px:
                 continue
             limit = max(best0[i], best1[j])
-            score = 0
+            score = np.int64(0)
             for k in range(descriptions0.shape[1]):
-                score += abs(np.int32(descriptions0[i, k]) - np.int32(descriptions1[j, k]))
+                score += abs(np.int64(descriptions0[i, k]) - np.int64(descriptions1[j, k]))
                 if score >= limit:
                     break
             if score < best0[i]:

@@ -152,14 +152,15 @@ def _turned(reference: Features, current: Features, guess: SE3) -> SE3:
     """The guess with the rotation that small images of both still show (section 3.2); the guess itself where they do not fit."""
     camera, rows = reference.camera, min(SMALL_ROWS, reference.camera.height)
     scale = rows / camera.height
-    small = [
+    small0, small1 = (
         cv2.resize(f.images[-1], (max(round(camera.width * scale), 1), rows), interpolation=cv2.INTER_AREA)
         for f in (reference, current)
-    ]
+    )
     expected = _rigid_warp(reference.uv, camera.project(guess.inverse().apply(reference.points_m)), scale)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, ROTATION_ITERATIONS, 1e-4)
     try:
-        found = cv2.findTransformECC(*small, expected.astype(np.float32), cv2.MOTION_EUCLIDEAN, criteria, None, BLUR)[1]
+        start, mask = expected.astype(np.float32), np.full(small0.shape, 255, np.uint8)
+        found = cv2.findTransformECC(small0, small1, start, cv2.MOTION_EUCLIDEAN, criteria, mask, BLUR)[1]
     except cv2.error:
         return guess
     centre = (np.array([camera.cx, camera.cy]) + 0.5) * scale - 0.5
