@@ -10,7 +10,7 @@ from iclnuim.geometry.se3 import SE3
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 cv2 = pytest.importorskip("cv2")
 from iclnuim.odometry import features  # noqa: E402
-from iclnuim.odometry.fovis import PRESETS, Fovis  # noqa: E402
+from iclnuim.odometry.fovis import Fovis  # noqa: E402
 from iclnuim.odometry.protocol import Frame  # noqa: E402
 from iclnuim.odometry.track import track  # noqa: E402
 
@@ -51,10 +51,10 @@ def error_m(found, truth: SE3) -> float:
 
 
 def tracked(preset: str, frames: list[Frame], policy: str = "hold"):
-    return list(track(Fovis(PRESETS[preset]), CAMERA, enumerate(frames), policy))
+    return list(track(Fovis(Fovis.PRESETS[preset]), CAMERA, enumerate(frames), policy))
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Fovis.PRESETS)
 def test_a_known_motion_is_found_from_one_kept_frame(preset):
     poses = path(5)
     found = tracked(preset, [seen(T) for T in poses])
@@ -64,7 +64,7 @@ def test_a_known_motion_is_found_from_one_kept_frame(preset):
 
 def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
     turn = SE3.exp(np.r_[0, 0, 0, 0, 0.12, 0])  # 29 pixels; without the first rotation nothing is found in 10
-    settings = replace(PRESETS["best"], searches_px=(10.0,))
+    settings = replace(Fovis.PRESETS["best"], searches_px=(10.0,))
     odometer = Fovis(settings)
     one, other = (odometer.prepare(seen(T), CAMERA) for T in (SE3.identity(), turn))
     result = odometer.align(one, other, SE3.identity())
@@ -72,7 +72,7 @@ def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
 
 
 def test_a_brighter_image_is_matched_alike():
-    odometer = Fovis(PRESETS["paper"])
+    odometer = Fovis(Fovis.PRESETS["paper"])
     one, plain, brighter = (
         odometer.prepare(f, CAMERA) for f in (seen(SE3.identity()), seen(path(2)[1]), seen(path(2)[1], 20))
     )
@@ -81,7 +81,7 @@ def test_a_brighter_image_is_matched_alike():
     assert np.abs(found[1].T_reference_camera.translation - found[0].T_reference_camera.translation).max() < 5e-4
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Fovis.PRESETS)
 @pytest.mark.parametrize("kind", ["grain", "grain with depth of grain", "black", "constant depth"])
 def test_frames_without_a_motion_are_lost(preset, kind):
     rng = np.random.default_rng(5)
@@ -97,7 +97,7 @@ def test_frames_without_a_motion_are_lost(preset, kind):
     assert all(f.lost and f.result.reason.startswith("features:") for f in found)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Fovis.PRESETS)
 def test_views_of_elsewhere_are_lost(preset):
     rng = np.random.default_rng(3)
     frames = [

@@ -47,24 +47,22 @@ class FovisSettings:
     reference: str = "matches"
 
 
-PRESETS = {
-    "paper": FovisSettings(),
-    "best": FovisSettings(
-        detector="eigenvalue",
-        precision_px=0.01,
-        strict=True,
-        nu=5.0,
-        iterations=10,
-        stop=Stop(min_step=1e-6),
-        level_weights=True,
-        spread=2.0,
-        limits=Limits(min_inliers=0.0, prior_m=0.03),
-    ),
-}
-
-
 class Fovis:
     name = "fovis"
+    PRESETS = {
+        "paper": FovisSettings(),
+        "best": FovisSettings(
+            detector="eigenvalue",
+            precision_px=0.01,
+            strict=True,
+            nu=5.0,
+            iterations=10,
+            stop=Stop(min_step=1e-6),
+            level_weights=True,
+            spread=2.0,
+            limits=Limits(min_inliers=0.0, prior_m=0.03),
+        ),
+    }
 
     def __init__(self, settings: FovisSettings) -> None:
         self.settings, self.reference = settings, settings.reference
