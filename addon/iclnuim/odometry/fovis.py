@@ -41,7 +41,7 @@ class FovisSettings:
     spread: float = 0.0  # so many of a corner's four equations share one error; 0: no noise model
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
     iterations: int = 6
-    limits: Limits = Limits(max_step_m=math.inf, min_inliers=0.0, max_sigma_m=math.inf)
+    limits: Limits = Limits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
     level_weights: bool = False  # a coarse level's pixel counts as what it is in the image
     reference: str = "matches"
