@@ -36,7 +36,7 @@ class FovisSettings:
     strict: bool = False  # a corner whose place cannot be refined is dropped
     max_distance_m: float = 0.1  # between two distances that agree
     max_error_px: float = 1.5  # of an inlier
-    min_agreement: float = 0.06  # share of the matches within it; of unrelated images at most 0.01
+    min_agreement: float = 0.1  # share of the matches within it; of unrelated images up to 0.07
     min_inliers: int = 10
     spread: float = 0.0  # so many of a corner's four equations share one error; 0: no noise model
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
@@ -53,6 +53,7 @@ class Fovis:
         "paper": FovisSettings(),
         "best": FovisSettings(
             detector="eigenvalue",
+            searches_px=(25.0, 4.0),
             precision_px=0.01,
             strict=True,
             nu=5.0,
