@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 
 from ..geometry import so3
 from ..geometry.camera import PinholeCamera
@@ -57,8 +58,7 @@ class Fovis:
             precision_px=0.01,
             strict=True,
             nu=5.0,
-            iterations=10,
-            stop=Stop(min_step=1e-6),
+            stop=Stop(min_step=1e-5),
             level_weights=True,
             spread=2.0,
             limits=Limits(min_inliers=0.0, prior_m=0.03),
@@ -120,31 +120,50 @@ class ReprojectionTerm:
     """Equations in pixels: where each frame's points fall in the other image, against the corner there."""
 
     def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings) -> None:
-        self.matches, self.camera, self.settings = matches, camera, settings
-        self.sigma = 1.0
-        self.weight = np.tile(2.0**-matches.level if settings.level_weights else np.ones(len(matches)), 4)
+        self.matches, self.settings, self.sigma = matches, settings, 1.0
+        self.k = camera.intrinsics
+        self.weight = 2.0**-matches.level if settings.level_weights else np.ones(len(matches))
 
     def __call__(self, T: SE3, iteration: int) -> System:
         m, s = self.matches, self.settings
-        forward, J0 = self._rows(m.uv0, T.apply(m.points1_m))
-        back, J1 = self._rows(m.uv1, T.inverse().apply(m.points0_m))
-        J1 = -J1 @ T.rotation.T
-        arms = np.concatenate([np.tile(T.apply(m.points1_m), (2, 1)), np.tile(m.points0_m, (2, 1))])
-        J = np.concatenate([J0, J1])
-        J = np.concatenate([J, np.cross(arms, J)], axis=1) * self.weight[:, None]
-        residual = np.concatenate([forward, back]) * self.weight
+        arms, residual, J = reprojections(T.matrix, self.k, m.points0_m, m.uv0, m.points1_m, m.uv1, self.weight)
         if s.nu:
             self.sigma = max(kernels.student_scale(residual, s.nu, self.sigma, 10), 1e-3)
-        system = System.of_sums(kernels.sums(arms, J, residual, J, residual, self.sigma, s.nu))
-        return system.as_information(s.spread)
+        return System.of_sums(kernels.sums(arms, J, residual, J, residual, self.sigma, s.nu)).as_information(s.spread)
 
-    def _rows(self, uv: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (2 n,), u first, and their slopes (2 n, 3) by the points."""
-        x, y, z = points_m.T
-        nothing, c = np.zeros(len(z)), self.camera
-        slopes_u = np.stack([c.fx / z, nothing, -c.fx * x / z**2], axis=1)
-        slopes_v = np.stack([nothing, c.fy / z, -c.fy * y / z**2], axis=1)
-        return (uv - c.project(points_m)).T.ravel(), np.concatenate([slopes_u, slopes_v])
+
+@njit(cache=True)
+def reprojections(T, k, points0, uv0, points1, uv1, weight):
+    """(arms (4 n, 3), residuals (4 n,), slopes (4 n, 6) by a twist): u and v in the reference's image, u and v in the other's.
+
+    T (4, 4) is T_reference_current.
+    """
+    n = len(weight)
+    arms, residual, J = np.empty((4 * n, 3)), np.empty(4 * n), np.empty((4 * n, 6))
+    for i in range(4 * n):
+        m, back, along_v = i // 4, i % 4 >= 2, i % 2
+        for a in range(3):
+            arms[i, a] = points0[m, a] if back else T[a, 3]
+            for b in range(3):
+                arms[i, a] += 0.0 if back else T[a, b] * points1[m, b]
+        p = np.zeros(3)
+        for a in range(3):
+            for b in range(3):
+                p[a] += T[b, a] * (arms[i, b] - T[b, 3]) if back else 0.0
+            p[a] = p[a] if back else arms[i, a]
+        f, w = k[along_v], weight[m]
+        uv = uv1 if back else uv0
+        residual[i] = w * (uv[m, along_v] - k[2 + along_v] - f * p[along_v] / p[2])
+        slope = np.zeros(3)
+        slope[along_v], slope[2] = w * f / p[2], -w * f * p[along_v] / p[2] ** 2
+        for a in range(3):
+            J[i, a] = slope[a]
+            if back:  # the other camera moves the other way
+                J[i, a] = -(T[a, 0] * slope[0] + T[a, 1] * slope[1] + T[a, 2] * slope[2])
+        x, y, z = arms[i]
+        J[i, 3], J[i, 4] = y * J[i, 2] - z * J[i, 1], z * J[i, 0] - x * J[i, 2]
+        J[i, 5] = x * J[i, 1] - y * J[i, 0]
+    return arms, residual, J
 
 
 def _turned(reference: Features, current: Features, guess: SE3) -> SE3:

@@ -156,20 +156,24 @@ def roughness(level: Level) -> float:
 
 
 class IcpRgbd(Icp):
-    """Settings are those of the planes, whose iterations, stop and limits are taken, and those of the photometric term."""
+    """Settings: of the planes, whose iterations, stop and limits are taken, of the photometric term, and its weight on the
+    right-hand side.
+    """
 
     name, reads_grey = "icp_rgbd", True
     PRESETS = {
-        "paper": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0)),
+        "paper": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD**2),
+        # a slip of the code that the paper ran: the matrix is weighted by w^2, the right-hand side by w
+        "kintinuous2013": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD),
         "best": (
             replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1), reference="keyframe"),
             replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3)),
         ),
     }
 
-    def __init__(self, settings: tuple[IcpSettings, PhotometricSettings]) -> None:
+    def __init__(self, settings: tuple[IcpSettings, PhotometricSettings, float]) -> None:
         super().__init__(settings[0])
-        self.photometric = settings[1]
+        _, self.photometric, self.weight_b = settings
 
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
         """By geometry alone where the images hold nothing to align, or are unrelated. Where both terms are information, each
@@ -193,9 +197,8 @@ class IcpRgbd(Icp):
             return super().align(reference, current, guess)
         return result
 
-    @staticmethod
-    def _joint(plane: PlaneTerm, photometric: Linearise, rough: bool, T: SE3, iteration: int) -> System:
+    def _joint(self, plane: PlaneTerm, photometric: Linearise, rough: bool, T: SE3, iteration: int) -> System:
         geometry, image = plane(T, iteration), photometric(T, iteration)
         if rough:
             geometry = geometry.without_scale(T.translation, ROUGH_SCALE)
-        return geometry.plus(image, 1.0 if image.informed else WEIGHT_RGBD**2)
+        return geometry.plus(image, 1.0 if image.informed else WEIGHT_RGBD**2, self.weight_b)

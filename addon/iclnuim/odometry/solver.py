@@ -132,9 +132,9 @@ class System:
         stiff = along @ slopes + sigma**-2
         return replace(self, A=self.A - np.outer(slopes, slopes) / stiff, b=self.b - slopes * (along @ self.b) / stiff)
 
-    def plus(self, other: "System", factor: float) -> "System":
-        """Joint equations, with the other's times a factor; all else stays the first one's."""
-        return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor)
+    def plus(self, other: "System", factor: float, factor_b: float) -> "System":
+        """Joint equations, with the other's A and b times a factor each; all else stays the first one's."""
+        return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor_b)
 
     def centred(self) -> tuple[np.ndarray, np.ndarray]:
         """(A, G): A about the points' centre with rotations in lengths, and G with x = G^T x_centred."""
