@@ -62,6 +62,15 @@ def test_a_known_motion_is_found_from_one_kept_frame(preset):
     assert error_m(found[-1], poses[-1]) < 0.05 * np.linalg.norm(poses[-1].translation)
 
 
+def test_the_frames_around_one_without_depth_are_tracked():
+    poses = path(4)
+    frames = [seen(T) for T in poses]
+    frames[2] = Frame.of(frames[2].grey, frames[2].depth_z_m * 0, 0.0)
+    found = tracked("best", frames)
+    assert [f.lost for f in found] == [False, False, True, False]
+    assert error_m(found[3], poses[3]) < 0.05 * np.linalg.norm(poses[3].translation)
+
+
 def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
     turn = SE3.exp(np.r_[0, 0, 0, 0, 0.12, 0])  # 29 pixels; without the first rotation nothing is found in 10
     settings = replace(Fovis.PRESETS["best"], searches_px=(10.0,))

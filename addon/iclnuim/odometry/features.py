@@ -12,7 +12,7 @@ from numba import njit
 
 from ..geometry.camera import PinholeCamera
 from .protocol import Frame
-from .pyramid import MIN_SIDE
+from .solver import MIN_SIDE
 
 #: Pixels to either side of a corner that describe it.
 REACH = 4

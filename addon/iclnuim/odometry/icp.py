@@ -168,6 +168,7 @@ class IcpRgbd(Icp):
         "best": (
             replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1), reference="keyframe"),
             replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3)),
+            1.0,
         ),
     }
 
