@@ -15,8 +15,7 @@ from ..job import RenderJob, bake_core_s
 from ..sensor.transfer import srgb8
 from . import camera, compat, frames, light_map, scene, settings
 
-#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured: the bake of another scene, on another machine,
-#: differs as its samples do.
+#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. Where they take longer, a bake does too.
 _SAMPLE_CORE_S = 3.0
 #: Of the preview, in the run folder: its name, its longer side in pixels, and its samples: as many as fit the time, two at least.
 PREVIEW = "preview.png"
@@ -51,19 +50,22 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
     with tempfile.TemporaryDirectory() as folder:
         raw = Path(folder) / "raw.exr"
 
-        def timed(samples: int, percentage: int) -> float:
-            cycles.samples, render.resolution_percentage, begun = samples, percentage, time.perf_counter()
+        def timed(samples: int, percentage: int) -> np.ndarray:
+            """(2,) seconds and core-seconds."""
+            cycles.samples, render.resolution_percentage = samples, percentage
+            begun = np.array([time.perf_counter(), time.process_time()])
             frames.render(number, raw)
-            return time.perf_counter() - begun
+            return np.array([time.perf_counter(), time.process_time()]) - begun
 
         timed(1, max(1, percentage // 8))  # prepares what all frames share
-        one_s = timed(1, percentage)
-        samples = max(2, min(_MAX_SAMPLES, int(_SAMPLES_S / one_s)))
-        sample_s = max(0.0, timed(samples, percentage) - one_s) / (samples - 1)
-        path_s = share * (one_s + ((path.samples or 1) - 1) * sample_s)
+        one = timed(1, percentage)
+        samples = max(2, min(_MAX_SAMPLES, int(_SAMPLES_S / one[0])))
+        several = timed(samples, percentage)
+        sample_s, sample_core_s = share * np.maximum(several - one, 0) / (samples - 1)
+        path_s = share * one[0] + ((path.samples or 1) - 1) * sample_s
         vga = job.camera.width * job.camera.height / (640 * 480)
-        bake_s = bake_core_s(job) / _SAMPLE_CORE_S * share * sample_s / vga
-        return Look(frames.read(raw, raw)[0], number, samples, path_s, share * one_s, bake_s)
+        bake_s = bake_core_s(job) * max(1.0, sample_core_s / vga / _SAMPLE_CORE_S) * several[0] / max(several[1], 1e-3)
+        return Look(frames.read(raw, raw)[0], number, samples, path_s, share * one[0], bake_s)
 
 
 def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tuple[RenderJob, str]:
