@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,24 +12,21 @@ import pytest
 
 @dataclass(frozen=True)
 class Room:
-    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash, triangles, build
-    seconds.
-    """
+    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash, triangles."""
 
     objects: dict
     surface: object
     sha256: str
     triangles: int
-    seconds: float
 
 
-def captured(seconds: float) -> Room:
+def captured() -> Room:
     import bpy
     from iclnuim.blend.builder import stage
     from iclnuim.blender import surfaces
 
     objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
-    return Room(objects, surfaces.triangles(), stage.geometry_hash(), stage.triangle_count(), seconds)
+    return Room(objects, surfaces.triangles(), stage.geometry_hash(), stage.triangle_count())
 
 
 @pytest.fixture(scope="session")
@@ -45,9 +41,8 @@ def build(blender):
 
     def run(seed: int = 0, detail: float = 1.0) -> Room:
         blender.ops.wm.read_factory_settings(use_empty=True)
-        begun = time.process_time()
         build_scene("living_room", seed=seed, detail=detail)
-        return captured(time.process_time() - begun)
+        return captured()
 
     return run
 
@@ -58,10 +53,10 @@ def commanded(blender, tmp_path_factory) -> tuple[Room, dict, Path]:
     from iclnuim.headless import cli
 
     file = tmp_path_factory.mktemp("commanded") / "room.blend"
-    begun, printed = time.process_time(), io.StringIO()
+    printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         assert cli.main(["scene", "build", "living_room", "--out", str(file), "--json", "--quiet"]) == 0
-    return captured(time.process_time() - begun), json.loads(printed.getvalue()), file
+    return captured(), json.loads(printed.getvalue()), file
 
 
 @pytest.fixture(scope="session")
