@@ -59,6 +59,13 @@ def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     return own + [n for g in own if g.type == "GROUP" and g.node_tree for n in nodes_of(g.node_tree)]
 
 
+def volume_outputs() -> list[bpy.types.Node]:
+    """Output nodes of materials and worlds in use that have a volume."""
+    trees = [block.node_tree for block in (*bpy.data.materials, *bpy.data.worlds) if block.users and block.node_tree]
+    outputs = (n for tree in trees for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD"))
+    return [n for n in outputs if n.inputs["Volume"].is_linked]
+
+
 def unlink(socket: bpy.types.NodeSocket) -> None:
     """Remove all links of an input or output."""
     for link in list(socket.links):

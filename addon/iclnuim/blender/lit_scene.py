@@ -8,6 +8,7 @@ at most 0.036, beyond 80 degrees.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -176,6 +177,46 @@ def baked_copy(material: Material | None, image: Image, two_sided: bool, gatheri
     copy.cycles.emission_sampling = "NONE"  # taken for a lamp, each surface would cost a second a frame
     _bake_tree(copy.node_tree, image, two_sided, gathering)
     return copy
+
+
+def let_light_through(materials: Iterable[Material]) -> list[str]:
+    """Glass that lamps and sky shine through unbent, dimmed by its colour and its reflection: no caustics are sampled, so light would
+    not pass at all. Cameras and gloss see it as before. Names of the materials changed.
+    """
+    changed, done = [], set()
+    for material in materials:
+        glass = [node for node in nodes_of(material.node_tree) if _is_glass(node)]
+        for node in (node for node in glass if node not in done):
+            _let_through(node.id_data, node)
+        done.update(glass)
+        if glass:
+            material.use_transparent_shadow = True
+            changed.append(material.name)
+    return changed
+
+
+def _is_glass(node: Node) -> bool:
+    if node.type == "BSDF_PRINCIPLED":
+        return _constant(node.inputs["Transmission Weight"]) != 0.0 and _constant(node.inputs["Metallic"]) != 1.0
+    return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
+
+
+def _let_through(tree: NodeTree, node: Node) -> None:
+    """Shadow rays and those that diffuse surfaces send find a Transparent BSDF in place of the glass."""
+    targets, rays = [link.to_socket for link in node.outputs[0].links], tree.nodes.new("ShaderNodeLightPath")
+    share: Source = _calculate(tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"])
+    colour: Source = node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
+    if node.type == "BSDF_PRINCIPLED":  # its colour is that of two surfaces
+        share = _product(tree, share, _input(node, "Transmission Weight"), _one_minus(tree, _input(node, "Metallic")))
+        colour = _node(tree, "Gamma", colour, 0.5)
+    if node.type != "BSDF_REFRACTION":  # Schlick's formula: the same from both sides, for panes are often single faces
+        facing = tree.nodes.new("ShaderNodeLayerWeight")
+        facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
+        passing = _one_minus(tree, _calculate(tree, "POWER", facing.outputs["Facing"], 5.0))
+        colour = _scaled(tree, colour, _product(tree, 1.0 - _f0(node.inputs["IOR"]), passing))
+    mixed = _node(tree, "MixShader", share, node.outputs[0], _node(tree, "BsdfTransparent", colour))
+    for target in targets:
+        tree.links.new(mixed, target)
 
 
 def _tree(material: Material | None) -> NodeTree | None:

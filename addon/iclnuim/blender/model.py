@@ -9,6 +9,8 @@ from ..sensor.transfer import srgb8
 from . import ground_truth, surfaces
 from .surfaces import Part, array_of
 
+#: Of unit normals: a flat face whose triangles differ more from it (0.006 degrees) is not plane.
+_PLANE = 1e-4
 _GREY = (0.8, 0.8, 0.8)
 #: Where a material's colour is looked for, in this order.
 _SHADERS = {
@@ -28,15 +30,40 @@ def scene_model() -> SceneModel:
         looks: dict[bpy.types.Material | None, int] = {}
         faces = [array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32) for part in parts]
         material = [_materials(part, looks)[of_triangle] for part, of_triangle in zip(parts, faces, strict=True)]
-        return SceneModel(
-            corners_m=joined.corners_m[joined.triangles],
-            normals=joined.normals[joined.triangles],
+        corners_m, normals = joined.corners_m[joined.triangles], joined.normals[joined.triangles]
+        ends = np.cumsum([len(part.mesh.loop_triangles) for part in parts])[:-1]
+        for part, corners, shown in zip(parts, np.split(corners_m, ends), np.split(normals, ends), strict=True):
+            _shade_as_cycles(part, corners, shown)
+        model = SceneModel(
+            corners_m=corners_m,
+            normals=normals,
             uv=np.concatenate([_uv(part) for part in parts]),
             material=np.concatenate(material),
             instance=np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts]),
             looks=tuple(_look(m) for m in looks),
             names={part.source.pass_index: part.source.name for part in parts},
         )
+        return model.chosen(np.concatenate([surfaces.solid(part) for part in parts]))
+
+
+def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> None:
+    """Change normals (m, 3, 3) where Cycles does not use those of Blender's corners: flat faces that are not plane are shaded triangle
+    by triangle, smooth faces beside flat ones by their vertices. Custom normals and sharp edges are followed.
+    """
+    mesh, sharp = part.mesh, part.mesh.attributes.get("sharp_edge")
+    if mesh.has_custom_normals or (sharp is not None and array_of(sharp.data, "value", 1, bool).any()):
+        return
+    of_triangle = array_of(mesh.loop_triangles, "polygon_index", 1, np.int32)
+    smooth = array_of(mesh.polygons, "use_smooth", 1, bool)[of_triangle]
+    if smooth.any() and not smooth.all():
+        vertices = array_of(mesh.loop_triangles, "vertices", 3, np.int32)[smooth]
+        wound = -1 if part.matrix.determinant() < 0 else 1  # as `joined` does
+        normals[smooth] = surfaces.world_normals(part, mesh.vertex_normals)[vertices[:, ::wound]]
+    a, b, c = np.moveaxis(corners_m, 1, 0)
+    own = np.cross(b - a, c - a)
+    own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-30)
+    bent = ~smooth & own.any(1) & (np.linalg.norm(normals[:, 0] - own, axis=1) > _PLANE)
+    normals[bent] = own[bent, None]
 
 
 def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:

@@ -112,6 +112,10 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if scene.camera is None and len(cameras) == 1:
         scene.camera = cameras[0]  # formats without an active camera: their only one is
+    glass = lit_scene.let_light_through(m for m in bpy.data.materials if m.use_nodes and m.node_tree)
+    if glass:
+        through = "lamps and sky shine through it unbent, without caustics"
+        notes.append(f"glass ({', '.join(sorted(glass))[:120]}): {through}")
     return [*notes, *_light_up(scene)]
 
 

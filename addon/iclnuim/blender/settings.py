@@ -1,6 +1,7 @@
 """Render settings: everything that decides a pixel is set here, so that nothing of the opened file's own settings leaks in."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 
 import bpy
 
@@ -66,6 +67,23 @@ def assign(thing: object, values: Mapping[str, object]) -> None:
     """Set properties of a Blender struct."""
     for name, value in values.items():
         setattr(thing, name, value)
+
+
+@contextmanager
+def without_volumes() -> Iterator[None]:
+    """Volumes of the open scene are empty for a while: a ray that scatters in one brings no Z."""
+    with ExitStack() as stack:
+        for thing in (o for o in bpy.data.objects if o.type == "VOLUME"):
+            stack.enter_context(compat.temporarily(thing, hide_render=True))
+        for output in compat.volume_outputs():
+            tree, before = output.id_data, output.inputs["Volume"].links[0].from_socket
+            # of density 0: without any volume, the bounds of one would be a black surface
+            empty = tree.nodes.new("ShaderNodeVolumeAbsorption")
+            empty.inputs["Density"].default_value = 0.0
+            tree.links.new(empty.outputs[0], output.inputs["Volume"])
+            stack.callback(tree.nodes.remove, empty)
+            stack.callback(tree.links.new, before, output.inputs["Volume"])
+        yield
 
 
 def remove_gloss() -> None:

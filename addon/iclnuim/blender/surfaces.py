@@ -53,7 +53,7 @@ def triangles() -> Surface:
         for part in found:
             if part.source.visible_camera and len(part.mesh.loop_triangles):
                 vertices.append(part.vertices_m())
-                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32) + count)
+                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[solid(part)] + count)
                 owners.append(np.full(len(faces[-1]), len(names), np.int32))
                 names.append(part.name)
                 count += len(vertices[-1])
@@ -105,13 +105,19 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         hidden = thing.original.hide_render and not instance.is_instance
         if not instance.show_self or thing.type not in SURFACE_TYPES or hidden:
             continue
-        mesh = bpy.data.meshes.new_from_object(thing, preserve_all_data_layers=True, depsgraph=depsgraph)
+        # what Geometry Nodes instance is no object: it has a mesh, and materials, but the object's name
+        by_nodes = instance.is_instance and instance.parent.original == thing.original
+        if by_nodes and isinstance(thing.data, bpy.types.Mesh):
+            mesh = thing.data.copy()
+        else:
+            mesh = bpy.data.meshes.new_from_object(thing, preserve_all_data_layers=True, depsgraph=depsgraph)
         if mesh is None or not len(mesh.polygons):
             continue
         mesh.calc_loop_triangles()
-        for number, slot in enumerate(thing.material_slots):
+        shown = mesh.materials if by_nodes else [slot.material for slot in thing.material_slots]
+        for number, material in enumerate(shown):
             # materials may hang on the object instead of its data; clearing the mesh's would reset the faces' indices
-            material = slot.material and slot.material.original
+            material = material and material.original
             if number < len(mesh.materials):
                 mesh.materials[number] = material
             else:
@@ -146,19 +152,24 @@ def _surfaces(part: Part) -> Surfaces:
     mesh, matrix = part.mesh, np.array(part.matrix)
     vertices = part.vertices_m()
     vertex_of_corner = array_of(mesh.loops, "vertex_index", 1, np.int32)
-    normals = array_of(mesh.corner_normals, "vector", 3).astype(float) @ _normal_matrix(matrix[:3, :3])
     triangles = array_of(mesh.loop_triangles, "loops", 3, np.int32).astype(int)
     mirrored = np.linalg.det(matrix[:3, :3]) < 0  # wound the other way
     welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
     return Surfaces(
         corners_m=vertices[vertex_of_corner],
-        normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12),
+        normals=world_normals(part, mesh.corner_normals),
         vertex=welded[vertex_of_corner],
         face_start=np.append(array_of(mesh.polygons, "loop_start", 1, np.int32).astype(int), len(mesh.loops)),
         triangles=triangles[:, ::-1] if mirrored else triangles,
         triangle_face=array_of(mesh.loop_triangles, "polygon_index", 1, np.int32).astype(int),
         face_object=np.zeros(len(mesh.polygons), int),
     )
+
+
+def world_normals(part: Part, found: Any) -> np.ndarray:
+    """(n, 3) unit normals in the world, of the corners or vertices of a part."""
+    normals = array_of(found, "vector", 3).astype(float) @ _normal_matrix(np.array(part.matrix)[:3, :3])
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
 def _normal_matrix(linear: np.ndarray) -> np.ndarray:
@@ -181,6 +192,14 @@ def material_of_face(part: Part) -> np.ndarray:
     slots = len(part.mesh.materials)
     index = array_of(part.mesh.polygons, "material_index", 1, np.int32).astype(int)
     return np.minimum(index, slots - 1)
+
+
+def solid(part: Part) -> np.ndarray:
+    """(m,) triangles that a camera ray ends at; the bounds of a volume without a surface are none."""
+    outputs = [m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials] or [None]
+    ends = np.array([not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked) for o in outputs])
+    of_triangle = array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32)
+    return ends[np.maximum(material_of_face(part), 0)][of_triangle]
 
 
 def array_of(collection: Any, name: str, width: int = 1, kind: type = np.float32) -> np.ndarray:

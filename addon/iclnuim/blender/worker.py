@@ -212,15 +212,16 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
 def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path]:
     """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed.
 
-    Z is that of the first sample at any rate, but not with a wide filter; normals are a mean over the samples.
+    Z is that of the first sample at any rate, but not with a wide filter nor in a volume; normals are a mean over the samples.
     """
     raw = raw_depth = name.with_suffix(".exr")
     frames.render(number, raw)
-    if job.antialias or (job.ground_truth and job.samples != 1):
+    volumes = preflight.volume_names(bpy.context.scene)
+    if job.antialias or volumes or (job.ground_truth and job.samples != 1):
         raw_depth = name.with_name(f"{name.name}-depth.exr")
         # one narrow ray a pixel, so that Z is the same bits as without antialiasing
         narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
-        with compat.temporarily(bpy.context.scene.cycles, **narrow):
+        with compat.temporarily(bpy.context.scene.cycles, **narrow), settings.without_volumes():
             frames.render(number, raw_depth)
     return raw, raw_depth
 

@@ -16,6 +16,8 @@ EDGE_OFFSET_PX = 0.1
 EDGE_TOLERANCE = 1e-4
 #: Where depth differs by more than this, pixel and ray met different surfaces: an outline.
 _SAME_PLACE_M = 1e-4
+#: Surfaces coincide where their depths differ by less than this share.
+_COINCIDENT = 1e-5
 #: What normals are promised to.
 PROMISED_DEG = 0.1
 
@@ -38,13 +40,17 @@ class DepthErrors:
 
 @dataclass(frozen=True)
 class TruthErrors:
-    """Over pixels off outlines: shares of equal instances and of normals within PROMISED_DEG; angles in degrees. outline_share: of all pixels."""
+    """Over pixels that see one surface, off outlines: shares of equal instances and of normals within PROMISED_DEG; angles in degrees.
+
+    outline_share, coincident_share: of the pixels that see a surface at all, those off its place, and those with two in one place.
+    """
 
     equal_instance_share: float
     normal_median_deg: float
     normal_p999_deg: float
     normal_within_share: float
     outline_share: float
+    coincident_share: float
 
 
 def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
@@ -90,6 +96,7 @@ class TruthCaster:
 
     def __init__(self, model: SceneModel) -> None:
         self._model, self._caster = model, RayCaster.of_model(model)
+        self._of_instance: dict[int, RayCaster] = {}
 
     def frame(self, camera: PinholeCamera, T_world_camera: SE3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(h, w) planar Z in metres, 0 where nothing is met; (h, w) instance; (h, w, 3) unit normal, cv camera's frame, of the side that is seen."""
@@ -106,24 +113,45 @@ class TruthCaster:
 
     def compare(
         self, frame: dict[str, np.ndarray], camera: PinholeCamera, T_world_camera: SE3
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Off outlines, of a frame's channels: (n,) whether instances are equal, (n,) degrees between normals; and the share of outlines."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of a frame's channels, where one surface is seen: (n,) whether instances are equal, (n,) degrees between normals; and how many
+        pixels (3,) see a surface, an outline, surfaces that coincide.
+        """
         depth_z_m, instance, normal = self.frame(camera, T_world_camera)
+        seen = (depth_z_m > 0) | (frame["Z"] > 0)
         same = (depth_z_m > 0) & (np.abs(frame["Z"] - depth_z_m) < _SAME_PLACE_M)
         found = np.stack([frame[name] for name in NORMAL], -1).astype(float)
-        chord = np.linalg.norm(found - normal, axis=-1)[same]
-        return (frame[INSTANCE] == instance)[same], np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1))), 1 - same.mean()
+        degrees = np.degrees(2 * np.arcsin(np.minimum(np.linalg.norm(found - normal, axis=-1) / 2, 1)))
+        coincident = np.zeros_like(same)
+        for number in np.unique(frame[INSTANCE][same & (frame[INSTANCE] != instance)]):
+            rows = same & (frame[INSTANCE] == number) & (frame[INSTANCE] != instance)
+            coincident[rows] = self._also_there(int(number), camera.rays()[rows], T_world_camera, depth_z_m[rows])
+        single = same & ~coincident
+        counts = np.array([seen.sum(), (seen & ~same).sum(), coincident.sum()])
+        return (frame[INSTANCE] == instance)[single], degrees[single], counts
+
+    def _also_there(self, number: int, rays: np.ndarray, T_world_camera: SE3, depth_z_m: np.ndarray) -> np.ndarray:
+        """(n,) whether the instance of that number lies at these depths (n,) along rays (n, 3), too."""
+        own = self._model.instance == number
+        if not own.any():
+            return np.zeros(len(rays), bool)
+        if number not in self._of_instance:
+            self._of_instance[number] = RayCaster.of_model(self._model.chosen(own))
+        hits = self._of_instance[number].cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
+        return np.abs(hits.distance - depth_z_m) <= _COINCIDENT * depth_z_m
 
 
-def truth_summary(found: list[tuple[np.ndarray, np.ndarray, float]]) -> TruthErrors:
+def truth_summary(found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> TruthErrors:
     """Over all frames that `TruthCaster.compare` was asked about."""
     equal, degrees = (np.concatenate([f[k] for f in found]) for k in (0, 1))
-    if not len(equal):
-        return TruthErrors(0.0, 180.0, 180.0, 0.0, 1.0)
+    seen, outline, coincident = np.sum([f[2] for f in found], 0)
+    shares = float(outline / max(seen, 1)), float(coincident / max(seen, 1))
+    if not len(equal):  # nothing but sky is no error
+        return TruthErrors(*((0.0, 180.0, 180.0, 0.0) if seen else (1.0, 0.0, 0.0, 1.0)), *shares)
     return TruthErrors(
         float(equal.mean()),
         float(np.median(degrees)),
         float(np.percentile(degrees, 99.9)),
         float((degrees < PROMISED_DEG).mean()),
-        float(np.mean([f[2] for f in found])),
+        *shares,
     )
