@@ -68,12 +68,16 @@ class Missing(Event, name="missing"):
 
 
 class FrameDone(Event, name="frame"):
-    """Frame `frame` is finished under its name. Seconds in Cycles, and to close its file; found: another process had finished it."""
+    """Frame `frame` is finished under its name. Seconds in Cycles, and to close its file; found: another process had finished it.
+
+    black: the likely cause, where the frame came out black.
+    """
 
     frame: int
     cycles: float | None = None
     close: float | None = None
     found: bool = False
+    black: str | None = None
 
 
 class Written(Event, name="written"):

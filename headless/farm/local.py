@@ -37,12 +37,16 @@ def not_started(client: WorkerClient, code: int) -> WorkError:
 
 @dataclass
 class Outcome:
-    """Frames done in this run; frames given up, with the log of the worker; whether a stop was asked for; workers that died."""
+    """Frames done in this run; frames given up, with the log of the worker; whether a stop was asked for; workers that died.
+
+    black: frames that show nothing, with the likely cause.
+    """
 
     done: set[int] = field(default_factory=set)
     failed: dict[int, Path] = field(default_factory=dict)
     stopped: bool = False
     deaths: int = 0
+    black: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -139,6 +143,8 @@ class LocalFarm:
             case Ready():
                 worker.ready, worker.last_frame_s = True, time.monotonic()
             case FrameDone():
+                if event.black is not None:
+                    self._outcome.black[event.frame] = event.black
                 worker.rendered += 1
                 self._failed_starts = 0
                 self._count(worker, event.frame)

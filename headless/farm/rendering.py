@@ -194,6 +194,10 @@ def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -
 
 def report(outcome: Outcome, console: Console) -> int:
     """What became of the frames; the exit code. Raises WorkError where some failed."""
+    if outcome.black:
+        first = min(outcome.black)
+        of = f"{len(outcome.black)} of {len(outcome.done)} frames are black, the first is {first}"
+        console.note(f"note: {of}: {outcome.black[first]}")
     if outcome.stopped:
         console.note("stopped: the frames so far are valid; the same command goes on from here")
         return 130

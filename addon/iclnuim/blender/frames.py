@@ -18,6 +18,10 @@ from .compat import temporarily
 
 #: Blender writes 1e10 where a ray meets nothing.
 _BACKGROUND = 1e9
+#: Radiance that 8 bits of sRGB round to 0.
+_BLACK = 0.5 / 255 / 12.92
+#: What fills the image from nearer than this surrounds the camera.
+_TOO_NEAR_M = 0.05
 
 
 def render(number: float, raw_file: Path) -> None:
@@ -49,6 +53,18 @@ def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
     rgb = np.stack([channel_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
     depth_z_m = channel_ending(with_depth, "Depth.Z")
     return rgb, np.where(depth_z_m < _BACKGROUND, depth_z_m, 0.0).astype(np.float32)
+
+
+def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
+    """The likely cause where less than 1 % of an image (h, w, 3) would show anything; None for all others."""
+    if (rgb.max(-1) > _BLACK).mean() >= 0.01:
+        return None
+    seen = depth_z_m > 0
+    if seen.mean() < 0.01:
+        return "the camera sees no surface, and the sky is black"
+    if np.median(depth_z_m[seen]) < _TOO_NEAR_M:
+        return "the camera is inside an object or touches one"
+    return "no light reaches what the camera sees; are lamps hidden, too weak, or shut out?"
 
 
 def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:

@@ -125,7 +125,8 @@ def strand_names(scene: bpy.types.Scene) -> list[str]:
 def volume_names(scene: bpy.types.Scene) -> list[str]:
     """Objects with a volume, or with a material or world that has one."""
     filled = {m for m in bpy.data.materials if m.users and m.node_tree and _has_volume(m.node_tree)}
-    names = [o.name for o in scene.objects if o.type == "VOLUME" or filled & {s.material for s in o.material_slots}]
+    things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}  # instanced ones too
+    names = [o.name for o in things if o.type == "VOLUME" or filled & {s.material for s in o.material_slots}]
     sky = scene.world and scene.world.node_tree and _has_volume(scene.world.node_tree)
     return [*sorted(names), *(["the sky"] if sky else [])]
 

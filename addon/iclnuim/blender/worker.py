@@ -157,7 +157,8 @@ class Session:
         if self.job.ground_truth:
             further = ground_truth.read(raw_depth, self.trajectory.T_world_camera[number])
         self.run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
-        return self.emit(events.FrameDone(number, cycles_seconds, time.perf_counter() - begun))
+        seconds = time.perf_counter() - begun
+        return self.emit(events.FrameDone(number, cycles_seconds, seconds, black=frames.why_black(rgb, depth_z_m)))
 
 
 def recipe(job: RenderJob) -> dict:

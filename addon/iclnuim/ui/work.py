@@ -103,6 +103,9 @@ class Work:
                 self._become("rendering", "rendering")
             case events.FrameDone(frame) | events.Written(frame):
                 self.done, self.last_frame = self.done + 1, frame
+                black = event.black if isinstance(event, events.FrameDone) else None
+                if black and not any(black in note for note in self.notes):
+                    self.notes.append(f"frame {frame} is black: {black}")
             case events.ChunkDone() if self.worker is not None:
                 self.worker.stop()
             case events.Failed():
