@@ -22,23 +22,25 @@ POSE = "0.000000 -1.6 -1.6 1.5 -0.727534 0.301354 -0.235865 0.569428"
 class Scene:
     """fill: fills the empty scene, or writes a file at the path it is given and returns that. light: what the frames must be made by.
 
-    light is `baked`, `path`, or `either`; note: words that a note or error must have; refused: the file must be refused.
+    light is `baked`, `path`, or `either`; note: words that a note or error must have; refused: the file must be refused; map_samples: of the
+    light map.
     """
 
     fill: Callable[[Path], Path | None]
     light: str = "baked"
     note: str = ""
     refused: bool = False
+    map_samples: int = 8
 
 
 GALLERY: dict[str, Scene] = {}
 
 
-def scene(light: str = "baked", note: str = "", refused: bool = False) -> Callable:
+def scene(light: str = "baked", note: str = "", refused: bool = False, map_samples: int = 8) -> Callable:
     """Put a function into the gallery under its name."""
 
     def add(fill: Callable) -> Callable:
-        GALLERY[fill.__name__] = Scene(fill, light, note, refused)
+        GALLERY[fill.__name__] = Scene(fill, light, note, refused, map_samples)
         return fill
 
     return add
@@ -205,7 +207,7 @@ def only_an_excluded_lamp(folder: Path) -> None:
     bpy.context.view_layer.layer_collection.children["excluded"].exclude = True
 
 
-@scene(light="either")
+@scene()
 def geometry_nodes_instances(folder: Path) -> None:
     """Boxes on a grid by Geometry Nodes: instances that are no objects."""
     room(furnished=False)
@@ -255,12 +257,17 @@ def particle_hair(folder: Path) -> None:
 def hair_curves(folder: Path) -> None:
     """The newer hair: a curves object."""
     room()
+    hair_in(bpy.context.scene)
+
+
+def hair_in(into: bpy.types.Scene) -> None:
+    """Two strands."""
     data = bpy.data.hair_curves.new("strands")
     data.add_curves([3, 3])
     data.position_data.foreach_set(
         "vector", [0, 0, 0.2, 0.1, 0, 0.6, 0.2, 0, 1.0, 0.3, 0, 0.2, 0.4, 0, 0.6, 0.5, 0, 1.0]
     )
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("strands", data))
+    into.collection.objects.link(bpy.data.objects.new("strands", data))
 
 
 @scene(light="path", note="volume")
@@ -270,12 +277,47 @@ def fog_in_a_box(folder: Path) -> None:
     fog = bpy.data.materials.new("fog")
     fog.use_nodes = True
     fog.node_tree.nodes.clear()
-    output, volume = (
-        fog.node_tree.nodes.new("ShaderNodeOutputMaterial"),
-        fog.node_tree.nodes.new("ShaderNodeVolumePrincipled"),
-    )
-    fog.node_tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    fog.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    fill_with_fog(fog.node_tree)
     box("fog", (-1.0, -0.5, 0.2), (0.0, 0.5, 1.2), fog)
+
+
+def fill_with_fog(tree: bpy.types.NodeTree, density: float = 1.0) -> None:
+    """A volume for the output of a material or world."""
+    output = next(n for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD"))
+    volume = tree.nodes.new("ShaderNodeVolumePrincipled")
+    volume.inputs["Density"].default_value = density
+    tree.links.new(volume.outputs[0], output.inputs["Volume"])
+
+
+@scene(light="path", note="volume")
+def fog_everywhere(folder: Path) -> None:
+    """A sky that is a volume, and a box with a surface and a volume."""
+    room()
+    fill_with_fog(bpy.data.materials["red"].node_tree)
+    sky = bpy.data.worlds.new("sky")
+    sky.use_nodes = True
+    fill_with_fog(sky.node_tree, 0.2)
+    bpy.context.scene.world = sky
+
+
+@scene(light="path", note="volume")
+def fog_that_is_instanced(folder: Path) -> None:
+    """A collection with a box of fog, which no object of the scene shows."""
+    fog_in_a_box(folder)
+    library = bpy.data.collections.new("library")
+    moved(bpy.data.objects["fog"], library)
+    carrier = bpy.data.objects.new("stand", None)
+    carrier.instance_type, carrier.instance_collection = "COLLECTION", library
+    bpy.context.scene.collection.objects.link(carrier)
+
+
+@scene(light="path", note="no light reaches")
+def lamp_outside(folder: Path) -> None:
+    """A closed room whose only lamp stands outside, seen with hair so that no light is baked: black."""
+    room(lit=False)
+    lamp((0, 0, 5))
+    hair_in(bpy.context.scene)
 
 
 @scene(light="path", note="link")
@@ -304,13 +346,13 @@ def tiny_light(folder: Path) -> None:
     )
 
 
-@scene(light="either", note="light through it does not reach other surfaces")
+@scene(note="shine through", map_samples=64)
 def sun_through_a_window(folder: Path) -> None:
     """A room lit by the sun through a pane of window glass."""
     window_room(material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5))
 
 
-@scene(light="either", note="light through it does not reach other surfaces")
+@scene(note="shine through", map_samples=64)
 def sun_through_thin_glass(folder: Path) -> None:
     """The same with a Glass BSDF, as architects' files have it."""
     pane = bpy.data.materials.new("pane")
@@ -323,6 +365,32 @@ def sun_through_thin_glass(folder: Path) -> None:
     glass.inputs["Roughness"].default_value = 0.0
     pane.node_tree.links.new(glass.outputs[0], output.inputs["Surface"])
     window_room(pane)
+
+
+@scene(map_samples=64)
+def open_window(folder: Path) -> None:
+    """The same without a pane."""
+    sun_through_a_window(folder)
+    bpy.data.objects.remove(bpy.data.objects["pane"])
+
+
+@scene(note="shine through", map_samples=64)
+def sun_through_a_thick_pane(folder: Path) -> None:
+    """A pane of two faces, tinted, in a node group."""
+    sun_through_a_window(folder)
+    bpy.data.objects.remove(bpy.data.objects["pane"])
+    pane = bpy.data.materials["pane"]
+    pane.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.6, 0.9, 0.6, 1.0)
+    box("pane", (1.99, -1, 0.8), (2.01, 1, 2.0), pane)
+
+
+@scene(note="shine through")
+def vitrine(folder: Path) -> None:
+    """A thing under glass."""
+    room()
+    pane = material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5)
+    box("vitrine", (-1.2, -0.4, 0.0), (-0.2, 0.6, 1.0), pane)
+    box("exhibit", (-0.9, -0.1, 0.0), (-0.5, 0.3, 0.6), material("blue", (0.2, 0.3, 0.7)))
 
 
 def window_room(pane: bpy.types.Material) -> None:
@@ -375,6 +443,19 @@ def bent_quads(folder: Path) -> None:
     )
 
 
+@scene()
+def bent_quads_beside_smooth_ones(folder: Path) -> None:
+    """A flat and a smooth quad in one mesh, neither of them plane."""
+    room()
+    bent = mesh(
+        "bent",
+        [(-1, 0, 0.3), (0, 0, 0.5), (0, 1, 0.3), (-1, 1, 0.6), (0.25, 0, 0.3), (0.25, 1, 0.6)],
+        [(0, 1, 2, 3), (1, 4, 5, 2)],
+        material("bent", (0.4, 0.4, 0.7)),
+    )
+    bent.data.polygons[1].use_smooth = True
+
+
 @scene(light="path", note="diffuse")
 def unlit_room(folder: Path) -> None:
     """Light baked into emission, as rooms on the web are: nothing is diffuse."""
@@ -397,7 +478,7 @@ def all_metal(folder: Path) -> None:
     lamp()
 
 
-@scene(light="path", note="diffuse")
+@scene(light="path", note="no light reaches")
 def all_glass(folder: Path) -> None:
     """Nothing but glass."""
     box("vitrine", (-0.5, 0.2, 0.3), (0.5, 1.0, 1.2), material("glass", Transmission_Weight=1.0, Roughness=0.0))

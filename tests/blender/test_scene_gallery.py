@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from iclnuim.formats.exr import read_exr  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
 from iclnuim.sensor.transfer import srgb8  # noqa: E402
-from iclnuim.worker_events import Note  # noqa: E402
+from iclnuim.worker_events import FrameDone, Note  # noqa: E402
 
 #: The default run takes these.
 QUICK = {"walls_outward", "lamp_in_hidden_collection", "unlit_room", "hair_curves", "metal_without_light"}
@@ -39,22 +40,25 @@ def cases():
 
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
-    """`rendered(name, light, ...)`: frame, light that the recipe names, notes."""
+    """`rendered(name, light, ...)`: frame, light that the recipe names, notes, run folder."""
     base = tmp_path_factory.mktemp("gallery")
     poses = [scene_gallery.POSE.replace("0.000000", stamp, 1) for stamp in ("0.033333", "0.066667")]
     (base / "poses.txt").write_text("\n".join(poses) + "\n")
 
     def render(name, light, **settings):
-        folder = base / f"{name}-{light}"
-        folder.mkdir()
+        folder = Path(tempfile.mkdtemp(prefix=f"{name}-{light}-", dir=base))
         file, notes = scene_gallery.make(name, folder), []
         camera = PinholeCamera.parse("48x36")
         job = RenderJob("gallery", str(file), str(base / "poses.txt"), camera=camera, light=light, **settings)
-        take = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
+
+        def take(event):
+            notes.extend([event.text] if isinstance(event, Note) else [])
+            notes.extend([event.black] if isinstance(event, FrameDone) and event.black else [])
+
         with worker.Session(job, folder / "run", take) as session:
             session.render([0], lambda: False)
         made_by = json.loads((folder / "run/sequence.json").read_text())["job"]["light"]
-        return read_exr(folder / "run/exr/000000.exr"), made_by, notes
+        return read_exr(folder / "run/exr/000000.exr"), made_by, notes, folder / "run"
 
     return render
 
@@ -72,12 +76,42 @@ def test_awkward_scenes_are_right_or_named(name, rendered, monkeypatch, tmp_path
         with pytest.raises(InputError, match=entry.note):
             rendered(name, "baked")
         return
-    baked, light, notes = rendered(name, "baked", map_size=96, map_samples=8, samples=16)
+    baked, light, notes, _ = rendered(name, "baked", map_size=96, map_samples=entry.map_samples, samples=16)
     assert light == entry.light or entry.light == "either"
     assert entry.note in " ".join(notes)
     if light == "path":
         assert any("path traced instead of baked light" in note for note in notes)
     if light == "baked":
-        traced, _, _ = rendered(name, "path", samples=64)
+        traced = rendered(name, "path", samples=64)[0]
         assert psnr_db(baked, traced) >= 30
         assert np.mean(np.abs(baked["Z"] - traced["Z"]) < 1e-4) >= 0.999
+
+
+#: Rays are cast at surfaces, and hair is none.
+STRANDS = {"particle_hair", "hair_curves", "lamp_outside"}
+QUICK_TRUTH = {"fog_in_a_box", "bent_quads_beside_smooth_ones", "coincident_faces", "geometry_nodes_instances"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in QUICK_TRUTH else [pytest.mark.slow])
+        for name, entry in scene_gallery.GALLERY.items()
+        if not entry.refused and name not in STRANDS
+    ],
+)
+def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
+    pytest.importorskip("open3d")
+    frame, _, _, run = rendered(name, "path", samples=2, ground_truth=True)
+    code, printed, said = command_here("check-depth", "--json", "--quiet", run)
+    assert code == 0, printed + said
+    figures = json.loads(printed)
+    assert figures["failed"] == [] and figures["lost_share"] == 0 and figures["outline_share"] < 0.001
+    assert (frame["Z"] == 0).mean() < 0.001 or name == "all_glass"
+
+
+def test_sun_and_sky_shine_through_window_glass(rendered):
+    """Cycles lets them through glass as caustics only, which are not sampled: the room was as dark as without a window."""
+    glazed, opened = (rendered(name, "path", samples=16)[0] for name in ("sun_through_thin_glass", "open_window"))
+    means = [np.mean([frame[c] for c in "RGB"]) for frame in (glazed, opened)]
+    assert 0.9 < means[0] / means[1] < 1.0
