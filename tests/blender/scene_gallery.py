@@ -389,8 +389,8 @@ def vitrine(folder: Path) -> None:
     """A thing under glass."""
     room()
     pane = material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5)
-    box("vitrine", (-1.2, -0.4, 0.0), (-0.2, 0.6, 1.0), pane)
-    box("exhibit", (-0.9, -0.1, 0.0), (-0.5, 0.3, 0.6), material("blue", (0.2, 0.3, 0.7)))
+    box("vitrine", (-1.2, -0.4, 0.01), (-0.2, 0.6, 1.0), pane)
+    box("exhibit", (-0.9, -0.1, 0.02), (-0.5, 0.3, 0.6), material("blue", (0.2, 0.3, 0.7)))
 
 
 def window_room(pane: bpy.types.Material) -> None:
@@ -418,7 +418,7 @@ def window_room(pane: bpy.types.Material) -> None:
     bpy.context.scene.world = sky
 
 
-@scene()
+@scene(note="lie exactly on others")
 def coincident_faces(folder: Path) -> None:
     """Two faces in one place."""
     room()
@@ -485,7 +485,7 @@ def all_glass(folder: Path) -> None:
     lamp()
 
 
-@scene()
+@scene(note="lie exactly on others")
 def flattened_object(folder: Path) -> None:
     """An object scaled to 0 along one axis: its matrix has no inverse."""
     room()

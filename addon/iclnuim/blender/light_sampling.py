@@ -277,7 +277,7 @@ def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.ty
     n = len(points_m)
     side = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     x = np.cross(side, normals)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    x /= np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
     y = np.cross(normals, x)
     turn = np.array([0, 2, 4]) * np.pi / 3
     around = np.cos(turn)[:, None] * x[:, None] + np.sin(turn)[:, None] * y[:, None]

@@ -185,7 +185,7 @@ def let_light_through(materials: Iterable[Material]) -> list[str]:
     """
     changed, done = [], set()
     for material in materials:
-        glass = [node for node in nodes_of(material.node_tree) if _is_glass(node)]
+        glass = [node for node in nodes_of(material.node_tree) if is_glass(node)]
         for node in (node for node in glass if node not in done):
             _let_through(node.id_data, node)
         done.update(glass)
@@ -195,7 +195,8 @@ def let_light_through(materials: Iterable[Material]) -> list[str]:
     return changed
 
 
-def _is_glass(node: Node) -> bool:
+def is_glass(node: Node) -> bool:
+    """A shader that light passes through, at least in part."""
     if node.type == "BSDF_PRINCIPLED":
         return _constant(node.inputs["Transmission Weight"]) != 0.0 and _constant(node.inputs["Metallic"]) != 1.0
     return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}

@@ -13,8 +13,9 @@ from pathlib import Path
 import bmesh
 import bpy
 import numpy as np
+from mathutils import Vector
 
-from . import compat
+from . import compat, lit_scene, preflight
 from .compat import temporarily
 from .surfaces import array_of, as_rendered
 
@@ -23,6 +24,8 @@ _ATTRIBUTE = "displaced position"
 _MAX_COORDINATE = 1e7
 #: A face of less area than this (file units squared) is a line or a point.
 _MIN_AREA = 1e-14
+#: Corners nearer than this are in one place; so many of the faces in one place are looked at, whether they can be seen.
+_SAME_PLACE_M, _PROBES = 1e-5, 64
 
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
@@ -209,6 +212,76 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
     mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
     mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
     mesh.update()
+
+
+def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
+    """Of equal faces in one place, the first stays: each would shade the other, and Cycles shows both black. What moves is left
+    alone, as are glass, volumes, instances, and faces that nobody sees, between boxes that touch.
+    """
+    moving = set(preflight.moving_names(scene))
+    with as_rendered(scene) as depsgraph:
+        shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
+        things = [t for t in shown if t.type == "MESH" and t.name not in moving and _is_opaque(t.original)]
+        faces = [_faces_in_world(thing) for thing in things]
+        keys, centres_m, normals = (np.concatenate([f[k] for f in faces] or [np.zeros((0, 3))]) for k in range(3))
+        again = np.setdiff1d(np.flatnonzero(keys), np.unique(keys, return_index=True)[1])
+        picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
+        if not any(_is_seen(depsgraph, centres_m[k], sign * normals[k]) for k in picked for sign in (1, -1)):
+            return []
+        starts = np.cumsum([0, *(len(f[0]) for f in faces)])
+        rows = {t.original: again[(again >= a) & (again < b)] - a for t, a, b in zip(things, starts, starts[1:])}
+    rows = {thing: found for thing, found in rows.items() if len(found)}
+    _as_rendered_meshes(scene, list(rows))
+    for thing, found in rows.items():
+        edited = bmesh.new()
+        edited.from_mesh(thing.data)
+        edited.faces.ensure_lookup_table()
+        bmesh.ops.delete(edited, geom=[edited.faces[int(k)] for k in found], context="FACES_ONLY")
+        edited.to_mesh(thing.data)
+        edited.free()
+    return [
+        f"faces that lie exactly on others ({len(again)}, of {_names(rows)}): left out, for Cycles shows both black"
+    ]
+
+
+def _is_opaque(thing: bpy.types.Object) -> bool:
+    """And fully visible, and ours to change."""
+    trees = [slot.material.node_tree for slot in thing.material_slots if slot.material and slot.material.node_tree]
+    outputs = set(compat.volume_outputs())
+    nodes = [node for tree in trees for node in compat.nodes_of(tree)]
+    shows = thing.library is None and thing.visible_camera and thing.visible_shadow and not thing.hide_render
+    return shows and not any(node in outputs or lit_scene.is_glass(node) for node in nodes)
+
+
+def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of an evaluated mesh: keys (F,), equal for faces with the same corners in any order, 0 for faces without area; (F, 3) centres in
+    metres; (F, 3) unit normals.
+    """
+    mesh, matrix = thing.data, np.array(thing.matrix_world)
+    if not len(mesh.polygons):
+        return np.zeros(0, np.uint64), np.zeros((0, 3)), np.zeros((0, 3))
+    starts = array_of(mesh.polygons, "loop_start", 1, np.int32)
+    points = array_of(mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = points[array_of(mesh.loops, "vertex_index", 1, np.int32)]
+    following = np.arange(len(corners)) + 1
+    following[np.append(starts[1:], len(corners)) - 1] = starts
+    normals = np.add.reduceat(np.cross(corners, corners[following]), starts) / 2
+    area = np.linalg.norm(normals, axis=1)
+    with np.errstate(over="ignore"):
+        place = np.round(corners / _SAME_PLACE_M).astype(np.int64).astype(np.uint64)
+        mixed = (place * np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)).sum(1)
+        mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+        keys = np.add.reduceat(mixed ^ (mixed >> np.uint64(32)), starts)
+    counts = np.diff(np.append(starts, len(corners)))
+    centres_m = np.add.reduceat(corners, starts) / counts[:, None]
+    return np.where(area > _SAME_PLACE_M**2, keys, np.uint64(0)), centres_m, normals / np.maximum(area, 1e-30)[:, None]
+
+
+def _is_seen(depsgraph: bpy.types.Depsgraph, place_m: np.ndarray, way: np.ndarray) -> bool:
+    """Whether the way from a face is free, or ends at a front: not inside a solid."""
+    start = Vector(place_m + 10 * _SAME_PLACE_M * way)
+    hit, _, normal, *_ = depsgraph.scene.ray_cast(depsgraph, start, Vector(way))
+    return not hit or normal.dot(Vector(way)) < 0
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:

@@ -109,6 +109,8 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     notes = [*([sentence] if worth_telling else []), *notes]
     bpy.context.view_layer.update()
     notes += sanitize.displace_meshes(scene)
+    if surfaces.triangle_count() <= MAX_BAKED:
+        notes += sanitize.remove_coincident_faces(scene)
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if scene.camera is None and len(cameras) == 1:
         scene.camera = cameras[0]  # formats without an active camera: their only one is
