@@ -45,7 +45,7 @@ def findings(baked: bool) -> list[str]:
         "depth of field is on in the scene's camera: the sequence is rendered without (it moves Z by millimetres)": lens
         and lens.dof.use_dof,
         f"{transform}: not applied, frames hold scene-linear RGB": not as_it_is,
-        f"glass ({_names(glass)}): Z is the depth of the pane; light through it does not reach other surfaces": glass,
+        f"glass ({_names(glass)}): Z is the depth of the pane": glass,
         f"partly transparent surfaces ({_names(mixed)}): Z is that of the nearest one, seen or not": mixed,
         f"normal maps or bumps ({_names(bumps)}): seen in gloss alone by baked light": bumps,
         f"surfaces {far:.0f} m from the origin: float32 depth loses precision there": far > FAR_M,

@@ -229,7 +229,10 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         if not any(_is_seen(depsgraph, centres_m[k], sign * normals[k]) for k in picked for sign in (1, -1)):
             return []
         starts = np.cumsum([0, *(len(f[0]) for f in faces)])
-        rows = {t.original: again[(again >= a) & (again < b)] - a for t, a, b in zip(things, starts, starts[1:])}
+        rows = {
+            t.original: again[(again >= a) & (again < b)] - a
+            for t, a, b in zip(things, starts[:-1], starts[1:], strict=True)
+        }
     rows = {thing: found for thing, found in rows.items() if len(found)}
     _as_rendered_meshes(scene, list(rows))
     for thing, found in rows.items():
