@@ -12,6 +12,7 @@ WIRE = [
     (events.Ready(), '{"event": "ready"}'),
     (events.Missing("frames", 4), '{"event": "missing", "of": "frames", "missing": 4}'),
     (events.FrameDone(0, 0.5, 0.0, True), '{"event": "frame", "frame": 0, "cycles": 0.5, "close": 0.0, "found": true}'),
+    (events.FrameDone(2, black="why"), '{"event": "frame", "frame": 2, "black": "why"}'),
     (events.FrameDone(1, 0.5, 0.25), '{"event": "frame", "frame": 1, "cycles": 0.5, "close": 0.25}'),
     (events.Written(2), '{"event": "written", "frame": 2}'),
     (events.Baked("/x"), '{"event": "baked", "folder": "/x"}'),

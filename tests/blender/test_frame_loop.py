@@ -277,4 +277,6 @@ def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_o
         channels = read_exr(file)
         channels["Z"] = np.roll(channels["Z"], 1, axis=1)
         write_exr(file, channels)
-    assert command_here("check-depth", "--json", shifted)[0] == 3
+    code, printed, _ = command_here("check-depth", "--json", shifted)
+    assert code == 3 and any(line.startswith("within 0.1 mm: ") for line in json.loads(printed)["failed"])
+    assert "failed: within 0.1 mm: " in command_here("check-depth", shifted)[1]

@@ -12,7 +12,7 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 
 import scene_gallery  # noqa: E402
-from iclnuim.blender import worker  # noqa: E402
+from iclnuim.blender import frames, worker  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
@@ -100,3 +100,30 @@ def test_sun_and_sky_shine_through_window_glass(rendered):
     glazed, opened = (rendered(name, "path", samples=16)[0] for name in ("sun_through_thin_glass", "open_window"))
     means = [np.mean([frame[c] for c in "RGB"]) for frame in (glazed, opened)]
     assert 0.9 < means[0] / means[1] < 1.0
+
+
+def test_sky_is_no_outline():
+    """One triangle before the camera, the rest sky; a frame that lacks half of it has an outline."""
+    pytest.importorskip("open3d")
+    from iclnuim.formats.scene_model import SceneModel
+    from iclnuim.geometry.se3 import SE3
+    from iclnuim.raycast.checks import TruthCaster, truth_summary
+
+    corners_m = np.array([[[-1.0, -1, 4], [1, -1, 4], [0, 1, 4]]])
+    normals, none = np.tile([0.0, 0, -1], (1, 3, 1)), np.zeros(1, int)
+    judge = TruthCaster(SceneModel(corners_m, normals, np.zeros((1, 3, 2)), none, none + 7))
+    camera, pose = PinholeCamera.parse("48x36"), SE3(np.eye(3), np.zeros(3))
+    depth_z_m, instance, normal = judge.frame(camera, pose)
+    frame = {"Z": depth_z_m, "instance": instance, **{f"normal.{c}": normal[..., k] for k, c in enumerate("XYZ")}}
+    assert truth_summary([judge.compare(frame, camera, pose)]).outline_share == 0
+    frame["Z"] = np.where(np.arange(48) < 24, depth_z_m, 0)
+    assert 0.4 < truth_summary([judge.compare(frame, camera, pose)]).outline_share < 0.6
+
+
+@pytest.mark.parametrize(
+    ("radiance", "depth_m", "cause"),
+    [(0.5, 2.0, None), (0.0, 2.0, "no light"), (0.0, 0.0, "no surface"), (1e-5, 0.01, "inside")],
+)
+def test_black_frames_are_named_with_their_likely_cause(radiance, depth_m, cause):
+    found = frames.why_black(np.full((36, 48, 3), radiance), np.full((36, 48), depth_m))
+    assert found is None if cause is None else cause in found
