@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-pytest.importorskip("bpy", reason="needs the bpy package")
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim.blender import worker  # noqa: E402
 from iclnuim.formats.png import read_rgb8  # noqa: E402
@@ -20,7 +20,8 @@ def begun(cornered_room, forward_path, tmp_path, monkeypatch):
 
     def begin(folder, asked, frames=(), **settings):
         notes, out = [], tmp_path / folder
-        job = RenderJob("test", str(cornered_room), str(forward_path), PinholeCamera.parse("64x48"), **settings)
+        given = {"scene": str(cornered_room), "trajectory": str(forward_path), **settings}
+        job = RenderJob("test", camera=PinholeCamera.parse("64x48"), **given)
         take = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
         with worker.Session(job, out, take, asked=asked) as session:
             session.render(frames, lambda: False)
@@ -47,6 +48,14 @@ def test_many_frames_are_baked(begun):
     _, job, notes = begun("run", [0] * 10**6, light="auto")
     assert (job["light"], job["samples"], job["denoise"]) == ("baked", 1, False)
     assert any("light: baked, which ends sooner (1000000 frames:" in note for note in notes)
+
+
+def test_a_black_preview_is_said(begun, cornered_room, tmp_path):
+    bpy.ops.wm.open_mainfile(filepath=str(cornered_room))
+    bpy.data.lights[0].energy = 1e-6
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "dark.blend"))
+    _, _, notes = begun("run", [0], light="auto", scene=str(tmp_path / "dark.blend"))
+    assert any("preview.png; it is black: no light reaches what the camera sees" in note for note in notes)
 
 
 def test_a_preview_does_not_change_baked_frames(begun):

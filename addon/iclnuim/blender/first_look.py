@@ -24,9 +24,10 @@ _SIDE_PX, _MAX_SAMPLES, _SAMPLES_S = 320, 16, 5.0
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """rgb (h, w, 3): scene-linear, of frame `number`. What was estimated from its time, in seconds: path_s, baked_s of a frame of the job, bake_s."""
+    """rgb (h, w, 3): scene-linear, of frame `number`; black: why it is. What was estimated from its time, in seconds: path_s, baked_s of a frame of the job, bake_s."""
 
     rgb: np.ndarray
+    black: str | None
     number: int
     samples: int
     path_s: float
@@ -36,7 +37,8 @@ class Look:
     def write(self, folder: Path) -> str:
         """Write preview.png into the run folder; the sentence to print."""
         png.write_png(folder / PREVIEW, srgb8(self.rgb))
-        return f"preview of frame {self.number}, path traced with {self.samples} samples: {folder / PREVIEW}"
+        made = f"preview of frame {self.number}, path traced with {self.samples} samples: {folder / PREVIEW}"
+        return f"{made}; it is black: {self.black}" if self.black else made
 
 
 def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:
@@ -65,7 +67,8 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
         path_s = share * one[0] + ((path.samples or 1) - 1) * sample_s
         vga = job.camera.width * job.camera.height / (640 * 480)
         bake_s = bake_core_s(job) * max(1.0, sample_core_s / vga / _SAMPLE_CORE_S) * several[0] / max(several[1], 1e-3)
-        return Look(frames.read(raw, raw)[0], number, samples, path_s, share * one[0], bake_s)
+        rgb, depth_z_m = frames.read(raw, raw)
+        return Look(rgb, frames.why_black(rgb, depth_z_m), number, samples, path_s, share * one[0], bake_s)
 
 
 def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tuple[RenderJob, str]:
