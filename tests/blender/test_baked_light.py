@@ -157,6 +157,36 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     assert out.inputs["Surface"].links[0].from_node == diffuse
 
 
+def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_why(room, tmp_path, monkeypatch):
+    """The time is that of the cached map with reflections; without one it is estimated from the texels."""
+    from iclnuim.blender import light_map, scene, settings
+    from iclnuim.formats.files import write_json
+    from iclnuim.job import RenderJob
+
+    def made(folder, *rest):
+        folder.mkdir(parents=True)
+        for name in (light_map.MAP, light_map.LAYOUT):
+            (folder / name).touch()
+        write_json(folder / light_map.RECIPE, {"seconds": 386.0})
+
+    scene.open_scene(str(room))
+    tree = bpy.data.materials["wall"].node_tree
+    gloss, output = tree.nodes.new("ShaderNodeBsdfPrincipled"), tree.nodes["Material Output"]
+    tree.links.new(gloss.outputs[0], output.inputs["Surface"])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "room.blend"))
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path))
+    monkeypatch.setattr(light_map, "_make", made)
+    job, notes = RenderJob("a", str(tmp_path / "room.blend"), "kt0", map_size=32, map_samples=2), []
+    for lambertian in (False, False, True):
+        scene.open_scene(job.scene)
+        settings.apply(job.changed(lambertian=lambertian))
+        light_map.prepare(job.changed(lambertian=lambertian), notes.append)
+    assert notes == [
+        "light map: baked in about 0 s",
+        "light map: without reflections light is another, so a map of its own is baked, in about 386 s",
+    ]
+
+
 def test_bake_prints_its_figures_and_nothing_else(room, tmp_path, command_here):
     import json
     import os

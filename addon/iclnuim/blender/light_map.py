@@ -27,7 +27,7 @@ from .. import __version__
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats.exr import write_exr
 from ..formats.files import read_bytes, read_json, sha256, write_json
-from ..job import RenderJob
+from ..job import RenderJob, bake_core_s
 from ..lightmap.denoise import beside_known, contrast, denoise, fill
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
@@ -71,11 +71,24 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> Path:
         cache = cache_folder()
         folder = cache / "light" / name
         if not is_whole(folder):
+            report(_beforehand(job))
             _make(folder, found, depsgraph, asked, key, report)
     with suppress(IclnuimError, OSError):  # a note for `find`; a cache that cannot be written stays without it
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder
+
+
+def _beforehand(job: RenderJob) -> str:
+    """What is baked now and about how long: as a map of the scene with the other choice of reflections took, or by its texels."""
+    known = find(cache_folder(), job.changed(lambertian=not job.lambertian))
+    estimate = bake_core_s(job) / bpy.context.scene.render.threads
+    seconds = read_recipe(known[0]).get("seconds", estimate) if known else estimate
+    if job.lambertian:
+        return (
+            f"light map: without reflections light is another, so a map of its own is baked, in about {seconds:.0f} s"
+        )
+    return f"light map: baked in about {seconds:.0f} s"
 
 
 def apply(folder: Path) -> LitScene:
