@@ -157,6 +157,38 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     assert out.inputs["Surface"].links[0].from_node == diffuse
 
 
+def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tmp_path):
+    """A sheet of light 50 in a mirror and seen itself: gloss beside a bare lamp would show specks."""
+    from iclnuim.blender import compat, frames, lit_scene, settings
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
+    light.pixels.foreach_set(np.full(4 * 4 * 4, 100.0, np.float32))
+    wall = lit_scene.baked_copy(compat.matt_material("wall", (0.5, 0.5, 0.5, 1.0))[0], light, False, limit=10.0)
+    mirror = bpy.data.materials.new("mirror")
+    mirror.use_nodes = True
+    node = mirror.node_tree.nodes["Principled BSDF"]
+    node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = 1.0, 0.0
+    node.inputs["Base Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    for y, material in ((-1.0, wall), (2.0, mirror)):
+        sheet = bpy.data.meshes.new(material.name)
+        sheet.from_pydata([(-9, y, -9), (9, y, -9), (9, y, 9), (-9, y, 9)], [], [(0, 1, 2, 3)])
+        sheet.uv_layers.new(name=lit_scene.FRONT_UV)
+        sheet.materials.append(material)
+        scene.collection.objects.link(bpy.data.objects.new(material.name, sheet))
+    scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x = scene.render.resolution_y = 4
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+    compat.set_multilayer_exr(scene.render.image_settings)
+    settings.assign(scene.view_layers[0], {"use_pass_z": True})
+    for towards, seen in ((0.0, 10.0), (math.pi, 50.0)):  # the mirror, the wall itself
+        scene.camera.rotation_euler = (math.pi / 2, 0.0, towards)
+        frames.render(1, tmp_path / "a.exr")
+        assert frames.read(tmp_path / "a.exr", tmp_path / "a.exr")[0] == pytest.approx(seen, rel=1e-3)
+
+
 def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_why(room, tmp_path, monkeypatch):
     """The time is that of the cached map with reflections; without one it is estimated from the texels."""
     from iclnuim.blender import light_map, scene, settings

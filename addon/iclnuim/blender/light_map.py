@@ -91,12 +91,16 @@ def _beforehand(job: RenderJob) -> str:
     return f"light map: baked in about {seconds:.0f} s"
 
 
-def apply(folder: Path) -> LitScene:
-    """Show the open scene by the light map in `folder`, in memory; the result can be reverted."""
+def apply(folder: Path, limit: float | None = None) -> LitScene:
+    """Show the open scene by the light map in `folder`, in memory; the result can be reverted. limit: as of lit_scene.baked_copy."""
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)
         image.colorspace_settings.name = "Non-Color"
-        lit = lit_scene.show(surfaces.parts(depsgraph), load_layout(folder), image)
+        if limit is not None:  # materials are as simple as the light allows
+            pixels = np.empty(len(image.pixels), np.float32)
+            image.pixels.foreach_get(pixels)
+            limit = limit if pixels.max() > limit else None
+        lit = lit_scene.show(surfaces.parts(depsgraph), load_layout(folder), image, limit=limit)
     for lamp in bpy.context.scene.objects:  # those that reflections do not show have given all their light to the map
         portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
         if (

@@ -64,8 +64,10 @@ class LitScene:
         self.made, self.hidden = [], []
 
 
-def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering: bool = False) -> LitScene:
-    """Show the parts lit by `image`, to a camera or as others gather light from them. Takes over the parts' meshes.
+def show(
+    found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering: bool = False, limit: float | None = None
+) -> LitScene:
+    """Show the parts lit by `image`, to a camera or as others gather light from them; limit: as of baked_copy. Takes over the parts' meshes.
 
     Raises WorkError where the layout is for another scene."""
     corners = tuple(len(part.mesh.loops) for part in found)
@@ -88,7 +90,7 @@ def show(found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering
             original = part.mesh.materials[slot] if slot >= 0 else None
             key = (original, two_sided)
             if key not in materials:
-                materials[key] = baked_copy(original, image, two_sided, gathering)
+                materials[key] = baked_copy(original, image, two_sided, gathering, limit)
             if slot >= 0:
                 part.mesh.materials[slot] = materials[key]
             else:
@@ -163,10 +165,13 @@ def kind(material: Material | None) -> tuple[bool, bool, bool]:
     return diffuse or any(map(_has_diffuse, principled)), translucent, sends
 
 
-def baked_copy(material: Material | None, image: Image, two_sided: bool, gathering: bool = False) -> Material:
+def baked_copy(
+    material: Material | None, image: Image, two_sided: bool, gathering: bool = False, limit: float | None = None
+) -> Material:
     """A copy that shows `image` through the UV maps FRONT_UV and, where two_sided, BACK_UV. The original stays as it is.
 
-    gathering: as light from it falls on others, not as a camera sees it.
+    gathering: as light from it falls on others, not as a camera sees it. limit: of what reflections and glass show of it, as Cycles clamps
+    light that bounced; the spot beside a bare lamp would be specks in gloss.
     """
     name = f"{material.name if material else 'no material'} (baked)"
     if material is None or _tree(material) is None:  # what Cycles shows for it
@@ -175,7 +180,7 @@ def baked_copy(material: Material | None, image: Image, two_sided: bool, gatheri
         copy = material.copy()
         copy.name = name
     copy.cycles.emission_sampling = "NONE"  # taken for a lamp, each surface would cost a second a frame
-    _bake_tree(copy.node_tree, image, two_sided, gathering)
+    _bake_tree(copy.node_tree, image, two_sided, gathering, limit)
     return copy
 
 
@@ -224,23 +229,31 @@ def _tree(material: Material | None) -> NodeTree | None:
     return material.node_tree if material is not None and material.use_nodes else None
 
 
-def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool) -> None:
+def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool, limit: float | None) -> None:
     bake, lit = (_bake_for_gathering, _reflects) if gathering else (_bake_principled, _has_diffuse)
     light = None
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree:
             if {n.type for n in nodes_of(node.node_tree)} & {*_DIFFUSE, "BSDF_TRANSLUCENT", "BSDF_PRINCIPLED"}:
                 node.node_tree = node.node_tree.copy()
-                _bake_tree(node.node_tree, image, two_sided, gathering)
+                _bake_tree(node.node_tree, image, two_sided, gathering, limit)
         elif node.type == "BSDF_PRINCIPLED" and lit(node):
             light = light or _light_sockets(tree, image, two_sided)
-            bake(tree, node, light[0])
+            bake(tree, node, light[0], limit)
         elif node.type in {*_DIFFUSE, "BSDF_TRANSLUCENT"}:
             light = light or _light_sockets(tree, image, two_sided)
             side = light[node.type == "BSDF_TRANSLUCENT"]
-            shine = _node(tree, "Emission", _vectors(tree, "MULTIPLY", node.inputs["Color"], side))
+            shine = _shine(tree, _vectors(tree, "MULTIPLY", node.inputs["Color"], side), limit)
             redirect(node.outputs[0], shine)
             tree.nodes.remove(node)
+
+
+def _shine(tree: NodeTree, colour: NodeSocket, limit: float | None) -> NodeSocket:
+    """Emission of the colour; seen otherwise than by the camera itself, of at most `limit` in each channel."""
+    if limit is not None:
+        seen = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+        colour = _blend(tree, seen, _vectors(tree, "MINIMUM", colour, (limit,) * 3), colour)
+    return _node(tree, "Emission", colour)
 
 
 def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple:
@@ -276,16 +289,16 @@ def _reflects(principled: Node) -> bool:
     return _constant(principled.inputs["Transmission Weight"]) != 1.0
 
 
-def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket) -> None:
+def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
     """Principled = its gloss, metal and glass as they are, plus the light map on its diffuse share."""
     colour = _scaled(tree, _vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
     targets = [link.to_socket for link in node.outputs[0].links]
-    both = _node(tree, "AddShader", _node(tree, "Emission", colour), _without_diffuse(tree, node))
+    both = _node(tree, "AddShader", _shine(tree, colour, limit), _without_diffuse(tree, node))
     for target in targets:
         tree.links.new(both, target)
 
 
-def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket) -> None:
+def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
     """As others see it when light is gathered: gloss and metal send on what falls on them, too, as if they were dull.
 
     (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its own glow.
@@ -294,7 +307,7 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket) -> None:
     base = _scaled(tree, _vectors(tree, "ADD", node.inputs["Base Color"]), _one_minus(tree, gloss))
     sent = _vectors(tree, "ADD", base, _scaled(tree, (1.0, 1.0, 1.0), gloss))
     share = _product(tree, _one_minus(tree, _input(node, "Transmission Weight")), _input(node, "Alpha"))
-    shine = _node(tree, "Emission", _scaled(tree, _vectors(tree, "MULTIPLY", sent, light), share))
+    shine = _shine(tree, _scaled(tree, _vectors(tree, "MULTIPLY", sent, light), share), limit)
     for name in ("Metallic", "Subsurface Weight"):
         _put(node.inputs[name], 0.0)
     _put(node.inputs["Base Color"], _BLACK)

@@ -134,7 +134,9 @@ class Session:
             ground_truth.number_objects()
             table = ground_truth.objects_table()
         if job.light == "baked":
-            light_map.apply(light_map.prepare(job, lambda text: self.emit(events.Note(text))))
+            folder, cycles = light_map.prepare(job, lambda text: self.emit(events.Note(text))), bpy.context.scene.cycles
+            # as path tracing clamps light that bounced; the built-in rooms keep their frames
+            light_map.apply(folder, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect)
             settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
             if (
                 bpy.context.scene.world is not None
