@@ -73,10 +73,14 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
 def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster, TruthCaster | None]:
     """For depth, and for ground truth where the run has it."""
     with opened_scene("check-depth", job.scene, job.reading):
-        from iclnuim.blender import model, scene, surfaces
+        from iclnuim.blender import model, preflight, scene, surfaces
 
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
+        if strands := preflight.strand_names(scene.bpy.context.scene):
+            console.note(
+                f"note: rays pass through hair, curves and points ({', '.join(strands)[:120]}): pixels on them fail"
+            )
         found = surfaces.triangles()
         truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")

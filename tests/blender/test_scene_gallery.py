@@ -127,3 +127,15 @@ def test_sky_is_no_outline():
 def test_black_frames_are_named_with_their_likely_cause(radiance, depth_m, cause):
     found = frames.why_black(np.full((36, 48, 3), radiance), np.full((36, 48), depth_m))
     assert found is None if cause is None else cause in found
+
+
+def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
+    from iclnuim.blender import sanitize
+
+    scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
+    stack = [scene_gallery.box(f"box {k}", (0, 0, k), (1, 1, k + 1)) for k in range(3)]
+    assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
+    assert [len(box.data.polygons) for box in stack] == [6, 6, 6]
+    twins = [scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin")]
+    assert "twin" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    assert [len(box.data.polygons) for box in twins] == [6, 0]

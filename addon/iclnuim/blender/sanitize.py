@@ -225,10 +225,23 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         faces = [_faces_in_world(thing) for thing in things]
         keys, centres_m, normals = (np.concatenate([f[k] for f in faces] or [np.zeros((0, 3))]) for k in range(3))
         again = np.setdiff1d(np.flatnonzero(keys), np.unique(keys, return_index=True)[1])
-        picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
-        if not any(_is_seen(depsgraph, centres_m[k], sign * normals[k]) for k in picked for sign in (1, -1)):
-            return []
         starts = np.cumsum([0, *(len(f[0]) for f in faces)])
+        # the row of a face that a ray met; one that lies on another of the other side shows nothing
+        row_of = {thing.original: start for thing, start in zip(things, starts[:-1], strict=True)}
+        _, first, group = np.unique(keys, return_index=True, return_inverse=True)
+        turned = keys[again[(normals[again] * normals[first][group[again]]).sum(1) < 0]]
+
+        def is_seen(place_m: np.ndarray, way: np.ndarray) -> bool:
+            """Whether the way from a face is free, or ends at a front: not inside a solid."""
+            start = Vector(place_m + 10 * _SAME_PLACE_M * way)
+            hit, _, normal, face, thing, _ = depsgraph.scene.ray_cast(depsgraph, start, Vector(way))
+            if hit and thing.original in row_of and keys[row_of[thing.original] + face] in turned:
+                return False
+            return not hit or normal.dot(Vector(way)) < 0
+
+        picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
+        if not any(is_seen(centres_m[k], sign * normals[k]) for k in picked for sign in (1, -1)):
+            return []
         rows = {
             t.original: again[(again >= a) & (again < b)] - a
             for t, a, b in zip(things, starts[:-1], starts[1:], strict=True)
@@ -278,13 +291,6 @@ def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
     counts = np.diff(np.append(starts, len(corners)))
     centres_m = np.add.reduceat(corners, starts) / counts[:, None]
     return np.where(area > _SAME_PLACE_M**2, keys, np.uint64(0)), centres_m, normals / np.maximum(area, 1e-30)[:, None]
-
-
-def _is_seen(depsgraph: bpy.types.Depsgraph, place_m: np.ndarray, way: np.ndarray) -> bool:
-    """Whether the way from a face is free, or ends at a front: not inside a solid."""
-    start = Vector(place_m + 10 * _SAME_PLACE_M * way)
-    hit, _, normal, *_ = depsgraph.scene.ray_cast(depsgraph, start, Vector(way))
-    return not hit or normal.dot(Vector(way)) < 0
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:

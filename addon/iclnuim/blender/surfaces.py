@@ -78,10 +78,11 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         for layer in _layers(bpy.context.view_layer.layer_collection):
             stack.enter_context(temporarily(layer, hide_viewport=False))
         for thing in scene.objects:
-            stack.enter_context(temporarily(thing, hide_viewport=thing.hide_render))
-            hidden = thing.hide_get()
-            thing.hide_set(False)
-            stack.callback(thing.hide_set, hidden)
+            if thing.hide_viewport != thing.hide_render:
+                stack.enter_context(temporarily(thing, hide_viewport=thing.hide_render))
+            if thing.hide_get():
+                thing.hide_set(False)
+                stack.callback(thing.hide_set, True)
             for modifier in thing.modifiers:
                 stack.enter_context(temporarily(modifier, show_viewport=modifier.show_render))
                 if hasattr(modifier, "render_levels") and hasattr(modifier, "levels"):
