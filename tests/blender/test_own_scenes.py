@@ -56,6 +56,30 @@ def test_a_format_that_says_nothing_has_its_guess_told(exported):
     assert not any("guess" in note for note in opened(exported["glb"]))
 
 
+@pytest.mark.parametrize(
+    ("kind", "size", "said"),
+    [
+        ("obj", (140, 90, 3), "140 x 90 m, 3 m high is not the size of a room, no other unit makes it one"),
+        ("usda", (500, 400, 250), "500 x 400 m, 250 m high is not the size of a room, as centimetres it would be one"),
+        ("obj", (50, 40, 26), "decimetres"),
+        ("usda", (5, 4, 2.5), None),
+    ],
+)
+def test_a_size_of_no_room_gets_a_word(tmp_path, kind, size, said):
+    corners = [(x * size[0], y * size[1], z * size[2]) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    texts = {
+        "obj": "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+        + "".join("f " + " ".join(str(k + 1) for k in face) + "\n" for face in faces),
+        "usda": f"""#usda 1.0\n(\n upAxis = "Z"\n metersPerUnit = 1\n)\ndef Mesh "room" {{
+            int[] faceVertexCounts = {[4] * 6}\n            int[] faceVertexIndices = {[k for f in faces for k in f]}
+            point3f[] points = {corners}\n}}\n""",
+    }
+    (tmp_path / f"room.{kind}").write_text(texts[kind])
+    notes = opened(tmp_path / f"room.{kind}")
+    assert any(said in note for note in notes) if said else not any("room" in note for note in notes)
+
+
 def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
     kinds = {
         "wall": "d 1\nTr 1\nTf 1 1 1\nillum 2",

@@ -80,8 +80,8 @@ def _doubt_of_size(path: Path, objects: Sequence[bpy.types.Object], unit_m: floa
     if scene_axes.is_plausible(shape.extent, "z"):
         return None
     better = unit_m * scene_axes.guess_unit_m(shape, "z")
-    advice = f"; as {scene_axes.unit_name(better)} it would be a room's" if better != unit_m else ""
-    return f"no size of a room ({_size(shape.extent, 'z')}){advice} (option: scene unit)"
+    advice = f"as {scene_axes.unit_name(better)} it would be one" if better != unit_m else "no other unit makes it one"
+    return f"{_size(shape.extent, 'z')} is not the size of a room, {advice} (option: scene unit)"
 
 
 def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
