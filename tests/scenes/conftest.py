@@ -68,7 +68,7 @@ def built(commanded) -> Room:
 def opened(blender, repository) -> Room:
     """The shipped file, open in this session."""
     blender.ops.wm.open_mainfile(filepath=str(repository / "blend/living_room.blend"), use_scripts=False)
-    return captured(0.0)
+    return captured()
 
 
 @pytest.fixture(scope="session")
