@@ -85,10 +85,8 @@ def _beforehand(job: RenderJob) -> str:
     estimate = bake_core_s(job) / bpy.context.scene.render.threads
     seconds = read_recipe(known[0]).get("seconds", estimate) if known else estimate
     if job.lambertian:
-        return (
-            f"light map: without reflections light is another, so a map of its own is baked, in about {seconds:.0f} s"
-        )
-    return f"light map: baked in about {seconds:.0f} s"
+        return f"light map: without reflections light is another, so a map of its own is baked, in about {max(1, seconds):.0f} s"
+    return f"light map: baked in about {max(1, seconds):.0f} s"
 
 
 def apply(folder: Path, limit: float | None = None) -> LitScene:
