@@ -431,6 +431,15 @@ def coincident_faces(folder: Path) -> None:
         )
 
 
+@scene(note="in the plane of others")
+def flush_rug(folder: Path) -> None:
+    """A rug and a poster in the very planes of floor and wall; the box stands on the floor and stays."""
+    room()
+    rug = material("rug", (0.2, 0.3, 0.7))
+    mesh("rug", [(-1.2, -1, 0), (0.2, -1, 0), (0.2, 1, 0), (-1.2, 1, 0)], [(0, 1, 2, 3)], rug)
+    mesh("poster", [(-1, 2, 0.8), (0, 2, 0.8), (0, 2, 1.6), (-1, 2, 1.6)], [(0, 1, 2, 3)], rug)
+
+
 @scene()
 def bent_quads(folder: Path) -> None:
     """Quads whose corners are not in one plane, shaded flat."""

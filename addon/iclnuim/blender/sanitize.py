@@ -6,14 +6,14 @@ All in memory. Functions that return sentences say what was found and done.
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import bmesh
 import bpy
 import numpy as np
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from . import compat, lit_scene, preflight
 from .compat import temporarily
@@ -26,6 +26,9 @@ _MAX_COORDINATE = 1e7
 _MIN_AREA = 1e-14
 #: Corners nearer than this are in one place; so many of the faces in one place are looked at, whether they can be seen.
 _SAME_PLACE_M, _PROBES = 1e-5, 64
+#: What lies in the plane of another object with this share of its surface goes so far in front of it. Less area, and more pairs than
+#: these, are not looked at.
+_LARGE, _RAISED_M, _SMALLEST_M2, _PAIRS = 0.1, 5e-5, 1e-4, 2000
 
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
@@ -215,17 +218,22 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
 
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
-    """Of equal faces in one place, the first stays: each would shade the other, and Cycles shows both black. What moves is left
-    alone, as are glass, volumes, instances, and faces that nobody sees, between boxes that touch.
+    """Of equal faces in one place, the first stays, and objects that overlap larger ones in one plane are moved in front of them: each
+    face would shade the other, and Cycles shows both black. What moves is left alone, as are glass, volumes, instances, and faces that
+    nobody sees, between boxes that touch.
     """
     moving = set(preflight.moving_names(scene))
     with as_rendered(scene) as depsgraph:
         shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
         things = [t for t in shown if t.type == "MESH" and t.name not in moving and _is_opaque(t.original)]
         faces = [_faces_in_world(thing) for thing in things]
-        keys, centres_m, normals = (np.concatenate([f[k] for f in faces] or [np.zeros((0, 3))]) for k in range(3))
+        if not faces:
+            return []
+        keys, centres_m, normals, area_m2 = (np.concatenate([f[k] for f in faces]) for k in range(4))
         again = np.setdiff1d(np.flatnonzero(keys), np.unique(keys, return_index=True)[1])
         starts = np.cumsum([0, *(len(f[0]) for f in faces)])
+        owner = np.repeat(np.arange(len(things)), np.diff(starts))
+        again = again[np.bincount(owner[again], area_m2[again], len(things))[owner[again]] > _SMALLEST_M2]
         # the row of a face that a ray met; one that lies on another of the other side shows nothing
         row_of = {thing.original: start for thing, start in zip(things, starts[:-1], strict=True)}
         _, first, group = np.unique(keys, return_index=True, return_inverse=True)
@@ -241,11 +249,21 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
 
         picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
         if not any(is_seen(centres_m[k], sign * normals[k]) for k in picked for sign in (1, -1)):
-            return []
+            again = again[:0]
         rows = {
             t.original: again[(again >= a) & (again < b)] - a
             for t, a, b in zip(things, starts[:-1], starts[1:], strict=True)
         }
+        raised: dict[bpy.types.Object, Vector] = {}
+        for face, over in _in_one_plane(owner, centres_m, normals, area_m2):
+            one, other = things[owner[face]].original, things[over]
+            if one in raised or other.original in raised or face in again:
+                continue
+            front = _front_at(depsgraph, other, centres_m[face], normals[face])
+            if front is not None and is_seen(centres_m[face], np.array(front)):
+                raised[one] = front * _RAISED_M
+    for thing, way in raised.items():
+        thing.matrix_world = Matrix.Translation(way) @ thing.matrix_world
     rows = {thing: found for thing, found in rows.items() if len(found)}
     _as_rendered_meshes(scene, list(rows))
     for thing, found in rows.items():
@@ -255,9 +273,52 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         bmesh.ops.delete(edited, geom=[edited.faces[int(k)] for k in found], context="FACES_ONLY")
         edited.to_mesh(thing.data)
         edited.free()
-    return [
-        f"faces that lie exactly on others ({len(again)}, of {_names(rows)}): left out, for Cycles shows both black"
-    ]
+    black = "for Cycles shows both black"
+    notes = {
+        f"faces that lie exactly on others ({len(again)}, of {_names(rows)}): left out, {black}": rows,
+        f"objects that lie in the plane of others ({_names(raised)}): moved by {_RAISED_M * 1e3:g} mm, {black}": raised,
+    }
+    return [sentence for sentence, is_so in notes.items() if is_so]
+
+
+def _in_one_plane(
+    owner: np.ndarray, centres_m: np.ndarray, normals: np.ndarray, area_m2: np.ndarray
+) -> Iterator[tuple[int, int]]:
+    """Faces, the largest of its object (F,) in its plane, and other objects with larger faces in that plane; not all of very many."""
+    sign = np.sign(np.take_along_axis(normals, np.abs(normals).argmax(1)[:, None], 1))
+    offset_m = (sign * normals * centres_m).sum(1)
+    plane = _mixed(np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)]))
+    order = np.lexsort((-area_m2, owner, plane))
+    order = order[(area_m2 > _SMALLEST_M2)[order] & (area_m2 > _LARGE * np.bincount(owner, area_m2)[owner])[order]]
+    new = np.any([np.diff(a[order], prepend=a[order][:1] + 1) != 0 for a in (plane, owner)], axis=0)
+    largest = order[new]  # of each object in each plane
+    groups = np.split(largest, np.flatnonzero(np.diff(plane[largest])) + 1)
+    pairs = [(a, owner[b]) for g in groups if 1 < len(g) <= _PROBES for a in g for b in g if area_m2[a] < area_m2[b]]
+    yield from pairs[:: 1 + len(pairs) // _PAIRS]
+
+
+def _front_at(
+    depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, place_m: np.ndarray, way: np.ndarray
+) -> Vector | None:
+    """The normal of the thing's face at that place, in the world, where it has one at right angles to `way`."""
+    inverse = thing.matrix_world.inverted_safe()
+    reach = 10 * _SAME_PLACE_M
+    start, step = inverse @ Vector(place_m + reach * way), inverse.to_3x3() @ Vector(-2 * reach * way)
+    if not step.length:
+        return None
+    hit, location, normal, _ = thing.ray_cast(start, step.normalized(), distance=step.length, depsgraph=depsgraph)
+    normal = (inverse.to_3x3().transposed() @ normal).normalized()
+    away_m = np.linalg.norm(np.array(thing.matrix_world @ location) - place_m)
+    return normal if hit and abs(normal.dot(Vector(way))) > 0.999 and away_m < _SAME_PLACE_M else None
+
+
+def _mixed(numbers: np.ndarray) -> np.ndarray:
+    """(n,) uint64 hashes of rows (n, up to 4) of whole numbers."""
+    with np.errstate(over="ignore"):
+        factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64)
+        mixed = (numbers.astype(np.int64).astype(np.uint64) * factors[: numbers.shape[1]]).sum(1)
+        mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+        return mixed ^ (mixed >> np.uint64(32))
 
 
 def _is_opaque(thing: bpy.types.Object) -> bool:
@@ -269,13 +330,13 @@ def _is_opaque(thing: bpy.types.Object) -> bool:
     return shows and not any(node in outputs or lit_scene.is_glass(node) for node in nodes)
 
 
-def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of an evaluated mesh: keys (F,), equal for faces with the same corners in any order, 0 for faces without area; (F, 3) centres in
-    metres; (F, 3) unit normals.
+    metres; (F, 3) unit normals; (F,) areas in square metres.
     """
     mesh, matrix = thing.data, np.array(thing.matrix_world)
     if not len(mesh.polygons):
-        return np.zeros(0, np.uint64), np.zeros((0, 3)), np.zeros((0, 3))
+        return np.zeros(0, np.uint64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
     starts = array_of(mesh.polygons, "loop_start", 1, np.int32)
     points = array_of(mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     corners = points[array_of(mesh.loops, "vertex_index", 1, np.int32)]
@@ -284,13 +345,15 @@ def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
     normals = np.add.reduceat(np.cross(corners, corners[following]), starts) / 2
     area = np.linalg.norm(normals, axis=1)
     with np.errstate(over="ignore"):
-        place = np.round(corners / _SAME_PLACE_M).astype(np.int64).astype(np.uint64)
-        mixed = (place * np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)).sum(1)
-        mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-        keys = np.add.reduceat(mixed ^ (mixed >> np.uint64(32)), starts)
+        keys = np.add.reduceat(_mixed(np.round(corners / _SAME_PLACE_M)), starts)
     counts = np.diff(np.append(starts, len(corners)))
     centres_m = np.add.reduceat(corners, starts) / counts[:, None]
-    return np.where(area > _SAME_PLACE_M**2, keys, np.uint64(0)), centres_m, normals / np.maximum(area, 1e-30)[:, None]
+    return (
+        np.where(area > _SAME_PLACE_M**2, keys, np.uint64(0)),
+        centres_m,
+        normals / np.maximum(area, 1e-30)[:, None],
+        area,
+    )
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
