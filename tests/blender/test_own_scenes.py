@@ -106,6 +106,13 @@ def test_a_gltf_with_an_extension_that_blender_lacks_is_refused_in_one_line(tmp_
     assert capsys.readouterr().out == ""
 
 
+def test_a_gltf_without_its_textures_is_told_in_one_note(exported, tmp_path, capsys):
+    for name in ("room.gltf", "room.bin"):
+        shutil.copy(exported["gltf"].parent / name, tmp_path)
+    assert any("textures that are missing" in note for note in opened(tmp_path / "room.gltf"))
+    assert capsys.readouterr() == ("", "")
+
+
 def moved(exported, tmp_path, matrix):
     """The OBJ with its vertices and normals taken elsewhere, textures beside it."""
     shutil.copytree(exported["obj"].parent / "tex", tmp_path / "tex", dirs_exist_ok=True)

@@ -176,7 +176,9 @@ def load(path: Path) -> None:
     """Bring the file into the open session; a .blend takes the session's place, and its scripts stay asleep. Raises InputError."""
     if path.suffix.lower() == ".ply":
         check_ply(path)
-    logging.disable(logging.WARNING)  # readers written in Python tell every node of the file
+    logging.disable(
+        logging.ERROR
+    )  # readers written in Python tell every node of the file, and every texture that is missing
     try:
         with redirect_stdout(io.StringIO()):  # where bpy.ops prints the errors of readers a second time
             if path.suffix.lower() == ".blend":
