@@ -70,7 +70,7 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     add("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
     add("--quick", action="store_true", help="every 30th frame")
     add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
-    options.add_settings(parser, RenderJob)
+    options.add_settings(parser, RenderJob, light="baked, or auto for a file")
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
         add_sensor_options(parser, "released", ("depth_units", "formats"))
