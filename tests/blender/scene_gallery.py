@@ -210,11 +210,22 @@ def only_an_excluded_lamp(folder: Path) -> None:
 @scene()
 def geometry_nodes_instances(folder: Path) -> None:
     """Boxes on a grid by Geometry Nodes: instances that are no objects."""
+    instances_by_nodes(mesh("carrier", [(0, 0, 0)], []))
+
+
+@scene()
+def instances_on_a_point_cloud(folder: Path) -> None:
+    """The same on a point cloud, as USD's point instancers are read: no point of it is rendered."""
+    carrier = bpy.data.objects.new("carrier", bpy.data.pointclouds.new("carrier"))
+    bpy.context.scene.collection.objects.link(carrier)
+    instances_by_nodes(carrier)
+
+
+def instances_by_nodes(carrier: bpy.types.Object) -> None:
     room(furnished=False)
     block = box("block", (-0.15, -0.15, 0), (0.15, 0.15, 0.5), material("green", (0.2, 0.6, 0.2)))
     block.location = (0, 0, -5)
     block.hide_render = True
-    carrier = mesh("carrier", [(0, 0, 0)], [])
     tree = bpy.data.node_groups.new("instances", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     grid = tree.nodes.new("GeometryNodeMeshGrid")

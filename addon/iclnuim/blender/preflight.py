@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 
-from . import compat
+from . import compat, surfaces
 
 #: Depth is float32: at this distance from the origin its steps reach about 0.1 mm.
 FAR_M = 1000.0
@@ -119,7 +119,19 @@ def strand_names(scene: bpy.types.Scene) -> list[str]:
     """Objects that render as hair, curves or points, which have no faces for a light map."""
     shown = [o for o in scene.objects if not o.hide_render]
     hairy = {o for o in shown for m in o.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render}
-    return sorted(o.name for o in shown if o.type in ("CURVES", "POINTCLOUD") or o in hairy)
+    strands = [o for o in shown if o.type in ("CURVES", "POINTCLOUD")]
+    if any(m.type == "NODES" for o in strands for m in o.modifiers):
+        with surfaces.as_rendered(scene) as depsgraph:
+            strands = [o for o in strands if not _is_instances(o.evaluated_get(depsgraph))]
+    return sorted(o.name for o in {*strands, *hairy})
+
+
+def _is_instances(evaluated: bpy.types.Object) -> bool:
+    """Whether nothing but instances is left of an evaluated object; asked of Blender 4.5 and later."""
+    if not hasattr(evaluated, "evaluated_geometry"):
+        return False
+    geometry = evaluated.evaluated_geometry()
+    return not any((geometry.mesh, geometry.curves, geometry.pointcloud, geometry.volume))
 
 
 def volume_names(scene: bpy.types.Scene) -> list[str]:
