@@ -133,9 +133,13 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
     from iclnuim.blender import sanitize
 
     scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
+    floor = [(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]
+    scene_gallery.mesh("floor seen from above", floor, [(0, 1, 2, 3)])
     stack = [scene_gallery.box(f"box {k}", (0, 0, k), (1, 1, k + 1)) for k in range(3)]
     assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
-    assert [len(box.data.polygons) for box in stack] == [6, 6, 6]
+    scene_gallery.bpy.data.objects["floor seen from above"].data.flip_normals()
+    assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
+    assert [len(box.data.polygons) for box in stack] == [6, 6, 6] and not any(box.location.length for box in stack)
     twins = [scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin")]
     assert "twin" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert [len(box.data.polygons) for box in twins] == [6, 0]

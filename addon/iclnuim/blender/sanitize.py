@@ -239,10 +239,13 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         _, first, group = np.unique(keys, return_index=True, return_inverse=True)
         turned = keys[again[(normals[again] * normals[first][group[again]]).sum(1) < 0]]
 
+        def met(place_m: np.ndarray, way: np.ndarray) -> tuple:
+            """What lies on the way from a face."""
+            return depsgraph.scene.ray_cast(depsgraph, Vector(place_m + 10 * _SAME_PLACE_M * way), Vector(way))
+
         def is_seen(place_m: np.ndarray, way: np.ndarray) -> bool:
             """Whether the way from a face is free, or ends at a front: not inside a solid."""
-            start = Vector(place_m + 10 * _SAME_PLACE_M * way)
-            hit, _, normal, face, thing, _ = depsgraph.scene.ray_cast(depsgraph, start, Vector(way))
+            hit, _, normal, face, thing, _ = met(place_m, way)
             if hit and thing.original in row_of and keys[row_of[thing.original] + face] in turned:
                 return False
             return not hit or normal.dot(Vector(way)) < 0
@@ -259,8 +262,13 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
             one, other = things[owner[face]].original, things[over]
             if one in raised or other.original in raised or face in again:
                 continue
-            front = _front_at(depsgraph, other, centres_m[face], normals[face])
-            if front is not None and is_seen(centres_m[face], np.array(front)):
+            place_m, way = centres_m[face], normals[face]
+            front = _front_at(depsgraph, other, place_m, way)
+            if front is None or not is_seen(place_m, np.array(front)):
+                continue
+            # a box on the floor is no sheet: one of the ways leads through it
+            behind = [met(place_m, sign * way)[4] for sign in (1, -1)]
+            if all(thing is None or thing.original != one for thing in behind):
                 raised[one] = front * _RAISED_M
     for thing, way in raised.items():
         thing.matrix_world = Matrix.Translation(way) @ thing.matrix_world
@@ -276,7 +284,7 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
     black = "for Cycles shows both black"
     notes = {
         f"faces that lie exactly on others ({len(again)}, of {_names(rows)}): left out, {black}": rows,
-        f"objects that lie in the plane of others ({_names(raised)}): moved by {_RAISED_M * 1e3:g} mm, {black}": raised,
+        f"sheets that lie in the plane of others ({_names(raised)}): moved by {_RAISED_M * 1e3:g} mm, {black}": raised,
     }
     return [sentence for sentence, is_so in notes.items() if is_so]
 
