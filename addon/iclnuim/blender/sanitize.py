@@ -234,24 +234,19 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         starts = np.cumsum([0, *(len(f[0]) for f in faces)])
         owner = np.repeat(np.arange(len(things)), np.diff(starts))
         again = again[np.bincount(owner[again], area_m2[again], len(things))[owner[again]] > _SMALLEST_M2]
-        # the row of a face that a ray met; one that lies on another of the other side shows nothing
-        row_of = {thing.original: start for thing, start in zip(things, starts[:-1], strict=True)}
         _, first, group = np.unique(keys, return_index=True, return_inverse=True)
         turned = keys[again[(normals[again] * normals[first][group[again]]).sum(1) < 0]]
 
-        def met(place_m: np.ndarray, way: np.ndarray) -> tuple:
-            """What lies on the way from a face."""
-            return depsgraph.scene.ray_cast(depsgraph, Vector(place_m + 10 * _SAME_PLACE_M * way), Vector(way))
-
-        def is_seen(place_m: np.ndarray, way: np.ndarray) -> bool:
-            """Whether the way from a face is free, or ends at a front: not inside a solid."""
-            hit, _, normal, face, thing, _ = met(place_m, way)
-            if hit and thing.original in row_of and keys[row_of[thing.original] + face] in turned:
-                return False
-            return not hit or normal.dot(Vector(way)) < 0
+        def is_seen(row: int, way: np.ndarray) -> bool:
+            """Whether the way from a face leads out of the two objects that share it, not through one of them to a back."""
+            for k in (owner[row], owner[first[group[row]]]):
+                hit = _cast(depsgraph, things[k], centres_m[row] + 10 * _SAME_PLACE_M * way, way, 1e4)
+                if hit is not None and (hit[1].dot(Vector(way)) > 0 or keys[starts[k] + hit[2]] in turned):
+                    return False
+            return True
 
         picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
-        if not any(is_seen(centres_m[k], sign * normals[k]) for k in picked for sign in (1, -1)):
+        if not any(is_seen(k, sign * normals[k]) for k in picked for sign in (1, -1)):
             again = again[:0]
         rows = {
             t.original: again[(again >= a) & (again < b)] - a
@@ -262,14 +257,14 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
             one, other = things[owner[face]].original, things[over]
             if one in raised or other.original in raised or face in again:
                 continue
-            place_m, way = centres_m[face], normals[face]
-            front = _front_at(depsgraph, other, place_m, way)
-            if front is None or not is_seen(place_m, np.array(front)):
+            place_m, way, reach_m = centres_m[face], normals[face], 10 * _SAME_PLACE_M
+            hit = _cast(depsgraph, other, place_m + reach_m * way, -way, 2 * reach_m)
+            if hit is None or hit[1].dot(Vector(way)) < 0.999 or np.linalg.norm(hit[0] - place_m) > _SAME_PLACE_M:
                 continue
             # a box on the floor is no sheet: one of the ways leads through it
-            behind = [met(place_m, sign * way)[4] for sign in (1, -1)]
-            if all(thing is None or thing.original != one for thing in behind):
-                raised[one] = front * _RAISED_M
+            ways = (sign * way for sign in (1, -1))
+            if all(_cast(depsgraph, things[owner[face]], place_m + reach_m * w, w, 1e4) is None for w in ways):
+                raised[one] = hit[1] * _RAISED_M
     for thing, way in raised.items():
         thing.matrix_world = Matrix.Translation(way) @ thing.matrix_world
     rows = {thing: found for thing, found in rows.items() if len(found)}
@@ -305,19 +300,17 @@ def _in_one_plane(
     yield from pairs[:: 1 + len(pairs) // _PAIRS]
 
 
-def _front_at(
-    depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, place_m: np.ndarray, way: np.ndarray
-) -> Vector | None:
-    """The normal of the thing's face at that place, in the world, where it has one at right angles to `way`."""
-    inverse = thing.matrix_world.inverted_safe()
-    reach = 10 * _SAME_PLACE_M
-    start, step = inverse @ Vector(place_m + reach * way), inverse.to_3x3() @ Vector(-2 * reach * way)
+def _cast(
+    depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, start_m: np.ndarray, way: np.ndarray, reach_m: float
+) -> tuple[np.ndarray, Vector, int] | None:
+    """What a ray in the world meets of one object: place (3,) in metres, unit normal, face; None for nothing."""
+    inverse, matrix = thing.matrix_world.inverted_safe(), thing.matrix_world
+    step = inverse.to_3x3() @ Vector(reach_m * way)
     if not step.length:
         return None
-    hit, location, normal, _ = thing.ray_cast(start, step.normalized(), distance=step.length, depsgraph=depsgraph)
-    normal = (inverse.to_3x3().transposed() @ normal).normalized()
-    away_m = np.linalg.norm(np.array(thing.matrix_world @ location) - place_m)
-    return normal if hit and abs(normal.dot(Vector(way))) > 0.999 and away_m < _SAME_PLACE_M else None
+    start = inverse @ Vector(start_m)
+    hit, place, normal, face = thing.ray_cast(start, step.normalized(), distance=step.length, depsgraph=depsgraph)
+    return (np.array(matrix @ place), (inverse.to_3x3().transposed() @ normal).normalized(), face) if hit else None
 
 
 def _mixed(numbers: np.ndarray) -> np.ndarray:
