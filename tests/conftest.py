@@ -20,9 +20,9 @@ EXIT_STATUS = pytest.StashKey[int]()
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
-    """Processes of `-n auto`: one a core up to four for the whole suite, none for a part of it or for the debugger."""
+    """Processes of `-n auto`: one more than cores (some tests wait for processes of their own), at most four; none for a part of the suite."""
     whole = config.args == config.getini("testpaths") and not config.option.keyword
-    return min(4, len(os.sched_getaffinity(0))) if whole and not config.option.usepdb else 0
+    return min(4, len(os.sched_getaffinity(0)) + 1) if whole and not config.option.usepdb else 0
 
 
 #: Files in one process: what they compile with numba is compiled once.

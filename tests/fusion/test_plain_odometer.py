@@ -100,7 +100,7 @@ def among_grain():
 @pytest.mark.parametrize("name", ODOMETERS)
 def test_images_that_are_unrelated_are_lost_to_intensities_and_leave_geometry_alone(among_grain, name, preset):
     found = among_grain(name, preset)
-    if name in ("rgbd", "dvo"):
+    if name in ("rgbd", "dvo", "fovis"):
         assert np.mean([f.result.status is not Status.OK for f in found[1:]]) >= 0.95
         assert all(np.linalg.norm(f.T_world_camera.translation) < 0.05 for f in found)
     else:
