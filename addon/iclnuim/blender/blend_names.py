@@ -49,6 +49,7 @@ class _Blend:
     def __init__(self, file: Path) -> None:
         self.file, self.order, self.address = file, "<", "Q"
         self.blocks: list[_Block] = []
+        self.paths: dict[str, list[tuple[str, int, int]]] = {}
         self.structs, self.fields = self._index()
         self.at_address = {block.address: block for block in self.blocks if block.address}
 
@@ -134,21 +135,26 @@ class _Blend:
                 offset += inside[member].length * size
         return structs, fields
 
-    def _paths(self, kind: str, at: int = 0) -> list[tuple[str, int, int]]:
-        """(struct.field, offset, length) of the paths in a struct, and in those that it holds."""
+    def _paths(self, kind: str, within: tuple[str, ...] = ()) -> list[tuple[str, int, int]]:
+        """(struct.field, offset, length) of the paths in a struct, and in those that it holds, each looked through once."""
+        if kind in self.paths:
+            return self.paths[kind]
+        if kind in within:
+            raise ValueError("a struct that holds itself")
         found: list[tuple[str, int, int]] = []
         for name, field in self.fields.get(kind, {}).items():
-            label, here = f"{kind}.{name}", at + field.offset
+            label, here = f"{kind}.{name}", field.offset
             if kind in _NOT_READ or label in _NOT_READ or name.startswith("("):
                 continue
             if name.startswith("*"):
                 found += [(label, here, 0)] if field.kind == "char" and _POINTED.search(label) else []
             elif field.kind == "char":
                 found += [(label, here, field.length)] if field.length > 1 and _PATH.search(label) else []
-            elif inner := self._paths(field.kind):
+            elif inner := self._paths(field.kind, (*within, kind)):
+                if len(found) + field.length * len(inner) > 10_000:
+                    raise ValueError("structs that hold more paths than there are")
                 found += [(text, here + k * field.size + o, n) for k in range(field.length) for text, o, n in inner]
-            if len(found) > 10_000:
-                raise ValueError("structs that hold more paths than there are")
+        self.paths[kind] = found
         return found
 
     def _each(self, kinds: set[str]) -> Iterator[tuple[_Block, str, bytes]]:
@@ -192,16 +198,9 @@ def names(file: Path) -> Iterator[tuple[str, str, str]]:
     """
     try:
         yield from _Blend(file).names()
-    except (
-        OSError,
-        EOFError,
-        ValueError,
-        LookupError,
-        struct.error,
-        OverflowError,
-        MemoryError,
-        RecursionError,
-    ) as error:
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file anything, errors of two decompressors among them
         raise InputError("a scene that Blender can read", path=file, found=f"damaged blocks: {error}") from None
 
 
