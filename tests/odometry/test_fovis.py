@@ -103,7 +103,7 @@ def test_frames_without_a_motion_are_lost(preset, kind):
         image = grain if "grain" in kind else np.zeros((h, w)) if kind == "black" else rng.permuted(frame.grey, axis=1)
         frames.append(Frame.of(image, depth, 0.0))
     found = tracked(preset, frames)[1:]
-    assert all(f.lost and f.result.reason for f in found)
+    assert all(f.lost and f.result.reason and not f.result.matches for f in found)
 
 
 @pytest.mark.parametrize("preset", Fovis.PRESETS)

@@ -20,6 +20,8 @@ REACH = 4
 MID_GREY = 128.0
 #: Of the structure tensor of a corner (slopes a pixel of an image in 0..1, squared): two grey levels.
 MIN_EIGENVALUE = (2 / 255) ** 2
+#: Lowest and highest threshold of FAST, in grey levels.
+MIN_FAST, MAX_FAST = 5, 70
 #: Corners kept in each square of so many pixels, the strongest.
 BUCKET_PX, PER_BUCKET = 80, 25
 
@@ -41,7 +43,7 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Of `count` corners seen in both frames: pixels uv (n, 2), points_m (n, 3) of both, and the pyramid level."""
+    """Of corners seen in both frames: pixels uv (n, 2), points_m (n, 3) of both, and the pyramid level (n,)."""
 
     uv0: np.ndarray
     points0_m: np.ndarray
@@ -85,7 +87,7 @@ def _points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarra
 
 def fast_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) and scores (n,) of FAST at its lowest threshold; the score is the highest at which it is a corner."""
-    corners = cv2.FastFeatureDetector.create(5, True).detect(image)
+    corners = cv2.FastFeatureDetector.create(MIN_FAST, True).detect(image)
     return np.array([c.pt for c in corners], np.int64).reshape(-1, 2), np.array([c.response for c in corners])
 
 
@@ -97,7 +99,7 @@ def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 #: name -> (corners of an image, lowest and highest threshold of their scores)
-DETECTORS = {"fast": (fast_corners, 5, 70), "eigenvalue": (eigenvalue_corners, MIN_EIGENVALUE, np.inf)}
+DETECTORS = {"fast": (fast_corners, MIN_FAST, MAX_FAST), "eigenvalue": (eigenvalue_corners, MIN_EIGENVALUE, np.inf)}
 
 
 def _inside(found: tuple[np.ndarray, np.ndarray], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

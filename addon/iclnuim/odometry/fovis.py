@@ -76,7 +76,7 @@ class Fovis:
             return failure("features: too few corners with depth")
         first, *others = self.settings.searches_px
         result = self._around(reference, current, guess, first)
-        if result.inliers < FEW:  # none where it failed
+        if result.inliers < FEW:  # a failure has none, nor matches
             turned = self._around(reference, current, _turned(reference, current, guess), first)
             result = turned if turned.matches > result.matches else result
         for search_px in others:
@@ -100,20 +100,16 @@ class Fovis:
         if len(inliers) < s.min_agreement * len(found):
             return failure(f"features: {len(inliers)} of {len(found)} agree about a motion")
         result = self._motion(inliers, camera, result.T_reference_camera)
-        return (
-            replace(result, matches=len(inliers), inliers=len(inliers) / len(found))
-            if result.status is not Status.FAILED
-            else result
-        )
+        if result.status is Status.FAILED:
+            return result
+        return replace(result, matches=len(inliers), inliers=len(inliers) / len(found))
 
     def _motion(self, matches: Matches, camera: PinholeCamera, start: SE3) -> Result:
         s = self.settings
         if len(matches) < s.min_inliers:
             return failure(f"features: {len(matches)} agree, fewer than {s.min_inliers}")
         term = ReprojectionTerm(matches, camera, s)
-        return replace(
-            solve([Pass(term, s.iterations, 4 * len(matches), s.stop)], start, s.limits), matches=len(matches)
-        )
+        return solve([Pass(term, s.iterations, 4 * len(matches), s.stop)], start, s.limits)
 
 
 class ReprojectionTerm:
