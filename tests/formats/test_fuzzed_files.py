@@ -44,7 +44,7 @@ NAMES = {
     name: f"a{known.endings[-1]}" if known.endings else f"a_{known.word}.txt"
     for name, known in FORMATS.items()
     if known.line
-} | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt"}
+} | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt", "colmap": "images.txt"}
 
 
 def flip_bytes(rng, data: bytes) -> bytes:
@@ -150,6 +150,11 @@ def check_trajectory(loaded) -> None:
 def content_of(format: str) -> bytes:
     if format == "pov-cameras":
         return CAMERA.encode()
+    if format == "colmap":
+        fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
+        return "".join(
+            f"{i} {' '.join(q[7:] + q[4:7] + q[1:4])} 1 {i}.png\n1 2 -1\n" for i, q in enumerate(fields)
+        ).encode()
     if format == "tum-ids":
         return trajectory_text(WALK, "gt.freiburg").encode()
     return trajectory_text(WALK, format).encode()

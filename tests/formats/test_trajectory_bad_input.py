@@ -9,6 +9,7 @@ TUM = "1.0 0 0 0 0 0 0 1\n2.0 0 0 0 0 0 0 1\n"
 KITTI = "1 0 0 0 0 1 0 0 0 0 1 0\n"
 SIM = "1 0 0 0\n0 1 0 0\n0 0 1 0\n"
 CSV = "1,0,0,0,1,0,0,0\n"
+IMAGE = "1 1 0 0 0 0.5 0 0 1 rgb/7.png\n"
 COMMAND = (
     "povray +Oa_0001.png " + " ".join(f"Declare=val{r}{c}={int(r == c)}" for r in range(4) for c in range(3)) + "\n"
 )
@@ -36,14 +37,19 @@ CASES = {
         ["quaternions of length 1", "length 0"],
     ),
     "a long quaternion": ("a.txt", TUM + "3.0 0 0 0 0 0 0 1.5\n", 3, ["quaternions of length 1", "length 1.5"]),
-    "stamps backwards": ("a.txt", TUM + "1.5 0 0 0 0 0 0 1\n", 3, ["above the 2 of line 2", "found 1.5", "sorting"]),
-    "stamps repeated": (
+    "stamps backwards": ("a.txt", TUM + "1.5 0 0 0 0 0 0 1\n", 3, ["above the 2 of line 2", "found 1.5", "of one run"]),
+    "most stamps repeated": (
         "a.txt",
-        "# x\n" + TUM + "2.0 0 0 0 0 0 0 1\n",
-        4,
-        ["above the 2 of line 3", "2 again", "removing"],
+        "# x\n" + TUM + "2.0 0 0 0 0 0 0 1\n" * 4,
+        2,
+        ["all their digits", "4 of 6 that repeat", "six digits"],
     ),
-    "nanoseconds": ("a.txt", "1403636579763555584 0 0 0 0 0 0 1\n", 1, ["a stamp in seconds", "dividing"]),
+    "a stamp of no time": ("a.txt", TUM + "1403636579763555584 0 0 0 0 0 0 1\n" + TUM, 3, ["a stamp in seconds"]),
+    "a 4x4 row of something else": ("a.txt", KITTI.strip() + " 0 0 1 1\n", 1, ["4x4 matrix", "0 0 1 1"]),
+    "15 columns": ("a.txt", "1 " * 15, 1, ["12, 13 or 16", "found 15 columns"]),
+    "an image without number": ("images.txt", IMAGE + IMAGE.replace("7.png", "x.png"), 2, ["frame's number", "x.png"]),
+    "an image twice": ("images.txt", IMAGE + "\n" + IMAGE, 3, ["frame number above the 7 of line 1", "7 again"]),
+    "a word in COLMAP's": ("images.txt", IMAGE + "\n" + IMAGE.replace("0.5", "half"), 3, ["COLMAP", "half"]),
     "absurd position": ("a.txt", TUM + "3.0 1e30 0 0 0 0 0 1\n", 3, ["at most 1e+06 m", "1e+30 m", "unit"]),
     "ids that are none": (
         "a.gt.freiburg",

@@ -70,6 +70,63 @@ def test_reading_takes_no_call_per_line(tmp_path):
     assert calls[100_000] < calls[1000] + 500
 
 
+# -- as SLAM systems write them
+
+
+def test_a_stamp_written_twice_counts_once_and_is_noted(file):
+    """As ORB-SLAM3 does for a frame that it lost: stamp and pose of the one before."""
+    lines = [f"{1 + i / 30:.6f} {i} 0 0 0 0 0 1\n" for i in range(5)]
+    loaded = read_trajectory(file("a.txt", "".join([*lines[:3], lines[2], *lines[3:]])))
+    np.testing.assert_array_equal(loaded.trajectory.positions_m[:, 0], range(5))
+    assert loaded.read_as.sentence.endswith("; 1 repeated stamp left out")
+
+
+@pytest.mark.parametrize("first_s", ["0", "1", "1403636579"])
+def test_orb_slam3s_nanoseconds_are_told_from_seconds_by_their_steps(file, first_s):
+    ns = [int(first_s) * 10**9 + i * 33333333 for i in range(4)]
+    loaded = read_trajectory(file("f_ours.txt", "".join(f"{t}.000000 1 2 3 0 0 0 1\n" for t in ns)))
+    np.testing.assert_allclose(loaded.trajectory.stamps_s, np.array(ns) / 1e9, rtol=0, atol=3e-7)
+    assert loaded.read_as.format == "tum" and "stamps in nanoseconds" in loaded.read_as.sentence
+
+
+def test_keyframes_hours_apart_are_still_in_seconds(file):
+    loaded = read_trajectory(file("KeyFrameTrajectory.txt", "0 0 0 0 0 0 0 1\n9e4 1 0 0 0 0 0 1\n"))
+    np.testing.assert_array_equal(loaded.trajectory.stamps_s, [0, 9e4])
+
+
+def test_replicas_rows_are_camera_to_world(file):
+    text = "".join(" ".join(f"{v:.18e}" for v in row) + "\n" for row in ROWS.matrix.reshape(-1, 16))
+    loaded = read_trajectory(file("traj.txt", text))
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("replica", "right")
+    np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix, atol=1e-14)
+    np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, range(4))
+
+
+@pytest.mark.parametrize(
+    ("names", "stamps_s"),
+    [
+        (["rgb/000002.png", "rgb/000010.png", "000030.jpg"], [2 / 30, 10 / 30, 1]),
+        (["frame2.png", "frame10.png", "frame_30.png"], [2 / 30, 10 / 30, 1]),
+        (["1305031102.175304.png", "1305031102.211214.png", "1305031103.png"], [1305031102.175304, 1305031102.211214, 1305031103]),
+        (["1403636579763555584.png", "1403636579813555456.png"], [1403636579.763555584, 1403636579.813555456]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("points", ["\n", "1.5 2.5 -1 3 4 17 5 6 -1 7 8 9\n", ""])
+def test_colmaps_images_are_inverted_and_put_in_order(file, names, stamps_s, points):
+    """COLMAP has x_camera = R(q) x_world + t, in any order of the images."""
+    rows, R = [], Rotation.from_matrix(np.array(ROWS.rotation))
+    for i, name in enumerate(names):
+        q, t = R[i].inv().as_quat(), -R[i].inv().apply(np.array(ROWS.translation[i]))
+        rows.append(" ".join([str(9 - i), *(f"{v:.17g}" for v in (q[3], *q[:3], *t)), "1", name]) + "\n")
+    header = (
+        "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+    )
+    loaded = read_trajectory(file("images.txt", header + points.join(rows[::-1]) + points))
+    assert (loaded.read_as.format, loaded.read_as.handedness) == ("colmap", "right")
+    np.testing.assert_allclose(loaded.trajectory.stamps_s, stamps_s, rtol=0, atol=5e-7)
+    np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix[: len(names)], atol=1e-14)
+
+
 # -- handedness: by name, by start, by --from; by nothing else
 
 LEFT = "{id0} 0 0 {z} 0 0 0 1\n{id1} 0.1 0.2 0.3 0.1 0.2 0.3 0.9273618495495704\n"

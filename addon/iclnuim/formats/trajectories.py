@@ -7,7 +7,7 @@ and the pages list what stands there.
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,18 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from . import pov, trajectory_file
 from .files import atomic_write_text, data_lines
-from .trajectory_file import OUR_WORLD, OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source, Table, read_table
+from .trajectory_file import (
+    LARGEST_FRAME,
+    OUR_WORLD,
+    OWN_WORLD,
+    FileOptions,
+    LoadedTrajectory,
+    ReadAs,
+    Source,
+    Table,
+    is_number,
+    read_table,
+)
 
 __all__ = ["ANCHORED_WORLD", "FORMATS", "TUM_HEADER", "FileOptions", "LoadedTrajectory", "ReadAs"]
 __all__ += ["format_for_name", "read_trajectory", "trajectory_text", "write_trajectory"]
@@ -39,10 +50,10 @@ class TrajectoryFormat:
 
     sniff: whether a file is of it. sentence: how a file was read, with {rate} for the frame rate and {how} for what `how` says.
     expected: what a line is, for errors. counts: how many columns a line may have; of 13, where 12 would do, the first is the frame's
-    number. columns: those of x y z, and of qx qy qz qw or r00 r01 ... r22; a column before them has stamps, `ticks` a second, or the
-    frames' numbers where `ticks` is None; without it lines are counted, from `first`. hint: where they are no numbers.
-    frame: what makes the file's left-handed poses right-handed cv camera poses, None where they are, and the world of the trajectory.
-    rows: the columns of a file whose lines are no rows.
+    number. columns: those of x y z, and of qx qy qz qw or r00 r01 ... r22; a column before them has stamps, `ticks` a second (unless
+    the rows say another number), or the frames' numbers where both are None; without it lines are counted, from `first`. hint: where
+    they are no numbers. frame: what makes the file's left-handed poses right-handed cv camera poses, None where they are, and the world
+    of the trajectory. inverse: the file's poses are world to camera. rows: the columns of a file whose lines are no rows.
     line: for printf, all columns in order; "" where the format is only read. given: what is written of a trajectory: stamps or numbers
     (None where the format has none), and poses. header: with {unit}. goes_to: the same in a sentence. endings, word: names of files that
     mean this format: endings, or a word in the name of a file that ends in `texts`.
@@ -58,6 +69,7 @@ class TrajectoryFormat:
     first: int = 0
     hint: str | None = None
     frame: tuple[Callable[[SE3], SE3] | None, str] = (None, OWN_WORLD)
+    inverse: bool = False
     delimiter: str | None = None
     rows: Callable[[Source], Table] | None = None
     how: Callable[[Source, Table, Trajectory], str] = lambda source, table, trajectory: ""
@@ -76,12 +88,16 @@ class TrajectoryFormat:
         numbered = table.values.shape[1] == 13
         position, orientation = ([c + numbered for c in columns] for columns in self.columns)
         poses = trajectory_file.poses_of(table, table.values[:, position] * options.unit_m, orientation)
+        poses = poses.inverse() if self.inverse else poses
         right, world = self.frame
         counted = np.arange(len(poses)) + float(self.first)
         stamps = counted if 0 in (*position, *orientation) else table.values[:, 0]
-        stamps_s = trajectory_file.seconds_of(table, stamps, self.ticks, options.rate_hz, self.hint)
-        trajectory = Trajectory(stamps_s, right(poses) if right else poses)
+        ticks = table.ticks or self.ticks
+        stamps_s, rows = trajectory_file.seconds_of(table, stamps, ticks, options.rate_hz, self.hint)
+        trajectory = Trajectory(stamps_s, (right(poses) if right else poses)[rows])
         sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, table, trajectory))
+        if left_out := len(poses) - len(rows):
+            sentence += f"; {left_out} repeated stamp{'s' * (left_out > 1)} left out"
         return LoadedTrajectory(trajectory, ReadAs(self.name, "left" if right else "right", world, sentence))
 
     def write(self, trajectory: Trajectory, options: FileOptions) -> str:
@@ -137,7 +153,8 @@ def _sniffed(source: Source) -> TrajectoryFormat:
         if format.sniff(source):
             return format
     expected = (
-        "a trajectory: 8 columns (TUM), 12 or 13 (matrix rows), blocks of 3 lines with 4, POV-Ray commands or CSV"
+        "a trajectory: 8 columns (TUM), 12, 13 or 16 (matrix rows), blocks of 3 lines with 4, POV-Ray commands, CSV or "
+        "COLMAP's images.txt"
     )
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")
@@ -226,11 +243,63 @@ def _blocks(source: Source) -> Table:
     return Table(lines.values.reshape(-1, 12), lambda k: (source.path, numbers[3 * k]))
 
 
-def _whole_seconds(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _tum_rows(source: Source) -> Table:
+    """(n, 8); the stamps may be in nanoseconds, as in ORB-SLAM3's files for EuRoC."""
+    table = read_table(source, (8,), TrajectoryFormat.expected)
+    return replace(table, ticks=trajectory_file.stamp_ticks(table.values[:, 0]))
+
+
+def _square_rows(source: Source) -> Table:
+    """(n, 16). Raises InputError for a line that does not end in 0 0 0 1."""
+    table = read_table(source, (16,), _SQUARE_ROW)
+    wrong = np.flatnonzero(np.abs(table.values[:, 12:] - (0, 0, 0, 1)).max(axis=1) > 1e-6)
+    if wrong.size:
+        found = " ".join(f"{value:g}" for value in table.values[wrong[0], 12:])
+        raise table.error(wrong[0], f"{_SQUARE_ROW}, ending in 0 0 0 1", found)
+    return table
+
+
+def _colmap_rows(source: Source) -> Table:
+    """(n, 8): frame number, or stamp where the images are named by stamps, translation, quaternion (scalar last), in the order of time.
+
+    The lines of image points, whose fields are all numbers, are left out.
+    """
+    lines = [(number, line) for number, line in data_lines(source.text) if _names_an_image(line)]
+    if not lines:
+        raise InputError(_COLMAP, path=source.path, found="no such line")
+    rows, whole = [], True
+    for number, line in lines:
+        fields = line.split(None, 9)
+        stamp = re.search(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", fields[9], re.ASCII)
+        if not stamp or not all(map(is_number, fields[:9])):
+            expected = f"{_COLMAP}, the name ending in the frame's number or its stamp"
+            raise InputError(expected, path=source.path, line=number, found=line)
+        w, x, y, z, *translation = (float(field) for field in fields[1:8])
+        rows.append((float(stamp[1]), *translation, x, y, z, w, number))
+        whole &= "." not in stamp[1]
+    values = np.array(sorted(rows))
+    ticks = (1e9 if values[0, 0] > LARGEST_FRAME else None) if whole else 1.0
+    return Table(values[:, :8], lambda row: (source.path, int(values[row, 8])), ticks)
+
+
+def _names_an_image(line: str) -> bool:
+    """Whether the tenth field, where COLMAP has the image's name, is no number."""
+    fields = line.split(None, 10)
+    return len(fields) >= 10 and not is_number(fields[9])
+
+
+def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
+    """What a table's first column counts, where its rows tell."""
+    return {None: "frames", 1.0: "seconds"}.get(table.ticks, "nanoseconds")
+
+
+def _tum_stamps(source: Source, table: Table, trajectory: Trajectory) -> str:
+    """In which unit they are, and the world; and that whole seconds may be frame numbers."""
+    text = f"{_numbering(source, table, trajectory)}, right-handed camera-to-world poses in {OWN_WORLD}"
     stamps_s = trajectory.stamps_s
-    if len(stamps_s) > 1 and (stamps_s == np.rint(stamps_s)).all():
-        return "; its whole numbers are taken as seconds (the format tum-ids takes them as frame numbers)"
-    return ""
+    if table.ticks == 1.0 and len(stamps_s) > 1 and (stamps_s == np.rint(stamps_s)).all():
+        text += "; its whole numbers are taken as seconds (the format tum-ids takes them as frame numbers)"
+    return text
 
 
 def _why_freiburg(source: Source, table: Table, trajectory: Trajectory) -> str:
@@ -265,6 +334,8 @@ _POV_COLUMNS: Columns = (9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8)
 _ANCHORED, _POV = (axes.mirrored_y, ANCHORED_WORLD), (axes.world_cv_from_pov, OUR_WORLD)
 _MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
 _MATRIX_ROW = "12 columns of a 3x4 matrix, or 13 with the frame number first"
+_SQUARE_ROW = "16 columns of a 4x4 matrix, row by row"
+_COLMAP = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of COLMAP's images.txt"
 _BLOCKS = "blocks of 3 lines with 4 columns: r00 r01 r02 tx"
 _FROM_POV = f"turned into {OUR_WORLD}, stamps frame/{{rate}} s"
 
@@ -366,12 +437,33 @@ _ALL = (
         endings=(".kitti",),
         word="kitti",
     ),
+    TrajectoryFormat(  # 4x4 rows, of the data set Replica as neural mapping systems render it
+        name="replica",
+        sniff=lambda source: source.columns == 16 and source.starts_with_numbers,
+        counts=(16,),
+        columns=_MATRIX_COLUMNS,
+        rows=_square_rows,
+        sentence=f"Replica rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps line/{{rate}} s, from 0",
+        line=_MATRIX_LINE.replace("\n", " 0 0 0 1\n"),
+        goes_to="Replica: 16 columns of a 4x4 matrix, right-handed camera-to-world poses, world as it was; stamps are not kept",
+        endings=(".replica",),
+        word="replica",
+    ),
+    TrajectoryFormat(  # world to camera, scalar first, in a world without a unit
+        name="colmap",
+        sniff=lambda source: bool(source.first_lines) and _names_an_image(source.first_lines[0]),
+        rows=_colmap_rows,
+        inverse=True,
+        sentence="COLMAP: world-to-camera poses inverted to right-handed camera-to-world poses, unit of length unknown "
+        f"(align by sim3), in {OWN_WORLD}, stamps by the images' names ({{how}}; {{rate}} frames a second)",
+        how=_numbering,
+    ),
     TrajectoryFormat(
         name="tum",
         sniff=lambda source: source.columns == 8,
-        ticks=1.0,
-        sentence=f"TUM: stamps in seconds, right-handed camera-to-world poses in {OWN_WORLD}{{how}}",
-        how=_whole_seconds,
+        rows=_tum_rows,
+        sentence="TUM: stamps in {how}",
+        how=_tum_stamps,
         line="%.9f %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
         given=lambda t, options: (t.stamps_s.tolist(), t.T_world_camera),
         header=TUM_HEADER,

@@ -28,6 +28,8 @@ LARGEST_FRAME = 10**9
 FAR_M = 50.0
 #: A stamp may be off its frame's time by this share of a frame.
 STAMP_SLACK = 0.01
+#: Stamps whose median step is longer are no seconds (a frame a day) but nanoseconds (10,000 frames a second).
+LONGEST_STEP_S = 1e5
 
 
 @dataclass(frozen=True)
@@ -110,10 +112,11 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Values (n, columns), and the file and line (from 1) where a row stands."""
+    """Values (n, columns), and the file and line (from 1) where a row stands; `ticks` a second of the stamps in column 0, where the rows tell."""
 
     values: np.ndarray
     place: Callable[[int], tuple[str | os.PathLike[str], int | None]]
+    ticks: float | None = None
 
     def error(self, row: int, expected: str, found: object, hint: str | None = None) -> InputError:
         path, line = self.place(int(row))
@@ -163,32 +166,47 @@ def is_number(field: str) -> bool:
     return field.isascii() and "_" not in field
 
 
+def stamp_ticks(stamps: np.ndarray) -> float:
+    """How many ticks of (n,) stamps make a second: 1, or 1e9 where the median step, or a lone stamp, is far too long for seconds."""
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    long = np.median(steps) > LONGEST_STEP_S if steps.size else np.abs(stamps).max() > LARGEST_STAMP_S
+    return 1e9 if long else 1.0
+
+
 def seconds_of(
     table: Table, values: np.ndarray, ticks: float | None, rate_hz: float, hint: str | None = None
-) -> np.ndarray:
-    """(n,) seconds of a file's stamps, `ticks` a second, or of the numbers of its frames where `ticks` is None. Raises InputError for one
-    that is absurd, repeats or runs backwards; `hint`: where a frame's number is none.
+) -> tuple[np.ndarray, np.ndarray]:
+    """(m,) seconds of a file's stamps, `ticks` a second, or of the numbers of its frames where `ticks` is None; and the rows (m,) they are
+    of: a stamp that repeats the one before is left out, as systems write it for a frame that they lost.
+
+    Raises InputError for one that is absurd or runs backwards, for a frame's number that repeats, and where most stamps repeat; `hint`:
+    where a frame's number is none.
     """
     if ticks:
         what, values = "stamp", values / ticks
         good = np.abs(values) <= LARGEST_STAMP_S
-        expected = f"a stamp in seconds, at most {LARGEST_STAMP_S:g}"
-        hint = "dividing stamps in nanoseconds by 1e9"
+        expected, hint = f"a stamp in seconds, at most {LARGEST_STAMP_S:g}", None
     else:
         what, good = "frame number", (values == np.rint(values)) & (values >= 0) & (values <= LARGEST_FRAME)
         expected = f"a frame number, 0 to {LARGEST_FRAME}"
     if not good.all():
         row = int(good.argmin())
         raise table.error(row, expected, f"{values[row]:.10g}", hint)
-    late = np.flatnonzero(np.diff(values) <= 0)
+    steps = np.diff(values, prepend=-np.inf)
+    repeated = (steps == 0) & bool(ticks)
+    rows, late = np.flatnonzero(~repeated), np.flatnonzero((steps <= 0) & ~repeated)
     if late.size:
-        row = int(late[0]) + 1
+        row = int(late[0])
         before, here = values[row - 1], values[row]
-        found, hint = f"{here:.15g}", "sorting the lines"
+        expected = f"a {what} above the {before:.15g} of line {table.place(row - 1)[1]}"
         if here == before:
-            found, hint = f"{here:.15g} again", "removing one of the two lines"
-        raise table.error(row, f"a {what} above the {before:.15g} of line {table.place(row - 1)[1]}", found, hint)
-    return values if ticks else values / rate_hz
+            raise table.error(row, expected, f"{here:.15g} again", "removing one of the two lines")
+        raise table.error(row, expected, f"{here:.15g}", "a file of one run, written in the order of time")
+    if 2 * len(rows) < len(values):
+        found = f"{len(values) - len(rows)} of {len(values)} that repeat the one before"
+        raise table.error(0, "stamps with all their digits", found, "writing six digits after the point")
+    return (values if ticks else values / rate_hz)[rows], rows
 
 
 def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> SE3:
