@@ -173,7 +173,7 @@ def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_na
     ("arguments", "words"),
     [
         (("ate", "truth.txt", "later.txt"), "later.txt: expected stamps that overlap"),
-        (("rpe", "truth.txt", "later.txt"), "try an offset of -999.9"),
+        (("rpe", "truth.txt", "later.txt"), "try an offset of -1000 s where they fit best"),
         (("ate", "truth.txt", "absent.txt"), "absent.txt"),
         (("ate", "truth.txt", "page.txt"), "page.txt:1: expected a trajectory file, found a web page"),
         (("ate", "truth.txt", "still.txt"), "still.txt: expected an estimated trajectory that determines SE(3)"),

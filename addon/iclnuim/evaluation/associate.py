@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..geometry.se3 import read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
+from .time_offset import best_offset
 
 #: A round of mutual choice that pairs fewer than 1 in this many leaves the rest to the heap: long chains go one pair
 #: a round.
@@ -99,8 +100,10 @@ def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSe
         raise InputError("trajectories of at least one pose", found="an empty one")
     span, shifted_s = _span(reference_s), estimate_s + settings.offset_s
     if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
-        shift = f"{reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
-        hint = f"an offset of {shift} s if both start together, or the format tum-ids if these are frame numbers"
+        best = best_offset(reference, estimate)
+        shift = f"{best[0] if best else reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
+        why = f"where they fit best (to {1000 * best[1]:.3g} mm)" if best else "if both start together"
+        hint = f"an offset of {shift} s {why}, or the format tum-ids if these are frame numbers"
         found = f"no overlap in time: {_span(shifted_s)}"
         raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
     expected = f"stamps within {settings.max_difference_s:g} s of the ground truth's {span}"

@@ -11,6 +11,8 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     coverage, recall {1cm, 5cm, 10cm}, area_under_curve     over all ground-truth frames
     alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3], residual_rms_m}
     mirror                {mirrored, rotation_rms_m, reflection_rms_m}
+    time_offset           {offset_s, rmse_m, given_rmse_m} where a constant offset of the estimate's stamps fits far better, else null: the
+                          translation error with it, and that of the same poses without
     warnings              list of sentences, empty when all is well
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment; settings
@@ -23,16 +25,20 @@ ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_d
 """
 
 import os
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
+from ..evaluation.associate import pair_up
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
+from ..evaluation.time_offset import best_offset
 from ..formats.trajectories import LoadedTrajectory
+from ..geometry.trajectory import Trajectory
 
+Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"
 
@@ -48,28 +54,63 @@ class Source:
         return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.read_as.sentence}
 
 
+#: An error below this, or an offset that leaves more than this share of it, gives no reason for another offset.
+_WORTH_M, _WORTH_SHARE = 1e-4, 0.5
+
+
+@dataclass(frozen=True)
+class BetterOffset:
+    """Seconds that, added to the estimate's stamps, leave far less error, and the RMSE of the same poses with and without, in metres."""
+
+    offset_s: float
+    rmse_m: float
+    given_rmse_m: float
+
+    @classmethod
+    def of(
+        cls, reference: Trajectory, estimate: Trajectory, settings: Settings, rmse_m: float
+    ) -> "BetterOffset | None":
+        """None where no constant offset fits far better than `rmse_m`, by the very error that was asked for."""
+        found = best_offset(reference, estimate) if rmse_m > _WORTH_M else None
+        if found is None:
+            return None
+        moved = replace(settings, association=replace(settings.association, offset_s=found[0]))
+        try:
+            same = estimate[np.unique(pair_up(reference, estimate, moved.association).second)]
+            with_it, without = (_measured(reference, same, s).translation_m.rmse for s in (moved, settings))
+        except InputError:
+            return None
+        return cls(found[0], with_it, without) if with_it < _WORTH_SHARE * min(rmse_m, without) else None
+
+
+def _measured(reference: Trajectory, estimate: Trajectory, settings: Settings) -> AbsoluteError | RelativeError:
+    measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
+    return measure(reference, estimate, settings)
+
+
 @dataclass(frozen=True, eq=False)
 class Report:
     """An ATE or an RPE and what it was computed from."""
 
     reference: Source
     estimate: Source
-    settings: AbsoluteErrorSettings | RelativeErrorSettings
+    settings: Settings
     result: AbsoluteError | RelativeError
+    better_offset: BetterOffset | None
 
     @classmethod
-    def of(
-        cls, reference: Source, estimate: Source, settings: AbsoluteErrorSettings | RelativeErrorSettings
-    ) -> "Report":
+    def of(cls, reference: Source, estimate: Source, settings: Settings) -> "Report":
         """Compute what the settings are of. Raises InputError, with the estimate's path, where the two cannot be compared."""
-        measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
+        both = reference.loaded.trajectory, estimate.loaded.trajectory
         try:
-            result = measure(reference.loaded.trajectory, estimate.loaded.trajectory, settings)
+            result = _measured(*both, settings)
+            mirrored = result.mirror.mirrored
+            better = None if mirrored else BetterOffset.of(*both, settings, result.translation_m.rmse)
         except InputError as error:
             if error.path is not None:
                 raise
             raise error.at(estimate.path) from None
-        return cls(reference, estimate, settings, result)
+        return cls(reference, estimate, settings, result, better)
 
     @property
     def warnings(self) -> list[str]:
@@ -81,6 +122,9 @@ class Report:
             reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
             errors = f"a reflection leaves {reflected}, the best rotation {rotated}"
             found.append(f"the estimate is mirrored: {errors}; try reading it as {advice}")
+        if better := self.better_offset:
+            errors = f"{1000 * better.rmse_m:.3g} mm instead of {1000 * better.given_rmse_m:.3g} on the same poses"
+            found.append(f"another time offset fits far better: {errors}; try an offset of {better.offset_s:.9g} s")
         if isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
             lengths_m = self.result.alignment.extents_m[1], self.result.alignment.residual_rms_m
             extent, error = (f"{1000 * length:.3g} mm" for length in lengths_m)
@@ -123,6 +167,7 @@ class Report:
             "rotation_error_deg": result.rotation_deg.to_dict(),
             **after,
             "mirror": {"mirrored": mirror.mirrored, **rms_m},
+            "time_offset": asdict(self.better_offset) if self.better_offset else None,
             "warnings": self.warnings,
         }
 

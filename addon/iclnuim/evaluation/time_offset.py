@@ -1,0 +1,103 @@
+"""The constant time offset at which an estimate fits the ground truth best: systems that stamp frames anew, bags and clocks shift all stamps.
+
+What a rigid motion leaves of the paired positions is computed for every offset of whole frames at once: all sums that a least-squares fit
+needs (Umeyama, PAMI 1991, equations 34 to 40) are correlations of the two trajectories, and FFTs give those of all offsets.
+"""
+
+import numpy as np
+
+from ..geometry.trajectory import Trajectory
+from .align import MIN_EXTENT_M, principal_extents, umeyama
+
+#: Fewer poses fit by chance; and an offset counts at which at least this share of the estimate meets the ground truth.
+_MIN_POSES, _MIN_SHARE = 10, 0.5
+#: Frames that a search may span.
+_MAX_FRAMES = 1 << 18
+
+
+def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, float] | None:
+    """Seconds to be added to the estimate's stamps so that a rigid motion fits it best, and the RMS that is left, in metres.
+
+    None where neither trajectory tells: too short, standing still, or spread over more frames than can be searched.
+    """
+    if min(len(reference), len(estimate)) < _MIN_POSES or principal_extents(estimate.positions_m)[0] < MIN_EXTENT_M:
+        return None
+    step_s = float(np.median(np.diff(reference.stamps_s)))
+    spans = [np.rint((t.stamps_s - t.stamps_s[0]) / step_s) for t in (reference, estimate)]
+    if max(span[-1] for span in spans) > _MAX_FRAMES:
+        return None
+    grid_s = reference.stamps_s[0] + step_s * np.arange(int(spans[0][-1]) + 1)
+    rows, kept = np.unique(spans[1].astype(int), return_index=True)
+    x = estimate.positions_m[kept] - estimate.positions_m.mean(axis=0)
+    y = _positions(reference, grid_s) - reference.positions_m.mean(axis=0)
+    lags, rms_m = _rms_by_lag(rows, x, y)
+    if len(lags) == 0:
+        return None
+    coarse_s = float(grid_s[0] + lags[rms_m.argmin()] * step_s - estimate.stamps_s[0])
+    return _rounded(reference, estimate, _refined(reference, estimate, coarse_s, step_s))
+
+
+def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lags (m,) in frames with enough pairs, and the RMS (m,) that a rigid motion leaves of x[k] and y[rows[k] + lag]."""
+    length, frames = int(rows[-1]) + 1, len(y)
+    placed = np.zeros((length, 5))
+    placed[rows] = np.column_stack([np.ones(len(x)), x, (x * x).sum(axis=1)])
+    other = np.column_stack([np.ones(frames), y, (y * y).sum(axis=1)])
+    size = 1 << (length + frames).bit_length()
+    a, b = np.fft.rfft(placed, size, axis=0).conj(), np.fft.rfft(other, size, axis=0)
+    lags = np.arange(1 - length, frames)
+
+    def sums(i: int, j: int) -> np.ndarray:
+        return np.fft.irfft(a[:, i] * b[:, j], size)[lags]
+
+    count = np.rint(sums(0, 0))
+    enough = count >= max(_MIN_POSES, _MIN_SHARE * len(x))
+    n = np.maximum(count, 1)
+    mean_x, mean_y = (np.stack([sums(i, 0) for i in (1, 2, 3)], -1), np.stack([sums(0, j) for j in (1, 2, 3)], -1))
+    mean_x, mean_y = mean_x / n[:, None], mean_y / n[:, None]
+    products = np.stack([np.stack([sums(i, j) for i in (1, 2, 3)], -1) for j in (1, 2, 3)], -2)
+    covariance = products / n[:, None, None] - mean_y[:, :, None] * mean_x[:, None, :]
+    spread = sums(4, 0) / n - (mean_x**2).sum(axis=1) + sums(0, 4) / n - (mean_y**2).sum(axis=1)
+    d = np.linalg.svd(covariance[enough], compute_uv=False)
+    d[:, 2] *= np.sign(np.linalg.det(covariance[enough]))
+    return lags[enough], np.sqrt(np.maximum(spread[enough] - 2 * d.sum(axis=1), 0))
+
+
+def _positions(trajectory: Trajectory, stamps_s: np.ndarray) -> np.ndarray:
+    """(n, 3) interpolated between neighbours."""
+    return np.stack([np.interp(stamps_s, trajectory.stamps_s, axis) for axis in trajectory.positions_m.T], -1)
+
+
+def _rms(reference: Trajectory, estimate: Trajectory, offset_s: float) -> float:
+    """What a rigid motion leaves of the estimate's poses within the reference's span; infinite where they are too few."""
+    stamps_s = estimate.stamps_s + offset_s
+    slack_s = 1e-6
+    inside = (stamps_s >= reference.stamps_s[0] - slack_s) & (stamps_s <= reference.stamps_s[-1] + slack_s)
+    if np.count_nonzero(inside) < _MIN_POSES:
+        return np.inf
+    x, y = estimate.positions_m[inside], _positions(reference, stamps_s[inside])
+    T, _ = umeyama(x, y)
+    return float(np.sqrt(((y - T.apply(x)) ** 2).sum(axis=1).mean()))
+
+
+def _refined(reference: Trajectory, estimate: Trajectory, offset_s: float, step_s: float) -> float:
+    """The offset within a frame of `offset_s` that leaves least, by golden section."""
+    low, high, ratio = offset_s - step_s, offset_s + step_s, (5**0.5 - 1) / 2
+    for _ in range(30):
+        one, other = high - ratio * (high - low), low + ratio * (high - low)
+        if _rms(reference, estimate, one) < _rms(reference, estimate, other):
+            high = other
+        else:
+            low = one
+    return (low + high) / 2
+
+
+def _rounded(reference: Trajectory, estimate: Trajectory, offset_s: float) -> tuple[float, float]:
+    """The shortest number of seconds that fits as well, to a hundredth, and its RMS."""
+    best_m = _rms(reference, estimate, offset_s)
+    for digits in range(7):
+        short_s = round(offset_s, digits) + 0.0
+        rms_m = _rms(reference, estimate, short_s)
+        if rms_m <= 1.01 * best_m + 1e-6:
+            return short_s, rms_m
+    return offset_s, best_m
