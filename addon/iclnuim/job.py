@@ -26,8 +26,8 @@ class RenderJob(Settings):
     """What decides the pixels of a run, and nothing else (frames asked for, folder and threads do not).
 
     `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as `living_room/kt2` or a file.
-    `reading`: axes and units of a scene file. It and `ground_truth` are left out of the recipe where nothing is asked for, so that runs
-    from before they were there keep theirs.
+    `reading`: axes and units of a scene file. It, `ground_truth` and `glass` are left out of the recipe where nothing is asked for, so
+    that runs from before they were there keep theirs.
     """
 
     group: ClassVar[str] = "a render job"
@@ -61,6 +61,15 @@ class RenderJob(Settings):
     ground_truth: bool = setting(
         False, "also instances, classes and normals of every pixel, and objects.json (docs/ground_truth.md)"
     )
+    glass: str = setting(
+        "surface",
+        "depth where a pane (a Transparent BSDF) is seen",
+        choices={
+            "surface": "that of the pane, as in the original",
+            "none": "0, a hole, as most real sensors have there",
+            "behind": "that of what is seen through it",
+        },
+    )
 
     def __post_init__(self) -> None:
         known = declared(RenderJob)
@@ -84,6 +93,7 @@ class RenderJob(Settings):
         """The inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         late = {"reading": values.pop("reading").to_dict(), "ground_truth": values.pop("ground_truth")}
+        late["glass"] = "" if (glass := values.pop("glass")) == "surface" else glass
         made = {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}
         return {**made, **{key: value for key, value in late.items() if value}}
 

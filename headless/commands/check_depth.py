@@ -11,7 +11,15 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
-from iclnuim.raycast.checks import DepthErrors, TruthCaster, TruthErrors, compare_depth, depth_summary, truth_summary
+from iclnuim.raycast.checks import (
+    DepthErrors,
+    GlassCaster,
+    TruthCaster,
+    TruthErrors,
+    compare_depth,
+    depth_summary,
+    truth_summary,
+)
 
 from ..isolation import opened_scene
 from ..options import Console, common, count, renamed
@@ -82,9 +90,13 @@ def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster,
                 f"note: rays pass through hair, curves and points ({', '.join(strands)[:120]}): pixels on them fail"
             )
         found = surfaces.triangles()
+        behind = surfaces.triangles(panes=False) if job.glass != "surface" else found
         truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
-    return RayCaster(found.vertices, found.triangles), truth_caster
+    caster = RayCaster(found.vertices, found.triangles)
+    if behind is not found:
+        caster = GlassCaster(caster, RayCaster(behind.vertices, behind.triangles), job.glass == "none")
+    return caster, truth_caster
 
 
 def _text(frames: int, e: DepthErrors, truth: TruthErrors | None) -> str:

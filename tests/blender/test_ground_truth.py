@@ -253,3 +253,40 @@ def test_every_class_of_the_shipped_rooms_has_a_number_and_a_label(repository):
     numbers = [kind.id for kind in classes.KINDS.values()]
     assert len(set(numbers)) == len(numbers) and max(numbers) < classes.FIRST_OWN
     assert len(classes.NYU40) == 40 == len(set(classes.NYU40))
+
+
+def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behind(
+    render_here, cornered_room, forward_path, tmp_path, capsys
+):
+    """A pane y = 1 before half of the wall; colour, instances and check-depth are told what was asked for."""
+    from iclnuim.headless.cli import main
+
+    bpy.ops.wm.open_mainfile(filepath=str(cornered_room))
+    glass = bpy.data.materials.new("glass")
+    glass.use_nodes = True
+    nodes, links = glass.node_tree.nodes, glass.node_tree.links
+    clear, output = nodes.new("ShaderNodeBsdfTransparent"), glass.node_tree.get_output_node("CYCLES")
+    links.new(clear.outputs[0], output.inputs["Surface"])
+    pane = bpy.data.meshes.new("pane")
+    pane.from_pydata([(-9, -0.5, 0.1), (0, -0.5, 0.1), (0, -0.5, 3), (-9, -0.5, 3)], [], [(0, 1, 2, 3)])
+    pane.materials.append(glass)
+    mesh_object("pane", pane)
+    scene = tmp_path / "glazed.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(scene))
+    frames = {}
+    for kind in ("surface", "none", "behind"):
+        render_here(tmp_path / kind, "3", scene=scene, samples=1, ground_truth=True, glass=kind)
+        frames[kind] = read_exr(tmp_path / kind / "exr/000003.exr")
+        assert main(["check-depth", "--quiet", str(tmp_path / kind)]) == 0, capsys.readouterr()
+        recipe = json.loads((tmp_path / kind / "sequence.json").read_text())["job"]
+        assert recipe.get("glass", "surface") == kind
+        assert all(np.array_equal(frames[kind][c], frames["surface"][c]) for c in ("R", "G", "B", "instance"))
+    render_here(tmp_path / "open", "3", samples=1)
+    clear_z_m, (pane_z_m, none_z_m, behind_z_m) = (
+        read_exr(tmp_path / "open/exr/000003.exr")["Z"],
+        (f["Z"] for f in frames.values()),
+    )
+    glazed = pane_z_m != clear_z_m
+    assert 0.3 < glazed.mean() < 0.7
+    assert np.array_equal(none_z_m, np.where(glazed, 0, clear_z_m))
+    assert np.array_equal(behind_z_m, clear_z_m)

@@ -45,15 +45,19 @@ class Part:
         return array_of(self.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def triangles() -> Surface:
-    """All surfaces a camera ray can meet: evaluated as for a render (modifiers, instances), without what is hidden from it."""
+def triangles(panes: bool = True) -> Surface:
+    """All surfaces a camera ray can meet: evaluated as for a render (modifiers, instances), without what is hidden from it.
+
+    panes: those of nothing but a Transparent BSDF, too.
+    """
     vertices, faces, owners, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)], 0
     names: list[str] = []
     with rendered_parts() as (found, _):
         for part in found:
             if part.source.visible_camera and len(part.mesh.loop_triangles):
                 vertices.append(part.vertices_m())
-                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[solid(part)] + count)
+                kept = solid(part) if panes else solid(part) & ~_is_pane(part)
+                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[kept] + count)
                 owners.append(np.full(len(faces[-1]), len(names), np.int32))
                 names.append(part.name)
                 count += len(vertices[-1])
@@ -197,10 +201,25 @@ def material_of_face(part: Part) -> np.ndarray:
 
 def solid(part: Part) -> np.ndarray:
     """(m,) triangles that a camera ray ends at; the bounds of a volume without a surface are none."""
-    outputs = [m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials] or [None]
-    ends = np.array([not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked) for o in outputs])
+    ends = [not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked) for o in _outputs(part)]
+    return _of_triangles(part, ends)
+
+
+def _is_pane(part: Part) -> np.ndarray:
+    """(m,) triangles that light passes straight through."""
+    links = [list(o.inputs["Surface"].links) if o else [] for o in _outputs(part)]
+    return _of_triangles(part, [any(link.from_node.type == "BSDF_TRANSPARENT" for link in own) for own in links])
+
+
+def _outputs(part: Part) -> list[Any]:
+    """What each material of the part puts out in Cycles; None for one without nodes."""
+    return [m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials] or [None]
+
+
+def _of_triangles(part: Part, of_materials: list[bool]) -> np.ndarray:
+    """(m,) what holds for the material of each triangle."""
     of_triangle = array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32)
-    return ends[np.maximum(material_of_face(part), 0)][of_triangle]
+    return np.array(of_materials)[np.maximum(material_of_face(part), 0)][of_triangle]
 
 
 def array_of(collection: Any, name: str, width: int = 1, kind: type = np.float32) -> np.ndarray:

@@ -112,7 +112,7 @@ class Session:
                 if should_stop():
                     break
                 begun = time.perf_counter()
-                raw, raw_depth = _render(job, number, self.work / str(rendered % 2))
+                raw, raw_depth, raw_behind = _render(job, number, self.work / str(rendered % 2))
                 blurred = None
                 if not job.exposure.instant:  # RGB through a shutter that takes its time; Z stays that of the stamp
                     depth_z_m, instant = frames.read(raw_depth, raw_depth)[1], self.work / "instant.exr"
@@ -120,7 +120,7 @@ class Session:
                 seconds = time.perf_counter() - begun
                 if closing is not None:
                     closing.result()
-                closing = closer.submit(self._close, number, raw, raw_depth, blurred, seconds)
+                closing = closer.submit(self._close, number, raw, raw_depth, raw_behind, blurred, seconds)
                 rendered += 1
             if closing is not None:
                 closing.result()
@@ -148,7 +148,13 @@ class Session:
         return table
 
     def _close(
-        self, number: int, raw: Path, raw_depth: Path, blurred: np.ndarray | None, cycles_seconds: float
+        self,
+        number: int,
+        raw: Path,
+        raw_depth: Path,
+        raw_behind: Path | None,
+        blurred: np.ndarray | None,
+        cycles_seconds: float,
     ) -> None:
         """Blender's raw frame -> the finished file, with ground truth if the job has it; told at once, not a frame later."""
         begun = time.perf_counter()
@@ -158,6 +164,9 @@ class Session:
         further = {}
         if self.job.ground_truth:
             further = ground_truth.read(raw_depth, self.trajectory.T_world_camera[number])
+        if raw_behind is not None:
+            behind_z_m = frames.read(raw_behind, raw_behind)[1]
+            depth_z_m = behind_z_m if self.job.glass == "behind" else np.where(behind_z_m == depth_z_m, depth_z_m, 0.0)
         self.run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
         seconds = time.perf_counter() - begun
         return self.emit(events.FrameDone(number, cycles_seconds, seconds, black=frames.why_black(rgb, depth_z_m)))
@@ -212,21 +221,27 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
         emit(events.Note(text))
 
 
-def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path]:
-    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same; the caller alternates names while one is being closed.
+def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path, Path | None]:
+    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same, and Z behind glass where the job asks for it; the
+    caller alternates names while one is being closed.
 
     Z is that of the first sample at any rate, but not with a wide filter nor in a volume; normals are a mean over the samples.
     """
-    raw = raw_depth = name.with_suffix(".exr")
+    raw, raw_behind = name.with_suffix(".exr"), None
+    raw_depth, scene = raw, bpy.context.scene
     frames.render(number, raw)
-    volumes = preflight.volume_names(bpy.context.scene)
-    if job.antialias or volumes or (job.ground_truth and job.samples != 1):
+    # one narrow ray a pixel, so that Z is the same bits as without antialiasing
+    narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
+    if job.antialias or preflight.volume_names(scene) or (job.ground_truth and job.samples != 1):
         raw_depth = name.with_name(f"{name.name}-depth.exr")
-        # one narrow ray a pixel, so that Z is the same bits as without antialiasing
-        narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
-        with compat.temporarily(bpy.context.scene.cycles, **narrow), settings.without_volumes():
+        with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
             frames.render(number, raw_depth)
-    return raw, raw_depth
+    if job.glass != "surface":
+        raw_behind = name.with_name(f"{name.name}-behind.exr")
+        through = compat.temporarily(scene.view_layers[0], pass_alpha_threshold=0.5)
+        with through, compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
+            frames.render(number, raw_behind)
+    return raw, raw_depth, raw_behind
 
 
 def _work_folder(run: RunFolder) -> Path:

@@ -1,5 +1,6 @@
 """Rendered depth, instances and normals against an independent judge: Embree casts the same rays at the same triangles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,20 @@ class TruthErrors:
     normal_within_share: float
     outline_share: float
     coincident_share: float
+
+
+class GlassCaster(RayCaster):
+    """Depth as a job's `glass` asks for it: of what is `behind` panes, or with `holes` where a pane stands before it."""
+
+    def __init__(self, surface: RayCaster, behind: RayCaster, holes: bool) -> None:
+        self._surface, self._behind, self._holes = surface, behind, holes
+
+    def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
+        """(h, w) planar Z in metres, 0 where there is none."""
+        behind = self._behind.depth(camera, T_world_camera, offset_px)
+        if not self._holes:
+            return behind
+        return np.where(behind == self._surface.depth(camera, T_world_camera, offset_px), behind, 0.0)
 
 
 def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:

@@ -15,7 +15,7 @@ from .properties import settings_of
 _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
 #: Settings of a job that are not drawn under Light.
-_SENSOR, _OUTPUT = ("exposure_ms", "readout_ms", "seed"), ("depth_units", "ground_truth")
+_SENSOR, _OUTPUT = ("exposure_ms", "readout_ms", "seed"), ("depth_units", "glass", "ground_truth")
 
 
 def _text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
