@@ -67,7 +67,7 @@ def _configure_changes(actions: Actions) -> None:
     convert.add_argument("source", metavar="IN", help=_FILE)
     help = "its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
     convert.add_argument("out", metavar="OUT", help=help)
-    help = "stamps i / FILE_RATE from 0 on instead of the file's own"
+    help = "stamps 1 + i / FILE_RATE instead of the file's own"
     convert.add_argument("--restamp", action="store_true", help=help)
     text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
     example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
@@ -272,7 +272,7 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
 def tum_text(made: Trajectory) -> str:
     """A TUM file of 1e-6 m and 1e-7 in the quaternion: few enough digits that processors' last bits do not show."""
     rows = np.column_stack([made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]).tolist()
-    line = "%.9f %.6f %.6f %.6f %.7f %.7f %.7f %.7f\n"
+    line = "%.6f %.6f %.6f %.6f %.7f %.7f %.7f %.7f\n"
     text = "".join([line % tuple(row) for row in rows])
     return TUM_HEADER + text.replace("-0.000000 ", "0.000000 ").replace("-0.0000000", "0.0000000")
 

@@ -162,7 +162,7 @@ class RunPlan:
             return list(self.numbers)
         run, made = read_run(self.raw), set()
         if self.sequences is not None:
-            source = frames_of_run(run, load_trajectory(self.job), list(self.numbers))
+            source = frames_of_run(run, list(self.numbers))
             made = standing_frames(source, self.variants(), self.formats)
         return run.missing([n for n in self.numbers if n not in made])
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import frames_of_run
-from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
+from iclnuim.dataset.run_folder import RunFolder, read_run
 from iclnuim.dataset.sequence import JournalEntry, SequenceWriter
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Event, FrameDone, Ready
@@ -40,7 +40,7 @@ class SequenceStage:
     def __init__(
         self, plan: RunPlan, raw: RunFolder, workers: int, on_frame: Callable[[int], None] = lambda number: None
     ) -> None:
-        source = frames_of_run(raw, load_trajectory(plan.job), list(plan.numbers))
+        source = frames_of_run(raw, list(plan.numbers))
         self._writer = SequenceWriter(source, plan.variants(), plan.formats)
         self._raw, self._keep_raw, self._on_frame = raw, plan.keep_raw, on_frame
         self._pool = FramePool(self._writer.make, workers, self._made)

@@ -194,7 +194,7 @@ def test_clean_and_noisy_are_those_of_a_local_make(job, tmp_path):
     raw, plan = tmp_path / "near/raw", asked_for(tmp_path)
     run = begun(job, raw, range(3))
     near = RunPlan(job, raw, (0, 1, 2), plan.sequences)
-    SequenceWriter(frames_of_run(run, load_trajectory(job), [0, 1, 2]), near.variants()).write()
+    SequenceWriter(frames_of_run(run, [0, 1, 2]), near.variants()).write()
     begun(job, tmp_path / "far/raw", range(3))
     tasks.dataset(RunPlan(job, tmp_path / "far/raw", (0, 1, 2), plan.sequences), lambda number: None)
     files = sorted(p.relative_to(tmp_path / "near") for p in (tmp_path / "near").rglob("*.png"))

@@ -14,7 +14,7 @@ from iclnuim.formats.associations import (
 
 
 def images(kind: str, frames: list[int]) -> ImageList:
-    return ImageList(tuple(i / 30 for i in frames), tuple(f"{kind}/{i:06}.png" for i in frames))
+    return ImageList(tuple(round(1 + i / 30, 6) for i in frames), tuple(f"{kind}/{i:06}.png" for i in frames))
 
 
 @pytest.mark.parametrize("order", ["tum", "icl-nuim"])
@@ -32,9 +32,7 @@ def test_both_orders_keep_pairs_and_stamps(tmp_path, order, frames):
 def test_the_orders_are_laid_out_as_the_originals(tmp_path):
     pairs = Associations(images("rgb", [1, 2]), images("depth", [1, 2]))
     write_associations(tmp_path / "tum.txt", pairs)
-    assert (tmp_path / "tum.txt").read_text().splitlines()[
-        0
-    ] == "0.033333333 rgb/000001.png 0.033333333 depth/000001.png"
+    assert (tmp_path / "tum.txt").read_text().splitlines()[0] == "1.033333 rgb/000001.png 1.033333 depth/000001.png"
     write_associations(tmp_path / "icl.txt", pairs, "icl-nuim")
     assert (
         tmp_path / "icl.txt"
@@ -45,7 +43,7 @@ def test_the_official_file_has_depth_first_and_frame_numbers(samples):
     pairs = read_associations(samples / "or_kt0/associations.txt")
     assert len(pairs) == 120 and pairs.order == "icl-nuim"
     assert (pairs.rgb.paths[0], pairs.depth.paths[0]) == ("rgb/600.png", "depth/600.png")
-    np.testing.assert_allclose(pairs.rgb.stamps_s, np.arange(600, 720) / 30)
+    np.testing.assert_allclose(pairs.rgb.stamps_s, 1 + np.arange(600, 720) / 30, atol=5.1e-7, rtol=0)
 
 
 def test_stamps_of_a_recording_are_seconds_in_either_order(tmp_path):

@@ -48,7 +48,7 @@ def test_whole_number_stamps_are_seconds_unless_told_otherwise(file):
     assert loaded.read_as.format == "tum" and "tum-ids" in loaded.read_as.sentence
     np.testing.assert_array_equal(loaded.trajectory.stamps_s, range(5))
     frames = read_trajectory(path, "tum-ids")
-    np.testing.assert_allclose(frames.trajectory.stamps_s, np.arange(5) / 30)
+    np.testing.assert_allclose(frames.trajectory.stamps_s, 1 + np.arange(5) / 30, atol=5.1e-7, rtol=0)
     np.testing.assert_array_equal(frames.trajectory.positions_m, loaded.trajectory.positions_m)
 
 
@@ -99,14 +99,14 @@ def test_replicas_rows_are_camera_to_world(file):
     loaded = read_trajectory(file("traj.txt", text))
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("replica", "right")
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix, atol=1e-14)
-    np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, range(4))
+    np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, range(4), atol=2e-5)
 
 
 @pytest.mark.parametrize(
     ("names", "stamps_s"),
     [
-        (["rgb/000002.png", "rgb/000010.png", "000030.jpg"], [2 / 30, 10 / 30, 1]),
-        (["frame2.png", "frame10.png", "frame_30.png"], [2 / 30, 10 / 30, 1]),
+        (["rgb/000002.png", "rgb/000010.png", "000030.jpg"], [1.066667, 1.333333, 2]),
+        (["frame2.png", "frame10.png", "frame_30.png"], [1.066667, 1.333333, 2]),
         (["1305031102.175304.png", "1305031102.211214.png", "1305031103.png"], [1305031102.175304, 1305031102.211214, 1305031103]),
         (["1403636579763555584.png", "1403636579813555456.png"], [1403636579.763555584, 1403636579.813555456]),
     ],
@@ -168,7 +168,7 @@ def test_being_told_beats_name_and_start(file):
 def test_a_converted_file_is_not_mirrored_twice(file, tmp_path):
     loaded = read_trajectory(file("a.gt.freiburg", LEFT.format(id0=30, id1=60, z=-2.25)))
     write_trajectory(tmp_path / "a.txt", loaded.trajectory, "tum")
-    np.testing.assert_array_equal(loaded.trajectory.stamps_s, [1, 2])  # whole seconds at the official start
+    np.testing.assert_array_equal(loaded.trajectory.stamps_s, [2, 3])  # whole seconds at the official start
     again = read_trajectory(tmp_path / "a.txt")
     assert again.read_as.format == "tum"
     np.testing.assert_allclose(
@@ -178,7 +178,7 @@ def test_a_converted_file_is_not_mirrored_twice(file, tmp_path):
 
 def test_left_handed_ids_become_right_handed_seconds(file):
     loaded = read_trajectory(file("a.gt.freiburg", LEFT.format(id0=1, id1=2, z=-2.25)))
-    np.testing.assert_allclose(loaded.trajectory.stamps_s, [1 / 30, 2 / 30])
+    np.testing.assert_allclose(loaded.trajectory.stamps_s, [1.033333, 1.066667])
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.quat_xyzw[1, :3], [-0.1, 0.2, -0.3], atol=1e-15)
 
 
@@ -199,7 +199,7 @@ def test_matrix_rows_are_kitti_poses(file, numbered):
     loaded = read_trajectory(file("00.txt", matrix_text(numbered)))
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("kitti", "right")
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix, atol=1e-14)
-    np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, np.arange(4) + (10 if numbered else 0))
+    np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, np.arange(4) + (10 if numbered else 0), atol=2e-5)
 
 
 @pytest.mark.parametrize("numbered", [False, True])
@@ -230,7 +230,7 @@ def test_sim_blocks_start_at_image_one(file):
     for name in ("a.gt.sim", "a.txt"):
         loaded = read_trajectory(file(name, text))
         assert (loaded.read_as.format, loaded.read_as.handedness) == ("gt.sim", "left")
-        np.testing.assert_allclose(loaded.trajectory.stamps_s, [1 / 30, 2 / 30])
+        np.testing.assert_allclose(loaded.trajectory.stamps_s, [1.033333, 1.066667])
         np.testing.assert_array_equal(loaded.trajectory.positions_m, [[0.1, -0.2, -2.25], [1, -2, 3]])
         # a quarter turn about z changes its sense in the mirror
         np.testing.assert_array_equal(loaded.trajectory.T_world_camera.rotation[1], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
@@ -250,12 +250,12 @@ def test_render_commands_are_poses_in_the_pov_world(file, declare):
     text = "#!/bin/sh\ncd out\n" + "".join(command(i, ROWS[k], declare) for k, i in enumerate((0, 1, 5, 7)))
     loaded = read_trajectory(file("commands.txt", text), "pov-commands")
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, axes.world_cv_from_pov(ROWS).matrix, atol=1e-13)
-    np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, [0, 1, 5, 7])
+    np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, [0, 1, 5, 7], atol=2e-5)
 
 
 def test_render_commands_without_numbered_images_are_counted(file):
     text = "".join(command(i, ROWS[i]).replace(f"+Oscene_00_{i:04d}.png", "") for i in range(4))
-    np.testing.assert_allclose(read_trajectory(file("x", text)).trajectory.stamps_s * 30, range(4))
+    np.testing.assert_allclose((read_trajectory(file("x", text)).trajectory.stamps_s - 1) * 30, range(4), atol=2e-5)
 
 
 CAMERA = """cam_pos      = [91, 465, -292]';
@@ -275,7 +275,7 @@ def test_a_folder_of_camera_files_is_a_trajectory(file, tmp_path):
     file("cams/notes.txt", "not a camera")
     loaded = read_trajectory(tmp_path / "cams", unit_m=0.01)
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("pov-cameras", "left")
-    np.testing.assert_allclose(loaded.trajectory.stamps_s * 30, [0, 2, 10])
+    np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, [0, 2, 10], atol=2e-5)
     np.testing.assert_allclose(
         loaded.trajectory.positions_m, [[-0.91, 2.92, 4.65], [-0.93, 2.92, 4.65], [-1.01, 2.92, 4.65]]
     )
@@ -290,7 +290,7 @@ def test_a_folder_of_camera_files_is_a_trajectory(file, tmp_path):
 
 def test_one_camera_file_is_one_pose(file):
     loaded = read_trajectory(file("scene_00_0030.txt", CAMERA), unit_m=0.01)
-    np.testing.assert_allclose(loaded.trajectory.stamps_s, [1])
+    np.testing.assert_allclose(loaded.trajectory.stamps_s, [2])
 
 
 def test_a_camera_file_and_a_render_command_agree(file):

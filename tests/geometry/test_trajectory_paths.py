@@ -27,14 +27,16 @@ def test_statistics_of_an_even_turn_are_known():
     assert figures.frames == 91 and figures.gaps == 0
     assert figures.duration_s == pytest.approx(3.0) and figures.rate_hz == pytest.approx(30)
     assert figures.length_m == pytest.approx(90 * 2 * radius_m * np.sin(np.radians(0.5)))
-    assert figures.mean_speed == pytest.approx(figures.max_speed) == pytest.approx(figures.length_m / 3)
-    assert figures.mean_rotation_rate == pytest.approx(figures.max_rotation_rate) == pytest.approx(30.0)
+    assert figures.mean_speed == pytest.approx(figures.length_m / 3) and figures.mean_rotation_rate == pytest.approx(30)
+    # steps between stamps of microseconds
+    assert figures.max_speed == pytest.approx(figures.mean_speed, rel=2e-5)
+    assert figures.max_rotation_rate == pytest.approx(30, rel=2e-5)
 
 
 def test_gaps_are_counted_and_measured(walk):
     kept = np.delete(np.arange(200), [50, 51, 52, 120])
     figures = statistics(walk[kept])
-    assert figures.gaps == 2 and figures.longest_gap_s == pytest.approx(4 / 30)
+    assert figures.gaps == 2 and figures.longest_gap_s == pytest.approx(4 / 30, abs=1.01e-6)
 
 
 def test_one_pose_has_statistics():
@@ -104,13 +106,13 @@ def test_sampling_at_the_own_stamps_gives_the_own_poses(walk):
 
 
 def test_sampled_rotations_agree_with_scipys_slerp(walk):
-    stamps_s = np.random.default_rng(12).uniform(0, walk.stamps_s[-1], 500)
+    stamps_s = np.random.default_rng(12).uniform(*walk.stamps_s[[0, -1]], 500)
     judge = Slerp(walk.stamps_s, Rotation.from_matrix(walk.T_world_camera.rotation))(stamps_s)
     np.testing.assert_allclose(sample(walk, stamps_s).rotation, judge.as_matrix(), atol=1e-12)
 
 
 def test_sampled_positions_stay_near_the_straight_line(walk):
-    stamps_s = np.linspace(0, walk.stamps_s[-1], 777)
+    stamps_s = np.linspace(*walk.stamps_s[[0, -1]], 777)
     straight = interp1d(walk.stamps_s, walk.positions_m, axis=0)(stamps_s)
     # a screw through 3 cm and 0.06 rad bulges by at most step * angle / 8
     assert np.abs(sample(walk, stamps_s).translation - straight).max() < 1e-3
@@ -126,25 +128,23 @@ def test_resampling_up_and_down_again_gives_the_same_poses(walk):
 def test_resampling_keeps_start_span_and_rate(walk, rate_hz):
     resampled = resample(walk, rate_hz)
     assert resampled.stamps_s[0] == walk.stamps_s[0]
-    assert walk.stamps_s[-1] - 1 / rate_hz < resampled.stamps_s[-1] <= walk.stamps_s[-1] + 1e-6 / rate_hz
-    np.testing.assert_allclose(np.diff(resampled.stamps_s), 1 / rate_hz, atol=1e-12)
+    assert walk.stamps_s[-1] - 1 / rate_hz < resampled.stamps_s[-1] <= walk.stamps_s[-1] + 1e-6
+    np.testing.assert_allclose(resampled.stamps_s, np.round(1 + np.arange(len(resampled)) / rate_hz, 6), atol=1e-12)
 
 
 @pytest.mark.parametrize("digits", [6, 7, 9])
 @pytest.mark.parametrize("frames", [2, 5, 100, 101])
 def test_printed_stamps_do_not_cost_the_last_frame(walk, digits, frames):
-    short = walk[:frames]
-    printed = Trajectory(np.round(short.stamps_s, digits), short.T_world_camera)
-    if np.abs(printed.stamps_s - short.stamps_s).max() * 30 < 1e-6:
-        assert len(resample(printed, 30)) == frames
+    printed = Trajectory(np.round(np.arange(frames) / 30, digits), walk.T_world_camera[:frames])
+    assert len(resample(printed, 30)) == frames
     assert len(resample(printed, 240)) >= 8 * (frames - 1)
 
 
 def test_even_motion_stays_even_when_resampled():
     screw = SE3.exp(np.outer(np.arange(60), [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
     resampled = resample(Trajectory.at_rate(screw), 77)
-    expected = SE3.exp(np.outer(resampled.stamps_s * 30, [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
-    np.testing.assert_allclose(resampled.T_world_camera.matrix, expected.matrix, atol=1e-12)
+    expected = SE3.exp(np.outer((resampled.stamps_s - 1) * 30, [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
+    np.testing.assert_allclose(resampled.T_world_camera.matrix, expected.matrix, atol=1e-6)  # stamps of microseconds
 
 
 @pytest.mark.parametrize("rate_hz", [14.9, 240.1, 0, -30, np.nan])
@@ -155,7 +155,7 @@ def test_a_rate_that_no_camera_has_is_refused(walk, rate_hz):
 
 def test_a_stamp_outside_the_span_is_refused(walk):
     with pytest.raises(InputError, match="stamps within"):
-        sample(walk, np.array([-0.1]))
+        sample(walk, np.array([0.9]))
 
 
 def test_a_broken_stamp_does_not_fill_the_memory(walk):

@@ -127,7 +127,7 @@ def test_stamps_of_a_recording_can_be_made_anew(run, tmp_path):
     write_trajectory(tmp_path / "a.txt", Trajectory(WALK.stamps_s * 1.01 + 1305031102.17, WALK.T_world_camera), "tum")
     assert_refused(
         run("convert", tmp_path / "a.txt", tmp_path / "a.gt.freiburg", "--quiet"),
-        "stamps at frame numbers",
+        "stamps of frame numbers",
         "--restamp",
     )
     assert run("convert", tmp_path / "a.txt", tmp_path / "a.gt.freiburg", "--restamp")[0] == 0

@@ -77,7 +77,7 @@ def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
 
 
 def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -> Trajectory:
-    """The camera at every frame of the timeline, stamps from 0 at the scene's frame rate; the current frame stays as it was.
+    """The camera at every frame of the timeline, stamps from 1 s on at the scene's frame rate; the current frame stays as it was.
 
     Markers that change the active camera are followed where no `camera` is given.
     """

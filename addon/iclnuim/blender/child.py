@@ -160,7 +160,7 @@ def _render(
     from iclnuim.worker_events import Missing, Written
 
     wanted, numbers = command.get("sequences"), command["frames"]
-    writer = writer_of(session.run, session.trajectory, numbers, wanted) if wanted else None
+    writer = writer_of(session.run, numbers, wanted) if wanted else None
     rendered, whole = session.render(numbers, should_stop)
     if writer is not None and whole:
         emit(Missing("sequences", len(writer.missing)))

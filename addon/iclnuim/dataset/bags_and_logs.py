@@ -1,14 +1,14 @@
 """A sequence in one file: ROS 1 and ROS 2 bags, through the optional package rosbags (no ROS needed), and .klg logs.
 
 Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info each, and with
-ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Every stamp is 1 s later
-than in the sequence, as ROS 1 takes stamp 0 for none.
+ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of the sequence.
 """
 
 import struct
 import tempfile
 import zlib
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from .frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_tru
 
 FRAME, WORLD = "camera_rgb_optical_frame", "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
-_OFFSET_S = 1.0
 
 
 def write_rosbag(folder: Path, out: Path, ros: int, on_frame: Callable[[int], None] = lambda number: None) -> int:
@@ -123,7 +122,7 @@ class _Bag:
 
     @staticmethod
     def _nanoseconds(stamp_s: float) -> int:
-        return round((stamp_s + _OFFSET_S) * 1e9)
+        return round(Decimal(repr(stamp_s)) * 10**9)
 
 
 def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:

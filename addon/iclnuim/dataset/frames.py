@@ -19,7 +19,7 @@ from ..formats.trajectories import read_trajectory
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory, frame_slice
+from ..geometry.trajectory import Trajectory, frame_slice, stamps_of_frames
 from ..sensor.transfer import light_from_srgb8
 from .depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
 from .ground_truth import TruthImages
@@ -167,9 +167,11 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     return _run_source(folder, camera, truth, numbers, origin)
 
 
-def frames_of_run(run: RunFolder, truth: Trajectory, numbers: Iterable[int]) -> FrameSource:
-    """Frames of a run, also such as are still to be rendered when it is asked what is missing."""
-    return _run_source(run.path, run.camera, truth, numbers, {"run": run.recipe})
+def frames_of_run(run: RunFolder, numbers: Iterable[int]) -> FrameSource:
+    """Frames of a run, also such as are still to be rendered when it is asked what is missing. Poses and stamps are those of the run's
+    folder: one that an earlier release began, with other stamps, goes on with its own.
+    """
+    return _run_source(run.path, run.camera, run.truth(), numbers, {"run": run.recipe})
 
 
 def _run_source(
@@ -284,7 +286,8 @@ def _by_name(folder: Path) -> list[Row]:
     depths = {p.stem: p for p in (folder / "depth").glob("*.png")}
     rgbs = sorted(p for p in (folder / "rgb").glob("*.png") if p.stem in depths)
     numbered = all(p.stem.isdigit() for p in rgbs)
-    return sorted(((int(p.stem) if numbered else i) / FRAME_RATE_HZ, p, depths[p.stem]) for i, p in enumerate(rgbs))
+    stamps_s = stamps_of_frames([int(p.stem) if numbered else i for i, p in enumerate(rgbs)]).tolist()
+    return sorted((stamp_s, p, depths[p.stem]) for stamp_s, p in zip(stamps_s, rgbs, strict=True))
 
 
 def _euroc_rows(folder: Path) -> list[Row]:
@@ -328,7 +331,7 @@ def _nerf_rows(folder: Path) -> list[Row]:
         if not isinstance(image, str) or not isinstance(depth, str):
             raise InputError("frames with file_path and depth_file_path", path=folder / NERF, found=f"frame {place}")
         number = int(Path(image).stem) if Path(image).stem.isdigit() else place
-        found.append((number / FRAME_RATE_HZ, folder / image, folder / depth))
+        found.append((float(stamps_of_frames(number)), folder / image, folder / depth))
     return found
 
 

@@ -17,7 +17,7 @@ from ..formats.png import PngHeader, check_png, read_depth16
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, sample, statistics
+from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, statistics
 from .depth_units import LARGEST_UNIT
 from .frames import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
 
@@ -94,7 +94,7 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
     if not len(steps):
         return
     usual = float(np.median(steps))
-    result.figures["rate_hz"] = round(1 / usual, 3) if usual > 0 else None
+    result.figures["rate_hz"] = frame_rate_hz([p.stamp_s for p in pairs]) if usual > 0 else None
     result.figures["duration_s"] = round(pairs[-1].stamp_s - pairs[0].stamp_s, 3)
     if back := int((steps <= 0).sum()):
         result.wrong.append(f"{back} stamps do not come after the one before")

@@ -47,6 +47,10 @@ class RunFolder:
     def camera(self) -> PinholeCamera:
         return PinholeCamera.from_dict(self.recipe["job"]["camera"])
 
+    def truth(self) -> Trajectory:
+        """Poses and stamps of all frames of the trajectory. Raises InputError."""
+        return read_trajectory(self.path / "groundtruth.txt", "tum").trajectory
+
     def frame_file(self, number: int) -> Path:
         """The file of a frame: six digits, the number of its pose in the trajectory."""
         return self.path / "exr" / f"{number:06}.exr"
@@ -115,7 +119,10 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
     path = Path(path)
     existing = path / "sequence.json"
     if existing.is_file():
-        refuse_other("run", existing, run_identity(read_json(existing)), run_identity(recipe), "another {out}")
+        begun = read_json(existing)
+        refuse_other(
+            "run", existing, run_identity(begun), run_identity(recipe), "another {out}", _changed(begun, recipe)
+        )
     elif path.is_dir() and any(path.iterdir()):
         # a run killed before its recipe stood leaves an empty exr/, camera.json, groundtruth.txt and temporary files
         left = ("exr", "camera.json", "groundtruth.txt")
@@ -140,14 +147,27 @@ def read_run(path: Path) -> RunFolder:
     return RunFolder(Path(path), recipe)
 
 
-def refuse_other(what: str, place: Path, there: Mapping, asked: Mapping, hint: str) -> None:
-    """Raises InputError, naming every value that differs, where `what` was begun at `place` from other values than those asked for."""
+def _changed(begun: dict, asked: dict) -> dict[str, str]:
+    """What to say of a file under the same name as then, where its hash differs."""
+    there, job = (recipe["job"] if isinstance(recipe.get("job"), dict) else {} for recipe in (begun, asked))
+    sentences = {"trajectory": "other poses or stamps of the trajectory {}", "scene": "another version of the scene {}"}
+    same = [name for name in sentences if name in job and there.get(name) == job[name]]
+    return {f"{name}_sha256": sentences[name].format(job[name]) for name in same}
+
+
+def refuse_other(
+    what: str, place: Path, there: Mapping, asked: Mapping, hint: str, changed: Mapping[str, str] | None = None
+) -> None:
+    """Raises InputError, naming every value that differs, where `what` was begun at `place` from other values than those asked for.
+    `changed`: what to say of a value instead, by its key.
+    """
     different = []
     for key in sorted({*there, *asked}):
         if there.get(key) != asked.get(key):
             text = f"{key} {there.get(key)} there, {asked.get(key)} asked"
             brief = len(text) < 100 and not key.endswith("_sha256")
-            different.append(text if brief else f"another {key.removesuffix('_sha256')}")
+            brief_text = text if brief else f"another {key.removesuffix('_sha256')}"
+            different.append((changed or {}).get(key, brief_text))
     if different:
         raise InputError(f"the {what} that was begun there", path=place, found="; ".join(different), hint=hint)
 

@@ -20,7 +20,6 @@ from ..errors import InputError, WorkError
 from ..formats.files import atomic_write_text, make_folder, read_bytes, read_json, sha256, write_json, writer_died
 from ..formats.libraries import first_library
 from ..formats.png import BACKENDS, write_png
-from ..geometry.trajectory import Trajectory
 from ..sensor.models import depth_model, rgb_model
 from ..shipped import source_commit
 from . import ground_truth
@@ -165,7 +164,7 @@ def standing_frames(source: FrameSource, folders: Iterable[Path], formats: Itera
         return {n for n, good in zip(source.numbers, pool.map(stands, source.numbers), strict=True) if good}
 
 
-def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
+def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
     """The writer of sequences of frames that may still have to be rendered; folders and recipes are made now.
 
     `wanted`, as a worker receives it: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
@@ -175,7 +174,7 @@ def writer_of(run: RunFolder, truth: Trajectory, numbers: Iterable[int], wanted:
     for folder, v in wanted["variants"].items():
         models, units = (depth_model(v["depth"]), rgb_model(v["rgb"])), v.get("depth_units", UNITS_PER_METRE)
         sequences[Path(folder)] = SequenceSettings(*models, v["seed"], units)
-    return SequenceWriter(frames_of_run(run, truth, numbers), sequences, wanted["dialects"])
+    return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["dialects"])
 
 
 def keep_freed_memory() -> None:

@@ -17,7 +17,7 @@ from ..formats.files import atomic_write, atomic_write_text, write_json
 from ..formats.trajectories import write_trajectory
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
-from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory, sample
+from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory, frame_rate_hz, frames_of_stamps, sample
 from .depth_units import UNITS_PER_METRE
 
 #: Any baseline serves a depth camera: it only sets, with ThDepth, how far points count as near (3 m here).
@@ -55,8 +55,8 @@ class Contents:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second, by the median step between stamps; the benchmark's for a single frame."""
-        return float(1 / np.median(np.diff(self.stamps_s))) if len(self.frames) > 1 else FRAME_RATE_HZ
+        """Frames a second by the stamps; the benchmark's for a single frame."""
+        return frame_rate_hz(self.stamps_s)
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _write_icl_nuim(folder: Path, contents: Contents, format: SequenceFormat) ->
     c = contents.camera
     rows = ((c.fx, 0, c.cx), (0, -c.fy, c.cy), (0, 0, 1))
     atomic_write_text(folder / "calibration.txt", "".join(f"{a:.6f} {b:.6f} {d:.6f}\n" for a, b, d in rows))
-    if contents.truth is not None and len(contents.truth) > (contents.truth.stamps_s[0] == 0):
+    if contents.truth is not None and len(contents.truth) > (frames_of_stamps(contents.truth.stamps_s)[0] < 0.5):
         _write_truth(folder / "groundtruth.gt.freiburg", contents, "gt.freiburg")
 
 
@@ -169,8 +169,8 @@ def _check_icl_nuim(contents: Contents) -> None:
         found = f"{contents.depth_units_per_metre:g}"
         raise InputError(f"{UNITS_PER_METRE:g} depth units a metre for the format icl-nuim", found=found)
     numbers = np.array([frame.number for frame in contents.frames])
-    if np.abs(contents.stamps_s * FRAME_RATE_HZ - numbers).max() > 0.01:
-        expected = f"stamps at frame numbers / {FRAME_RATE_HZ:g} s for the format icl-nuim"
+    if np.abs(frames_of_stamps(contents.stamps_s) - numbers).max() > 0.01:
+        expected = f"stamps of frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, for the format icl-nuim"
         raise InputError(expected, found="others", hint="the format tum")
 
 

@@ -6,14 +6,13 @@ TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth
 import math
 import os
 from dataclasses import dataclass, field
-from decimal import Decimal
 
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.trajectory import FRAME_RATE_HZ
+from ..geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps, stamps_of_frames
 from .files import atomic_write_text, data_lines, read_text
-from .trajectory_file import LARGEST_FRAME, LARGEST_STAMP_S
+from .trajectory_file import LARGEST_FRAME, LARGEST_STAMP_S, STAMP_SLACK, stamp_text
 
 PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/... (ICL-NUIM)"
 
@@ -36,16 +35,17 @@ class ImageList:
     def stamp_texts(self) -> list[str]:
         """Seconds as they are written into a list."""
         written = self.written or ("",) * len(self)
-        return [text or f"{Decimal(repr(stamp_s)):.9f}" for stamp_s, text in zip(self.stamps_s, written, strict=True)]
+        return [text or stamp_text(stamp_s) for stamp_s, text in zip(self.stamps_s, written, strict=True)]
 
     def frame_numbers(self) -> list[int]:
-        """Stamp = number / 30 s. Raises InputError for stamps between frames."""
-        numbers = [round(stamp_s * FRAME_RATE_HZ) for stamp_s in self.stamps_s]
-        for number, stamp_s in zip(numbers, self.stamps_s, strict=True):
-            if abs(stamp_s * FRAME_RATE_HZ - number) > 0.01 or not 0 <= number <= LARGEST_FRAME:
-                expected = f"stamps at frame numbers / {FRAME_RATE_HZ:g} s to write ICL-NUIM's order"
-                raise InputError(expected, found=f"{stamp_s:.9g} s")
-        return numbers
+        """Stamp = 1 + number / 30 s. Raises InputError for stamps between frames."""
+        frames = frames_of_stamps(self.stamps_s)
+        numbers = np.rint(frames)
+        bad = np.flatnonzero((np.abs(frames - numbers) > STAMP_SLACK) | (numbers < 0) | (numbers > LARGEST_FRAME))
+        if bad.size:
+            expected = f"stamps of frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, to write ICL-NUIM's order"
+            raise InputError(expected, found=f"{self.stamps_s[bad[0]]:.9g} s")
+        return numbers.astype(int).tolist()
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -69,7 +69,7 @@ class Associations:
 
 def read_associations(path: str | os.PathLike[str]) -> Associations:
     """Either order; which column holds the depth is read off the paths. Whole numbers in ICL-NUIM's order are
-    frame numbers, stamp = id / 30 s. Raises InputError naming file and line.
+    frame numbers, stamp = 1 + id / 30 s. Raises InputError naming file and line.
     """
     rows = _rows(path, 4, PAIRS)
     firsts = ["depth" in fields[1].lower() for _, fields in rows]
@@ -82,7 +82,7 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
         return Associations(first, second, "tum")
     if all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s)):
         first, second = (
-            ImageList(tuple(s / FRAME_RATE_HZ for s in one.stamps_s), one.paths) for one in (first, second)
+            ImageList(tuple(stamps_of_frames(one.stamps_s).tolist()), one.paths) for one in (first, second)
         )
     return Associations(second, first, "icl-nuim")
 

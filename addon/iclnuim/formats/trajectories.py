@@ -206,7 +206,7 @@ def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tupl
     T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). Without that image the first one written serves. Poses that already start as the
     official files do stay as they are.
     """
-    numbers = trajectory_file.frame_numbers(trajectory, options.rate_hz)
+    numbers = trajectory_file.frame_numbers(trajectory.stamps_s, options.rate_hz)
     kept = numbers >= 1
     if not kept.any():
         raise InputError("poses of image 1 or later (image 0 has none in this format)", found="image 0 alone")
@@ -230,7 +230,7 @@ def _given_sim(trajectory: Trajectory, options: FileOptions) -> Given:
 
 def _given_pov(trajectory: Trajectory, options: FileOptions) -> Given:
     poses = axes.pov_from_world_cv(trajectory.T_world_camera)
-    return trajectory_file.frame_numbers(trajectory, options.rate_hz).tolist(), poses
+    return trajectory_file.frame_numbers(trajectory.stamps_s, options.rate_hz).tolist(), poses
 
 
 def _blocks(source: Source) -> Table:
@@ -337,7 +337,7 @@ _MATRIX_ROW = "12 columns of a 3x4 matrix, or 13 with the frame number first"
 _SQUARE_ROW = "16 columns of a 4x4 matrix, row by row"
 _COLMAP = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of COLMAP's images.txt"
 _BLOCKS = "blocks of 3 lines with 4 columns: r00 r01 r02 tx"
-_FROM_POV = f"turned into {OUR_WORLD}, stamps frame/{{rate}} s"
+_FROM_POV = f"turned into {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
 
 _ALL = (
     TrajectoryFormat(  # ICL-NUIM's own, a file a frame
@@ -370,7 +370,7 @@ _ALL = (
         sniff=is_freiburg,
         expected="8 columns: id tx ty tz qx qy qz qw",
         hint="{from} tum if these are seconds",
-        sentence="gt.freiburg ({how}): LEFT-handed y-up poses made right-handed by mirroring y, stamps id/{rate} s, "
+        sentence="gt.freiburg ({how}): LEFT-handed y-up poses made right-handed by mirroring y, stamps 1 + id/{rate} s, "
         f"in {ANCHORED_WORLD}",
         how=_why_freiburg,
         frame=_ANCHORED,
@@ -386,7 +386,7 @@ _ALL = (
         columns=_MATRIX_COLUMNS,
         first=1,
         sentence="gt.sim: LEFT-handed y-up poses made right-handed by mirroring y, block k taken as image k+1, "
-        f"stamps (k+1)/{{rate}} s, in {ANCHORED_WORLD}; anchored at image 0, up to 8 mm off gt.freiburg",
+        f"stamps 1 + (k+1)/{{rate}} s, in {ANCHORED_WORLD}; anchored at image 0, up to 8 mm off gt.freiburg",
         frame=_ANCHORED,
         line="%.12f %.12f %.12f %.9f\n" * 3,
         parted="\n",
@@ -431,7 +431,7 @@ _ALL = (
         expected=_MATRIX_ROW,
         counts=(12, 13),
         columns=_MATRIX_COLUMNS,
-        sentence=f"KITTI rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps frame/{{rate}} s",
+        sentence=f"KITTI rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps 1 + frame/{{rate}} s",
         line=_MATRIX_LINE,
         goes_to="KITTI: 12 columns, right-handed camera-to-world poses, world as it was; stamps are not kept",
         endings=(".kitti",),
@@ -443,7 +443,7 @@ _ALL = (
         counts=(16,),
         columns=_MATRIX_COLUMNS,
         rows=_square_rows,
-        sentence=f"Replica rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps line/{{rate}} s, from 0",
+        sentence=f"Replica rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps 1 + line/{{rate}} s, lines from 0",
         line=_MATRIX_LINE.replace("\n", " 0 0 0 1\n"),
         goes_to="Replica: 16 columns of a 4x4 matrix, right-handed camera-to-world poses, world as it was; stamps are not kept",
         endings=(".replica",),
@@ -464,8 +464,8 @@ _ALL = (
         rows=_tum_rows,
         sentence="TUM: stamps in {how}",
         how=_tum_stamps,
-        line="%.9f %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-        given=lambda t, options: (t.stamps_s.tolist(), t.T_world_camera),
+        line="%s %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+        given=lambda t, options: (map(trajectory_file.stamp_text, t.stamps_s.tolist()), t.T_world_camera),
         header=TUM_HEADER,
         goes_to="TUM: seconds, right-handed camera-to-world poses, world as it was",
         endings=(".tum", ".txt"),
@@ -474,7 +474,7 @@ _ALL = (
         name="tum-ids",
         sniff=lambda source: False,
         hint="{from} tum",
-        sentence=f"TUM with frame numbers: stamps number/{{rate}} s, right-handed poses in {OWN_WORLD}",
+        sentence=f"TUM with frame numbers: stamps 1 + number/{{rate}} s, right-handed poses in {OWN_WORLD}",
     ),
 )
 #: name -> format, in the order in which they are asked whether a file is theirs

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import so3
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
+from ..geometry.trajectory import FRAME_RATE_HZ, STAMP_DIGITS, Trajectory, frames_of_stamps, stamps_of_frames
 from .files import data_lines, read_text
 
 OWN_WORLD = "the file's own world"
@@ -206,7 +207,7 @@ def seconds_of(
     if 2 * len(rows) < len(values):
         found = f"{len(values) - len(rows)} of {len(values)} that repeat the one before"
         raise table.error(0, "stamps with all their digits", found, "writing six digits after the point")
-    return (values if ticks else values / rate_hz)[rows], rows
+    return (values if ticks else stamps_of_frames(values, rate_hz))[rows], rows
 
 
 def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> SE3:
@@ -250,13 +251,22 @@ def check_writable(trajectory: Trajectory) -> None:
         raise InputError(f"stamps of at most {LARGEST_STAMP_S:g} s, a nanosecond or more apart, to write")
 
 
-def frame_numbers(trajectory: Trajectory, rate_hz: float) -> np.ndarray:
-    """(n,) integers: stamp * rate. Raises InputError where a stamp lies between two frames or before frame 0."""
-    frames = trajectory.stamps_s * rate_hz
+def stamp_text(stamp_s: float) -> str:
+    """Seconds as they are written: six digits after the point, up to nine for a stamp that these do not hold."""
+    text = f"{stamp_s:.{STAMP_DIGITS}f}"
+    if float(text) == stamp_s:
+        return text
+    nine = f"{Decimal(repr(float(stamp_s))):.9f}"
+    return nine[:-3] + nine[-3:].rstrip("0")
+
+
+def frame_numbers(stamps_s: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(n,) integers of stamps (n,): (stamp - 1) * rate. Raises InputError where a stamp lies between two frames or before frame 0."""
+    frames = frames_of_stamps(stamps_s, rate_hz)
     numbers = np.rint(frames)
     between = ~(np.abs(frames - numbers) <= STAMP_SLACK)
     bad = np.flatnonzero(between | (numbers < 0) | (np.diff(numbers, prepend=-1.0) <= 0))
     if bad.size:
-        expected = f"stamps at frame numbers / {rate_hz:g} s, from 0 on, to write frame numbers"
-        raise InputError(expected, found=f"{trajectory.stamps_s[bad[0]]:.15g} s", hint="{restamp}")
+        expected = f"stamps of frame numbers, 1 + number / {rate_hz:g} s, to write frame numbers"
+        raise InputError(expected, found=f"{stamps_s[bad[0]]:.15g} s", hint="{restamp}")
     return numbers.astype(np.int64)

@@ -105,21 +105,21 @@ class Motion:
 
 
 def make(recipe: Recipe) -> Motion:
-    """The recipe's motion: world z up, poses T_world_camera of the cv camera, stamps i / 30 s.
+    """The recipe's motion: world z up, poses T_world_camera of the cv camera, stamps 1 + i / 30 s.
 
     The length is the recipe's to 0.1 mm, shake included. Raises InputError where no scale within SCALE_LIMITS gives it.
     """
-    times_s, smooth, shake_m, shake_rad = _parts(recipe)
+    smooth, shake_m, shake_rad = _parts(recipe)
     centre = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
     scale = _scale_for_length(smooth[:, :3] - centre, shake_m, recipe.length_m)
     positions = centre + scale * (smooth[:, :3] - centre) + shake_m
     rotations = _rotation_world_camera(*smooth[:, 3:].T) @ so3.exp(shake_rad)
-    return Motion(Trajectory(times_s, SE3(rotations, positions)), scale)
+    return Motion(Trajectory.at_rate(SE3(rotations, positions)), scale)
 
 
 def natural_length_m(recipe: Recipe) -> float:
     """The length with the viewpoints just where they are, shake included; the recipe's own length does not matter."""
-    _, smooth, shake_m, _ = _parts(recipe)
+    smooth, shake_m, _ = _parts(recipe)
     return float(np.linalg.norm(np.diff(smooth[:, :3] + shake_m, axis=0), axis=1).sum())
 
 
@@ -128,8 +128,8 @@ def unhurried_s(recipe: Recipe) -> float:
     return float(_knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s)
 
 
-def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stamps (n,), the smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres in the world, (n, 3) radians about the camera's axes."""
+def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres in the world, (n, 3) radians about the camera's axes."""
     rng = np.random.default_rng(recipe.seed)
     times_s = np.arange(recipe.frames) / FRAME_RATE_HZ
     knots, values = _knots(recipe)
@@ -140,7 +140,7 @@ def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
         band = recipe.frames, FRAME_RATE_HZ, s.low_hz, s.high_hz
         shake_m += band_noise(*band, s.position_slope, 3, rng) * (s.position_mm / 1000.0 / np.sqrt(3.0))
         shake_rad += band_noise(*band, s.rotation_slope, 3, rng) * (np.radians(s.rotation_deg) / np.sqrt(3.0))
-    return times_s, natural_spline(knots, values, progress), shake_m, shake_rad
+    return natural_spline(knots, values, progress), shake_m, shake_rad
 
 
 def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:

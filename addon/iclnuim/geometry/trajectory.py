@@ -3,14 +3,43 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import InputError
 from . import so3
 from .se3 import SE3
 
 FRAME_RATE_HZ = 30.0
+#: Stamp of frame 0, for ROS and RTAB-Map take a stamp of 0 for none; and the digits after the point that stamps are written with.
+FIRST_STAMP_S, STAMP_DIGITS = 1.0, 6
 #: More than eleven hours at 240 Hz: what asks for more has a broken stamp.
 MOST_FRAMES = 10_000_000
+
+
+def stamps_of_frames(numbers: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
+    """Seconds of frames by their numbers from 0: 1 + number / rate, to the microsecond. All stamps that are made come from here."""
+    return np.round(FIRST_STAMP_S + np.asarray(numbers, float) / rate_hz, STAMP_DIGITS)
+
+
+def frames_of_stamps(stamps_s: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
+    """The inverse; between two frames a fraction. Where a stamp is below 1 s, all count from 0 s, as those of release 0.1 do."""
+    stamps_s = np.asarray(stamps_s, float)
+    start_s = FIRST_STAMP_S if stamps_s.min(initial=np.inf) >= FIRST_STAMP_S - 10.0**-STAMP_DIGITS else 0.0
+    return (stamps_s - start_s) * rate_hz
+
+
+def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
+    """Frames a second by the mean step, gaps left out; a whole number where that is within a microsecond, to which stamps are rounded.
+    The benchmark's rate for fewer than two stamps.
+    """
+    steps_s = np.diff(np.asarray(stamps_s, float))
+    if not steps_s.size:
+        return FRAME_RATE_HZ
+    usual_s = np.median(steps_s)
+    regular_s = steps_s[np.abs(steps_s - usual_s) < 0.5 * usual_s]
+    step_s = float(regular_s.mean() if regular_s.size else usual_s)
+    whole = round(1 / step_s)
+    return float(whole) if whole and abs(1 / whole - step_s) < 1.01 * 10**-STAMP_DIGITS else float(f"{1 / step_s:.5g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +60,8 @@ class Trajectory:
 
     @classmethod
     def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> "Trajectory":
-        """Pose i gets the stamp i / rate."""
-        return cls(np.arange(len(T_world_camera)) / rate_hz, T_world_camera)
+        """Pose i gets the stamp 1 + i / rate."""
+        return cls(stamps_of_frames(np.arange(len(T_world_camera)), rate_hz), T_world_camera)
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -86,8 +115,9 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     length_m, duration_s, count = trajectory.length_m(), float(steps_s.sum()), len(trajectory)
     mean_rate = float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s)
     extremes = length_m / duration_s, float(speeds.max()), mean_rate, float(rates.max())
+    rate_hz = frame_rate_hz(trajectory.stamps_s)
     gaps = int((steps_s > 1.5 * usual_s).sum())
-    return TrajectoryStatistics(count, length_m, duration_s, 1.0 / usual_s, *extremes, gaps, float(steps_s.max()))
+    return TrajectoryStatistics(count, length_m, duration_s, rate_hz, *extremes, gaps, float(steps_s.max()))
 
 
 def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Trajectory:
@@ -129,7 +159,8 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
     frames = (end - start) * rate_hz
     if frames > MOST_FRAMES:
         raise InputError(f"at most {MOST_FRAMES} frames, mended stamps", found=f"{end - start:.6g} s at {rate_hz:g} Hz")
-    stamps_s = start + np.arange(int(np.floor(frames + 1e-6)) + 1) / rate_hz
+    slack = max(1e-6, rate_hz * 10.0**-STAMP_DIGITS)  # of two rounded stamps
+    stamps_s = start + np.round(np.arange(int(np.floor(frames + slack)) + 1) / rate_hz, STAMP_DIGITS)
     # printed stamps are off by their last digit, so the last frame may lie a trifle behind the last pose
     return Trajectory(stamps_s, sample(trajectory, np.minimum(stamps_s, end)))
 

@@ -20,7 +20,7 @@ from ..evaluation.relative_error import RelativeErrorSettings, parse_delta
 from ..formats.files import read_json
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.scene_axes import SceneReading
-from ..geometry.trajectory import frame_slice
+from ..geometry.trajectory import frame_rate_hz, frame_slice
 from ..job import RenderJob
 from ..postprocess import absolute_trajectory_error, relative_pose_error
 from . import image_editor, inputs, pictures, state, trajectory_view
@@ -73,7 +73,7 @@ def keyframe(self, context):
         bpy.data.objects.remove(old)
         bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
     keyed_camera.keyframe(chosen.T_world_camera, lens)
-    rate_hz = (len(chosen) - 1) / (chosen.stamps_s[-1] - chosen.stamps_s[0]) if len(chosen) > 1 else 30.0
+    rate_hz = frame_rate_hz(chosen.stamps_s)
     scene.render.fps, scene.render.fps_base = max(round(rate_hz), 1), max(round(rate_hz), 1) / rate_hz
     scene.frame_set(0)
     for area in state.areas("VIEW_3D"):
