@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
-from iclnuim.dataset.frames import FrameSource, image_frames, run_frames
+from iclnuim.dataset.frames import FrameSource, find_pairs, image_frames, run_frames
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.packing import LICENCES, check_packable, pack, packed_names
 from iclnuim.dataset.sequence import SequenceWriter
@@ -99,6 +99,8 @@ def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path
             write_klg(folder, klg)
         elif not there:
             write_rosbag(folder, path, 1 if path == ros1 else 2)
+            if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
+                console.note("note: ROS 1 takes the first stamp, 0 s, for none")
     return wanted
 
 

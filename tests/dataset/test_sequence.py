@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from iclnuim.dataset.depth_units import count_invalid, depth16_from_metres, metres_from_depth16
 from iclnuim.dataset.frames import run_frames
+from iclnuim.dataset.run_folder import open_run
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import read_associations
 from iclnuim.formats.exr import read_exr, write_exr
+from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sensor.models import depth_model, rgb_model
 
 NOISY = SequenceSettings(depth_model("released"), rgb_model("released"), seed=7)
@@ -57,6 +60,33 @@ def test_another_seed_gives_other_noise_and_clean_depth_is_exact(run, tmp_path):
     depth = cv2.imread(str(clean / "depth/000002.png"), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.uint16
     assert np.abs(depth / 5000 - (1.2 + v / 30 + u / 100)).max() <= 0.5 / 5000 + 1e-6
+
+
+def test_a_run_of_0_1_0_goes_on_with_its_own_stamps(run, tmp_path):
+    """i / 30 s with nine digits: nowhere are both bases mixed, and frame numbers stay right."""
+    poses = run.truth().T_world_camera
+    write_trajectory(run.path / "groundtruth.txt", Trajectory(np.arange(4) / 30, poses), "tum")
+    out = fill(run, tmp_path / "out", formats=("tum", "icl-nuim"))
+    for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
+        stamps = [line.split()[0] for line in (out / "tum" / name).read_text().splitlines()[1:]]
+        assert stamps == ["0.000000", "0.033333333", "0.066666667", "0.100000"]
+    assert np.loadtxt(out / "icl-nuim/groundtruth.gt.freiburg")[:, 0].tolist() == [1, 2, 3]
+    assert (out / "icl-nuim/associations.txt").read_text().startswith("0 depth/0.png 0 rgb/0.png\n1 ")
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("trajectory_sha256", "found other poses or stamps of the trajectory office/kt0; try"),
+        ("scene_sha256", "found another version of the scene office; try"),
+    ],
+)
+def test_a_run_of_a_changed_room_or_trajectory_is_refused_by_its_name(run, tmp_path, key, words):
+    job = {**run.recipe["job"], "scene": "office", "trajectory": "office/kt0"}
+    recipe = {**run.recipe, "job": job}
+    open_run(tmp_path / "begun", recipe, run.truth())
+    with pytest.raises(InputError, match=words):
+        open_run(tmp_path / "begun", {**recipe, key: "other"}, run.truth())
 
 
 def test_independent_readers_pair_every_frame(run, tmp_path):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import FORMATS, FileOptions, format_for_name, read_trajectory, write_trajectory
+from iclnuim.formats.trajectory_file import stamp_text
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -99,6 +100,21 @@ def test_frame_numbers_survive_gaps(tmp_path, format):
     written, path = random_trajectory(5)[np.array([3, 4, 9, 31])], tmp_path / NAMES[format]
     write_trajectory(path, written, format)
     np.testing.assert_array_equal(read_trajectory(path).trajectory.stamps_s, written.stamps_s)
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "text"),
+    [
+        (1.0, "1.000000"),
+        (1.033333, "1.033333"),
+        (1305031102.175304, "1305031102.175304"),
+        (1 / 30, "0.033333333"),
+        (0.0000001, "0.0000001"),
+        (1.0000000000001, "1.000000"),
+    ],
+)
+def test_stamps_have_six_digits_and_more_only_where_they_need_them(stamp_s, text):
+    assert stamp_text(stamp_s) == text
 
 
 @pytest.mark.parametrize("format", ["tum", "euroc"])

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory, adopt, frame_slice, resample, sample, statistics
+from iclnuim.geometry.trajectory import (
+    Trajectory,
+    adopt,
+    frame_rate_hz,
+    frame_slice,
+    frames_of_stamps,
+    resample,
+    sample,
+    stamps_of_frames,
+    statistics,
+)
 from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -37,6 +47,22 @@ def test_gaps_are_counted_and_measured(walk):
     kept = np.delete(np.arange(200), [50, 51, 52, 120])
     figures = statistics(walk[kept])
     assert figures.gaps == 2 and figures.longest_gap_s == pytest.approx(4 / 30, abs=1.01e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [15, 23.976, 29.97, 30, 60, 240])
+def test_frames_have_stamps_of_microseconds_from_one_second_on(rate_hz):
+    numbers = np.arange(3000)
+    stamps_s = stamps_of_frames(numbers, rate_hz)
+    assert stamps_s[0] == 1 and [f"{s:.6f}" for s in stamps_s] == [f"{1 + i / rate_hz:.6f}" for i in numbers]
+    np.testing.assert_array_equal(np.rint(frames_of_stamps(stamps_s, rate_hz)), numbers)
+    np.testing.assert_allclose(frames_of_stamps(numbers / rate_hz, rate_hz), numbers)  # as release 0.1 wrote them
+    assert frame_rate_hz(stamps_s) == rate_hz
+    assert frame_rate_hz(np.delete(stamps_s, [7, 8, 9, 50])) == pytest.approx(rate_hz, rel=1e-5)
+
+
+@pytest.mark.parametrize("rate_hz", [15, 30, 60, 240])
+def test_two_stamps_tell_a_whole_rate(rate_hz):
+    assert {frame_rate_hz(stamps_of_frames([i, i + 1], rate_hz)) for i in range(10)} == {rate_hz}
 
 
 def test_one_pose_has_statistics():
