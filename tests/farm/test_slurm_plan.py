@@ -326,3 +326,10 @@ def test_pairs_in_other_formats_stand_too(job, tmp_path):
     assert (raw.parent / "noisy/euroc/mav0/cam0").is_dir() and (raw.parent / "clean/tum/rgb.txt").is_file()
     next((raw.parent / "clean/euroc").rglob("*.png")).unlink()
     assert len(plan.missing()) == 1
+
+
+@pytest.mark.parametrize("configure", [configure_make, configure_render])
+def test_quick_is_sixty_frames_in_a_row_from_the_first(tmp_path, configure):
+    assert asked_for(tmp_path, "office/kt1", "--quick", configure=configure).numbers == tuple(range(60))
+    with pytest.raises(InputError, match="not both"):
+        asked_for(tmp_path, "kt2", "--quick", "--frames", "::30", configure=configure)

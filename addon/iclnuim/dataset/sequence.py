@@ -90,6 +90,28 @@ def write_sequence(
     return writer.write(workers, on_frame)[0]
 
 
+class SequenceImages:
+    """Makes the images of frames for sequences that a SequenceWriter has begun, folder -> settings, in whatever process: what it reads of them
+    is read when it is made, and it writes images alone.
+    """
+
+    def __init__(
+        self, source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
+    ) -> None:
+        keep_freed_memory()
+        chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
+        self.source = source
+        self._images = [_Images(source, Path(out), settings, chosen) for out, settings in sequences.items()]
+
+    def make(self, number: int) -> list[JournalEntry | None]:
+        """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread. `SequenceWriter.note` what it returns,
+        on one thread. Raises InputError for a frame that cannot be read, WorkError where an image cannot be written.
+        """
+        rgb, depth_z_m = self.source.load(number)
+        truth = self.source.truth_images.images(number) if self.source.truth_images else {}
+        return [images.make(number, rgb, depth_z_m, truth) for images in self._images]
+
+
 class SequenceWriter:
     """The same frames under one or several settings, folder -> settings (clean and noisy): each frame is read once.
 
@@ -100,10 +122,11 @@ class SequenceWriter:
     def __init__(
         self, source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
     ) -> None:
-        keep_freed_memory()
-        chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
+        sequences, formats = {Path(out): settings for out, settings in sequences.items()}, tuple(dict.fromkeys(formats))
+        chosen = [sequence_format(name) for name in formats]
         self.source = source
-        self.targets = [_Target(source, Path(out), settings, chosen) for out, settings in sequences.items()]
+        self.targets = [_Target(source, out, settings, chosen) for out, settings in sequences.items()]
+        self.make = SequenceImages(source, sequences, formats).make
         self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
 
     def write(
@@ -128,14 +151,6 @@ class SequenceWriter:
                 pool.add(number)
         return [] if pool.stopped else self.complete()
 
-    def make(self, number: int) -> list[JournalEntry | None]:
-        """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread, in any process.
-        `note` what it returns, on one thread.
-        """
-        rgb, depth_z_m = self.source.load(number)
-        truth = self.source.truth_images.images(number) if self.source.truth_images else {}
-        return [t.make(number, rgb, depth_z_m, truth) for t in self.targets]
-
     def note(self, entries: list[JournalEntry | None]) -> int:
         """Into the journals; the frame's number."""
         new = [(target, entry) for target, entry in zip(self.targets, entries, strict=True) if entry is not None]
@@ -145,7 +160,7 @@ class SequenceWriter:
 
     def stands(self, number: int) -> bool:
         """Whether the frame's images, read back, are in every sequence what its journal says."""
-        return all(_stands(t.entries, number, t.places[number]) for t in self.targets)
+        return all(target.stands(number) for target in self.targets)
 
     def complete(self) -> list[WrittenSequence]:
         """Lists and recipe of all frames, once they are made."""
@@ -184,39 +199,53 @@ def keep_freed_memory() -> None:
     np.empty(30 << 20, np.uint8)
 
 
-class _Target:
-    """One sequence being written: where its images go, what is there already."""
+class _Images:
+    """One sequence: where its images lie, which stood when this was made, how one is made."""
 
     def __init__(
         self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
     ) -> None:
         self.source, self.out, self.settings, self.layout = source, out, settings, _layout(out, formats)
+        self.journal = out / "frames.jsonl"
+        self.entries = read_entries(self.journal)
+        self.places = _places(source, self.layout)
+
+    def stands(self, number: int) -> bool:
+        """Whether all images of a frame are there as the journal has them."""
+        return _stands(self.entries, number, self.places[number])
+
+    def make(
+        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, truth: dict[str, np.ndarray]
+    ) -> JournalEntry | None:
+        if self.stands(number):
+            return None
+        image, units, invalid = noisy_images(rgb, depth_z_m, self.source.camera, number, self.settings)
+        images = {"rgb": image, "depth": units, **truth}
+        digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
+        return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)
+
+
+class _Target(_Images):
+    """One sequence being written: begun or gone on with, its journal kept."""
+
+    def __init__(
+        self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
+    ) -> None:
+        super().__init__(source, out, settings, formats)
         for format in formats:
             format.check(self._contents(source.numbers))
         self.recipe = self._begun()
-        self.journal, self.entries = out / "frames.jsonl", read_entries(out / "frames.jsonl")
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
             # a line cut short by a crash; in place: a kill in the middle of writing anew would lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
-        self.places = _places(source, self.layout)
-        self.finished = frozenset(n for n, files in self.places.items() if _stands(self.entries, n, files))
+        self.finished = frozenset(n for n in self.places if self.stands(n))
         images = (path for n in source.numbers for paths in self.places[n].values() for path in paths)
         for folder in sorted({out, *(path.parent for path in images)}):
             make_folder(folder)
             for leftover in folder.glob(".*.tmp.*"):
                 if writer_died(leftover):
                     leftover.unlink(missing_ok=True)
-
-    def make(
-        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, truth: dict[str, np.ndarray]
-    ) -> JournalEntry | None:
-        if number in self.finished:
-            return None
-        image, units, invalid = noisy_images(rgb, depth_z_m, self.source.camera, number, self.settings)
-        images = {"rgb": image, "depth": units, **truth}
-        digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
-        return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)
 
     def note(self, entry: JournalEntry) -> None:
         """Append one line to the journal. Raises WorkError where it cannot be written."""

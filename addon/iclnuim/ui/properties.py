@@ -59,7 +59,7 @@ class PanelSettings(Settings):
     write_clean: bool = setting(True, "write a sequence without noise", label="Clean")
     write_noisy: bool = setting(True, "write a sequence with the sensor's noise", label="Noisy")
     frames: str = setting(
-        "::30",
+        ":60",
         "poses to render, as A:B:S: from A, before B, every S-th (30 per second); :: is all, a number is one frame",
     )
     delta: str = setting(
