@@ -18,10 +18,8 @@ from ..formats.trajectories import write_trajectory
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory, frame_rate_hz, frames_of_stamps, sample
+from . import slam_settings
 from .depth_units import UNITS_PER_METRE
-
-#: Any baseline serves a depth camera: it only sets, with ThDepth, how far points count as near (3 m here).
-_BASELINE_M, _NEAR_M = 0.08, 3.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,8 @@ def _write_tum(folder: Path, contents: Contents, format: SequenceFormat) -> None
     write_associations(folder / "associations.txt", Associations(rgb, depth))
     units = {"depth_units_per_metre": contents.depth_units_per_metre}
     write_json(folder / "camera.json", contents.camera.to_dict() | units)
-    atomic_write_text(folder / "orb_slam3.yaml", _orb_slam3_settings(contents))
+    settings = slam_settings.orb_slam3(contents.camera, contents.rate_hz, contents.depth_units_per_metre)
+    atomic_write_text(folder / "orb_slam3.yaml", settings)
     _write_truth(folder / "groundtruth.txt", contents, "tum")
 
 
@@ -106,51 +105,6 @@ def _write_truth(path: Path, contents: Contents, format: str) -> None:
         atomic_write(path, lambda temporary: temporary.write_bytes(data))
     elif contents.truth is not None:
         write_trajectory(path, contents.truth, format)
-
-
-def _orb_slam3_settings(contents: Contents) -> str:
-    """Settings of ORB-SLAM3, YAML as OpenCV reads it, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE SEQUENCE/associations.txt`."""
-    c = contents.camera
-    return f"""%YAML:1.0
-# ORB-SLAM3, RGB-D: rgbd_tum VOCABULARY orb_slam3.yaml SEQUENCE SEQUENCE/associations.txt
-File.version: "1.0"
-
-Camera.type: "PinHole"
-Camera1.fx: {float(c.fx)!r}
-Camera1.fy: {float(c.fy)!r}
-Camera1.cx: {float(c.cx)!r}
-Camera1.cy: {float(c.cy)!r}
-Camera1.k1: 0.0
-Camera1.k2: 0.0
-Camera1.p1: 0.0
-Camera1.p2: 0.0
-Camera.width: {c.width}
-Camera.height: {c.height}
-Camera.fps: {max(1, round(contents.rate_hz))}
-# as in ORB-SLAM3's own settings for TUM sequences
-Camera.RGB: 1
-
-Stereo.ThDepth: {_NEAR_M / _BASELINE_M:.6f}
-Stereo.b: {_BASELINE_M:.6f}
-RGBD.DepthMapFactor: {float(contents.depth_units_per_metre)!r}
-
-ORBextractor.nFeatures: 1000
-ORBextractor.scaleFactor: 1.2
-ORBextractor.nLevels: 8
-ORBextractor.iniThFAST: 20
-ORBextractor.minThFAST: 7
-
-Viewer.KeyFrameSize: 0.05
-Viewer.KeyFrameLineWidth: 1.0
-Viewer.GraphLineWidth: 0.9
-Viewer.PointSize: 2.0
-Viewer.CameraSize: 0.08
-Viewer.CameraLineWidth: 3.0
-Viewer.ViewpointX: 0.0
-Viewer.ViewpointY: -0.7
-Viewer.ViewpointZ: -1.8
-Viewer.ViewpointF: 500.0
-"""
 
 
 def _write_icl_nuim(folder: Path, contents: Contents, format: SequenceFormat) -> None:

@@ -1,0 +1,159 @@
+"""Settings files of SLAM systems for a sequence: its camera, its frame rate and its depth units; all else as each system's own files for TUM sequences.
+
+A new one is a function and a line in SLAM_SETTINGS.
+"""
+
+from collections.abc import Callable
+
+from ..geometry.camera import PinholeCamera
+
+#: Any baseline serves a depth camera: with the factor for near points it only sets how far these count as near (3 m here).
+_BASELINE_M, _NEAR_M = 0.08, 3.0
+_ORB = """ORBextractor.nFeatures: 1000
+ORBextractor.scaleFactor: 1.2
+ORBextractor.nLevels: 8
+ORBextractor.iniThFAST: 20
+ORBextractor.minThFAST: 7
+
+Viewer.KeyFrameSize: 0.05
+Viewer.KeyFrameLineWidth: 1.0
+Viewer.GraphLineWidth: 0.9
+Viewer.PointSize: 2.0
+Viewer.CameraSize: 0.08
+Viewer.CameraLineWidth: 3.0
+Viewer.ViewpointX: 0.0
+Viewer.ViewpointY: -0.7
+Viewer.ViewpointZ: -1.8
+Viewer.ViewpointF: 500.0
+"""
+
+
+def orb_slam3(c: PinholeCamera, rate_hz: float, units: float) -> str:
+    """YAML as OpenCV reads it, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE SEQUENCE/associations.txt`."""
+    return f"""%YAML:1.0
+# ORB-SLAM3, RGB-D: rgbd_tum VOCABULARY orb_slam3.yaml SEQUENCE SEQUENCE/associations.txt
+File.version: "1.0"
+
+Camera.type: "PinHole"
+Camera1.fx: {float(c.fx)!r}
+Camera1.fy: {float(c.fy)!r}
+Camera1.cx: {float(c.cx)!r}
+Camera1.cy: {float(c.cy)!r}
+Camera1.k1: 0.0
+Camera1.k2: 0.0
+Camera1.p1: 0.0
+Camera1.p2: 0.0
+Camera.width: {c.width}
+Camera.height: {c.height}
+Camera.fps: {_whole(rate_hz)}
+# as in ORB-SLAM3's own settings for TUM sequences
+Camera.RGB: 1
+
+Stereo.ThDepth: {_NEAR_M / _BASELINE_M:.6f}
+Stereo.b: {_BASELINE_M:.6f}
+RGBD.DepthMapFactor: {float(units)!r}
+
+{_ORB}"""
+
+
+def orb_slam2(c: PinholeCamera, rate_hz: float, units: float) -> str:
+    """YAML as OpenCV reads it; ORB-SLAM3 reads this older form too."""
+    return f"""%YAML:1.0
+# ORB-SLAM2, RGB-D: rgbd_tum VOCABULARY orb_slam2.yaml SEQUENCE SEQUENCE/associations.txt
+Camera.fx: {float(c.fx)!r}
+Camera.fy: {float(c.fy)!r}
+Camera.cx: {float(c.cx)!r}
+Camera.cy: {float(c.cy)!r}
+Camera.k1: 0.0
+Camera.k2: 0.0
+Camera.p1: 0.0
+Camera.p2: 0.0
+Camera.width: {c.width}
+Camera.height: {c.height}
+Camera.fps: {float(_whole(rate_hz))}
+Camera.bf: {_BASELINE_M * c.fx:.6f}
+Camera.RGB: 1
+ThDepth: {_NEAR_M / _BASELINE_M:.6f}
+DepthMapFactor: {float(units)!r}
+
+{_ORB}"""
+
+
+def stella_vslam(c: PinholeCamera, rate_hz: float, units: float) -> str:
+    """YAML for `run_tum_rgbd_slam -v VOCABULARY -c THIS_FILE -d SEQUENCE`."""
+    return f"""# stella_vslam, RGB-D: run_tum_rgbd_slam -v VOCABULARY -c stella_vslam.yaml -d SEQUENCE
+Camera:
+  name: "RGB-D"
+  setup: "RGBD"
+  model: "perspective"
+  fx: {float(c.fx)!r}
+  fy: {float(c.fy)!r}
+  cx: {float(c.cx)!r}
+  cy: {float(c.cy)!r}
+  k1: 0.0
+  k2: 0.0
+  p1: 0.0
+  p2: 0.0
+  k3: 0.0
+  fps: {float(_whole(rate_hz))}
+  cols: {c.width}
+  rows: {c.height}
+  focal_x_baseline: {_BASELINE_M * c.fx:.6f}
+  depth_threshold: {_NEAR_M / _BASELINE_M:.6f}
+  color_order: "RGB"
+
+Preprocessing:
+  depthmap_factor: {float(units)!r}
+
+Feature:
+  name: "ORB"
+  scale_factor: 1.2
+  num_levels: 8
+  ini_fast_threshold: 20
+  min_fast_threshold: 7
+"""
+
+
+def camera_info(c: PinholeCamera, rate_hz: float, units: float) -> str:
+    """The camera_info YAML of ROS, with RTAB-Map's local_transform (x forward, z up to the camera's axes); rate and units are no part of it."""
+    fx, fy, cx, cy = (float(v) for v in (c.fx, c.fy, c.cx, c.cy))
+    return f"""%YAML:1.0
+---
+camera_name: rtabmap_calib
+image_width: {c.width}
+image_height: {c.height}
+camera_matrix:
+   rows: 3
+   cols: 3
+   data: [ {fx!r}, 0.0, {cx!r}, 0.0, {fy!r}, {cy!r}, 0.0, 0.0, 1.0 ]
+distortion_model: plumb_bob
+distortion_coefficients:
+   rows: 1
+   cols: 5
+   data: [ 0.0, 0.0, 0.0, 0.0, 0.0 ]
+rectification_matrix:
+   rows: 3
+   cols: 3
+   data: [ 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0 ]
+projection_matrix:
+   rows: 3
+   cols: 4
+   data: [ {fx!r}, 0.0, {cx!r}, 0.0, 0.0, {fy!r}, {cy!r}, 0.0, 0.0, 0.0, 1.0, 0.0 ]
+local_transform:
+   rows: 3
+   cols: 4
+   data: [ 0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0 ]
+"""
+
+
+def _whole(rate_hz: float) -> int:
+    return max(1, round(rate_hz))
+
+
+#: name -> (camera, frames a second, depth units a metre) -> the file's text
+SLAM_SETTINGS: dict[str, Callable[[PinholeCamera, float, float], str]] = {
+    "orb_slam3": orb_slam3,
+    "orb_slam2": orb_slam2,
+    "stella_vslam": stella_vslam,
+    "camera_info": camera_info,
+}
