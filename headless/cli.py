@@ -33,6 +33,7 @@ COMMANDS = {
     "pack": "the archive to publish: files, checksums, licence, preview, recipe",
     "evaluate": "errors against ground truth: trajectory (ate, rpe), surface (surface)",
     "odometry": "camera motion from colour and depth: our odometers and third-party ones",
+    "run": "any system's camera motion on sequences: staged, timed, judged by what it wrote",
     "fuse": "depth images and a trajectory to a coloured mesh",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",

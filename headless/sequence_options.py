@@ -68,13 +68,18 @@ def open_sequence(args: argparse.Namespace, console: Console, folder: Path, dept
     from iclnuim.odometry.run import Sequence
 
     sequence = Sequence(folder, depth_offset, camera_from(args))
-    if sequence.camera.assumed:
-        c, units = sequence.camera.pinhole, sequence.camera.depth_units_per_metre
+    note_assumed_camera(folder, sequence.camera, console)
+    return sequence
+
+
+def note_assumed_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
+    """A note where no file gave the camera."""
+    if camera.assumed:
+        c, units = camera.pinhole, camera.depth_units_per_metre
         console.note(
             f"{folder}: no camera.json: the benchmark's camera is taken, {c.width}x{c.height},{c.fx:g},{c.fy:g},"
             f"{c.cx:g},{c.cy:g}, {units:g} units a metre; another: --camera"
         )
-    return sequence
 
 
 def require(what: str, *modules: str) -> None:

@@ -27,6 +27,7 @@ MODULES = (
     "iclnuim.geometry.handheld_plan",
     "iclnuim.geometry.handheld",
     "iclnuim.headless.farm.run_plan",
+    "iclnuim.headless.systems.system",
 )
 HEAD = """# Settings
 

@@ -24,6 +24,7 @@ from iclnuim.odometry.registry import NAMES, odometer
 
 from ..options import Console, action, count, renamed, subcommands
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
+from ..systems.experiment import merged
 from .odometry import RENAMED_METHODS
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
     odometry = action(actions, "odometry", help, example, _odometry)
     add = odometry.add_argument
-    what = "sequences with ground truth, or results of --json from before"
+    what = "sequences with ground truth, or results from before: of --json, or results.json of `iclnuim run`"
     add("folders", type=Path, nargs="+", metavar="DIR", help=what)
     add_camera_options(odometry)
     add("--preset", default="best", help="of ours: best (default) or paper")
@@ -172,13 +173,14 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         which = _installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder) for folder in folders]
     results += [_compare_odometers(s, which, args.preset, args.first, console.progress) for s in sequences]
+    results = merged(results)
     if args.plot:
         from iclnuim.report import charts
 
         charts.save(_odometry_figure(results), args.plot)
     texts = []
     for r in results:
-        title = f"{r['sequence']}, preset {r['preset']} of ours"
+        title = r["sequence"] + (f", preset {r['preset']} of ours" if r["preset"] else "")
         texts.append(f"{title}\n{table(r['runs'])}\nPareto front: {', '.join(_front(r['runs']))}")
     console.result({"races": results}, "\n\n".join(texts))
 
@@ -223,12 +225,17 @@ def _read_results(path: Path) -> list[dict]:
 
 def _front(runs: list[dict]) -> list[str]:
     """The Pareto front: names of those that no other beats in both median time and error."""
-    points = [(d["odometer"], d["ms_median"], d["ate_rmse_m"]) for d in runs if d["ate_rmse_m"] is not None]
+    points = [(d["odometer"], d["ms_median"], d["ate_rmse_m"]) for d in runs if _has_point(d)]
     return [n for n, ms, ate in points if not any(m <= ms and a <= ate and (m, a) != (ms, ate) for _, m, a in points)]
 
 
+def _has_point(d: dict) -> bool:
+    return d["ate_rmse_m"] is not None and d["ms_median"] is not None
+
+
 def _odometry_figure(results: list[dict]) -> "Figure":
-    """ATE over time a frame: a dot at the median, a line to the 95th percentile, the front dashed."""
+    """ATE over time a frame: a dot at the median, a line to the 95th percentile (of several runs: triangle, quartiles of the ATE), the front dashed."""
+    import numpy as np
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure
 
@@ -239,22 +246,26 @@ def _odometry_figure(results: list[dict]) -> "Figure":
     for axes, result in zip(panels.flat, results, strict=False):
         best, not_beaten = [], _front(result["runs"])
         for i, d in enumerate(result["runs"]):
-            if d["ate_rmse_m"] is None:
+            if not _has_point(d):
                 continue
             ate_mm, marker = d["ate_rmse_m"] * 1e3, "s" if d["odometer"].startswith("baseline:") else "o"
             colour = COLOURS[i % len(COLOURS)]
-            axes.plot([d["ms_median"], d["ms_95"]], [ate_mm, ate_mm], color=colour, linewidth=1)
+            if "runs" in d:  # of `iclnuim run`: quartiles of the error, and whole processes' time
+                marker = "^"
+                axes.plot([d["ms_median"]] * 2, 1e3 * np.array(d["ate_quartiles_m"]), color=colour, linewidth=1)
+            else:
+                axes.plot([d["ms_median"], d["ms_95"]], [ate_mm, ate_mm], color=colour, linewidth=1)
             axes.plot(d["ms_median"], ate_mm, marker, color=colour, label=d["odometer"], linestyle="")
             if d["odometer"] in not_beaten:
                 best.append((d["ms_median"], ate_mm))
-        axes.plot(*zip(*sorted(best), strict=True), "--", color="grey", linewidth=0.8)
+        axes.plot([ms for ms, _ in sorted(best)], [mm for _, mm in sorted(best)], "--", color="grey", linewidth=0.8)
         axes.set(xscale="log", yscale="log", title=result["sequence"])
         axes.set_xticks([5, 10, 20, 50, 100, 200], labels=["5", "10", "20", "50", "100", "200"])
         axes.xaxis.set_minor_formatter("")
         axes.yaxis.set_minor_formatter("")
         axes.grid(alpha=0.3)
     for axes in panels[-1]:
-        axes.set_xlabel("ms a frame: median, line to 95 %")
+        axes.set_xlabel("ms a frame: median, line to 95 % (triangles: whole process)")
     for axes in panels[:, 0]:
         axes.set_ylabel("ATE RMSE [mm]")
     handles, labels = panels[0][0].get_legend_handles_labels()

@@ -146,12 +146,20 @@ def run_together(
 
 
 def table(runs: Iterable[Run | dict]) -> str:
-    """Of runs, or what their to_dict() gave: one row each; ms and frames a second without reading the images, ATE and RPE over 1 s as RMSE."""
+    """Of runs, or what their to_dict() gave: one row each; ms and frames a second without reading the images, ATE and RPE over 1 s as RMSE.
+
+    Rows of `iclnuim run` have no more than their figures: ms of the whole process, and below it what is to be said of them.
+    """
     head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
     lines = [f"{'odometer':<26}{head}"]
     for r in (run.to_dict() if isinstance(run, Run) else run for run in runs):
-        ate, rpe = ("-" if r[k] is None else f"{r[k] * 1e3:.3f}" for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
-        rate = f"{r['frames_per_s']:.1f}" if r.get("frames_per_s") else "-"
-        figures = f"{r['frames']:>7}{r['lost']:>6}{r['degenerate']:>8}{r['ms_median']:>8.1f}{r['ms_95']:>8.1f}"
+        ate, rpe = (_or_dash(r[k], ".3f", 1e3) for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
+        ms, ms_95, rate = (_or_dash(r.get(k), ".1f") for k in ("ms_median", "ms_95", "frames_per_s"))
+        figures = f"{r['frames']:>7}{r['lost']:>6}{_or_dash(r['degenerate'], 'd'):>8}{ms:>8}{ms_95:>8}"
         lines.append(f"{r['odometer']:<26}{figures}{rate:>7}{ate:>10}{rpe:>12}")
+        lines += [f"    {note}" for note in r.get("notes", ())]
     return "\n".join(lines)
+
+
+def _or_dash(value: float | None, how: str, factor: float = 1) -> str:
+    return "-" if value is None else format(value * factor, how)

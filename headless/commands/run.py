@@ -1,0 +1,108 @@
+"""`iclnuim run`: a system that estimates camera motion, ours or anybody's, on sequences: staged, timed, judged by what it wrote."""
+
+import argparse
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from iclnuim.errors import InputError
+
+from ..options import Console, common, count
+from ..sequence_options import add_camera_options, camera_from, note_assumed_camera
+from ..systems.experiment import Experiment, write_results
+from ..systems.staging import StagedSequence
+from ..systems.system import built_in, read_system
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("system", metavar="SYSTEM", help=f"{', '.join(built_in())}, or a file SYSTEM.toml of your own: docs/systems.md")
+    add("folders", type=Path, nargs="+", metavar="DIR", help="sequences in any format; with ground truth for errors")
+    add("--runs", type=count, default=1, metavar="N", help="of each sequence; medians and quartiles count; default: 1")
+    help = "seconds after which a run and all its processes are killed; default: a minute, and a second a frame"
+    add("--time-limit", type=_seconds, metavar="S", help=help)
+    add("-o", "--out", type=Path, default=Path("out/systems"), metavar="OUT", help="default: out/systems")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the system, several times")
+    add("--vocabulary", metavar="FILE", help="the same as --set vocabulary=FILE; .xz and .gz are unpacked")
+    add("--program", metavar="PATH", help="the system's program, or the Python it runs in; default: found on PATH")
+    add("--first", type=count, metavar="N", help="only the first N frames")
+    add("--stage-only", action="store_true", help="write view and settings file, and print the command")
+    add_camera_options(parser)
+    common(parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt")
+
+
+def run(args: argparse.Namespace, console: Console) -> None:
+    """Exit code 0 also where a system failed: its row says so."""
+    system = read_system(args.system, _options(args))
+    experiments = []
+    for folder in args.folders:
+        sequence = StagedSequence.of(folder, camera_from(args), args.first)
+        note_assumed_camera(folder, sequence.camera, console)
+        experiments.append(Experiment(system, sequence, args.out))
+    if len({e.folder for e in experiments}) < len(experiments):
+        raise InputError("sequences whose last two folders differ in name", found=", ".join(map(str, args.folders)))
+    if args.stage_only:
+        commands = [system.filled(system.settings.command, {**e.prepare(), "out": "OUT"}) for e in experiments]
+        console.result({"commands": commands}, "\n".join(" ".join(command) for command in commands))
+        return
+    races = []
+    progress = console.progress(args.runs * len(experiments), f"run {system.name}", "runs")
+    with _terminated_as_interrupted():
+        for e in experiments:
+            limit_s = args.time_limit or 60.0 + len(e.sequence.pairs)
+            rows = e.run(args.runs, limit_s, progress.advance)
+            races.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
+            write_results(args.out, races[-1:])
+    console.note(f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it beside other results")
+    console.result({"races": races}, "\n\n".join(table(race) for race in races))
+
+
+def table(race: dict) -> str:
+    """A line for each trajectory of a system, medians over its runs; below it what is to be said of them."""
+    head = f"{'runs':>6}{'covered':>9}{'ATE [mm]':>10}{'quartiles':>18}{'RPE [mm/s]':>12}{'wall [s]':>10}{'CPU [s]':>9}{'MB':>7}"
+    lines = [race["sequence"], f"{'':<26}{head}"]
+    for r in race["runs"]:
+        ate, rpe = (_mm(r[key]) for key in ("ate_rmse_m", "rpe_1s_rmse_m"))
+        quartiles = " .. ".join(map(_mm, r["ate_quartiles_m"])) if r["ate_quartiles_m"] else "-"
+        runs = f"{r['good_runs']}/{r['runs']}"
+        figures = f"{runs:>6}{r['coverage']:>9.1%}{ate:>10}{quartiles:>18}{rpe:>12}"
+        lines.append(f"{r['odometer']:<26}{figures}{r['wall_s']:>10.1f}{r['cpu_s']:>9.1f}{r['peak_bytes'] / 1e6:>7.0f}")
+        lines += [f"    {note}" for note in r["notes"]]
+    return "\n".join(lines)
+
+
+def _mm(length_m: float | None) -> str:
+    return "-" if length_m is None else f"{length_m * 1e3:.3f}"
+
+
+def _options(args: argparse.Namespace) -> dict[str, str]:
+    """What --set, --vocabulary and --program give."""
+    given = {"vocabulary": args.vocabulary, "program": args.program}
+    options = {key: value for key, value in given.items() if value is not None}
+    for text in args.set:
+        name, sign, value = text.partition("=")
+        if not sign or not name:
+            raise InputError("NAME=VALUE", setting="--set", found=text)
+        options[name] = value
+    return options
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e7:
+        raise argparse.ArgumentTypeError(f"expected seconds above 0, found {text!r}")
+    return value
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the work as Ctrl-C does: the system's processes are killed, and no half run is left."""
+    numbers = (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

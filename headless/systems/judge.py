@@ -1,0 +1,183 @@
+"""What a system wrote, read and matched to the frames' own stamps, and the figures of several runs as a row of `bench odometry`.
+
+Only the trajectory counts: how a process ended is reported beside it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from iclnuim.errors import InputError
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.associate import AssociationSettings, associate
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.formats.files import atomic_write_text, read_text
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.report.trajectory_report import BetterOffset
+
+from .process import Ended
+from .staging import StagedSequence
+from .system import ResultSettings, System
+
+#: A pose belongs to a frame whose stamp is nearer than this, and than a quarter of a frame: six digits, or a float's.
+_MATCH_S, _MATCH_SHARE = 1e-3, 0.25
+#: Coverage below which a row says so.
+_WHOLE = 0.9
+_SECOND = RelativeErrorSettings(1.0, "seconds")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one trajectory of one run: how many of the frames have a pose, RMSE in metres (None where there is none), and what is to be said."""
+
+    matched: int
+    ate_rmse_m: float | None
+    rpe_1s_rmse_m: float | None
+    notes: tuple[str, ...]
+
+
+def judge(sequence: StagedSequence, system: System, name: str, run: Path, ended: Ended) -> Verdict:
+    """Reads the trajectory `name` that a run wrote into run/out, writes it as run/matched/NAME.txt (TUM, the frames' own stamps), and measures that file."""
+    result, notes = system.trajectories[name], _how(ended)
+    file = run / "out" / result.file
+    try:
+        written, said = _read(file, run / "matched", result)
+        found, more = _matched(sequence, system, result, written)
+        notes = [*said, *more, *notes]
+    except InputError as error:
+        empty = f"wrote nothing{_last_line(run / 'log.txt')}"
+        what = empty if _empty(file) else error.worded().removeprefix(f"{file.parent}/")
+        return Verdict(0, None, None, (what, *notes))
+    target = run / "matched" / f"{name}.txt"
+    write_trajectory(target, found, "tum")
+    return _measured(sequence, read_trajectory(target, "tum").trajectory, notes)
+
+
+def _how(ended: Ended) -> list[str]:
+    if ended.how == "time limit":
+        return [f"killed at the time limit of {ended.wall_s:.0f} s"]
+    return [] if ended.how == "exit 0" else [f"ended by {ended.how}"]
+
+
+def _empty(file: Path) -> bool:
+    return not file.is_file() or not file.read_bytes().strip()
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_bytes().decode("utf-8", "replace").strip().splitlines() if log.is_file() else []
+    return f"; its last line: {lines[-1].strip()[:120]}" if lines else ""
+
+
+def _read(file: Path, matched: Path, result: ResultSettings) -> tuple[Trajectory, list[str]]:
+    """Lines that hold NaN or infinity are frames that the system did not track: they are left out, and counted."""
+    matched.mkdir(exist_ok=True)
+    text = read_text(file, "a trajectory")
+    lines = text.splitlines(keepends=True)
+    good = [line for line in lines if not _not_finite(line)]
+    notes = []
+    if left_out := len(lines) - len(good):
+        notes.append(f"{left_out} poses of NaN or infinity")
+        if not any(line.strip() and not line.lstrip().startswith("#") for line in good):
+            raise InputError("finite poses", found="NaN or infinity alone")
+        file = matched / f"finite_{file.name}"
+        atomic_write_text(file, "".join(good))
+    loaded = (
+        read_trajectory(file, result.format, rate_hz=1.0) if result.counted else read_trajectory(file, result.format)
+    )
+    repeated = loaded.read_as.sentence.rpartition("; ")[2]
+    return loaded.trajectory, [*notes, *([repeated] if repeated.endswith("left out") else [])]
+
+
+def _not_finite(line: str) -> bool:
+    fields = line.split("#", 1)[0].replace(",", " ").lower().split()
+    return any(field.lstrip("+-") in ("nan", "inf", "infinity") for field in fields)
+
+
+def _matched(
+    sequence: StagedSequence, system: System, result: ResultSettings, written: Trajectory
+) -> tuple[Trajectory, list[str]]:
+    """The poses that belong to a frame, at the frame's own stamp. Raises InputError where none or few do."""
+    own_s = sequence.stamps_s
+    if result.counted:
+        theirs_s, window_s = own_s[np.clip(written.stamps_s.astype(int), 0, len(own_s) - 1)], 1e-9
+        if written.stamps_s[-1] >= len(own_s):
+            raise InputError(f"frames 0 to {len(own_s) - 1}", found=f"{written.stamps_s[-1]:g}")
+    else:
+        theirs_s = written.stamps_s - sequence.offset_s(system.settings.stage)
+        window_s = min(_MATCH_S, _MATCH_SHARE / sequence.rate_hz)
+    pairs = associate(own_s, theirs_s, AssociationSettings(max_difference_s=window_s))
+    left = len(written) - len(pairs)
+    if 2 * len(pairs) < len(written):
+        found = f"{left} of {len(written)} that are no frame's, {theirs_s[0]:.6f} to {theirs_s[-1]:.6f} s"
+        raise InputError(f"the frames' stamps, {own_s[0]:.6f} to {own_s[-1]:.6f} s", found=found)
+    notes = [f"{left} stamps that are no frame's"] if left else []
+    return Trajectory(own_s[pairs.first], written.T_world_camera[pairs.second]), notes
+
+
+def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Verdict:
+    coverage = len(found) / len(sequence.pairs)
+    if coverage < _WHOLE:
+        notes.insert(0, f"covers {coverage:.0%} of the frames")
+    truth = sequence.truth
+    if truth is None:
+        return Verdict(len(found), None, None, tuple(notes))
+    errors: list[float | None] = []
+    for measure in (absolute_error, partial(relative_error, settings=_SECOND)):
+        try:
+            errors.append(measure(truth, found).translation_m.rmse)
+        except InputError as error:
+            errors.append(None)
+            notes.append(error.worded())
+    if errors[0] is not None and (better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), errors[0])):
+        shift = f"stamps are {-better.offset_s:+.9g} s off: {1e3 * better.rmse_m:.3f} mm there"
+        notes.insert(0, shift)
+    return Verdict(len(found), errors[0], errors[1], tuple(notes))
+
+
+def row(name: str, frames: int, runs: Sequence[tuple[Ended, Verdict]]) -> dict:
+    """Several runs as a row of `bench odometry`: medians over the runs that have a figure, quartiles of the ATE, and every run's notes.
+
+    Times are the whole process's, reading the images and starting included, by frame.
+    """
+    ates = [v.ate_rmse_m for _, v in runs if v.ate_rmse_m is not None]
+    ms = [1e3 * ended.wall_s / frames for ended, v in runs if v.matched]
+    matched = float(np.median([v.matched for _, v in runs]))
+    median_ms = _middle(ms)
+    return {
+        "odometer": name,
+        "frames": frames,
+        "lost": frames - math.floor(matched),
+        "coverage": matched / frames,
+        "not_converged": None,
+        "degenerate": None,
+        "ms_median": median_ms,
+        "ms_95": None,
+        "frames_per_s": 1e3 / median_ms if median_ms else None,
+        "ate_rmse_m": _middle(ates),
+        "rpe_1s_rmse_m": _middle([v.rpe_1s_rmse_m for _, v in runs if v.rpe_1s_rmse_m is not None]),
+        "ate_quartiles_m": np.percentile(ates, (25, 75)).tolist() if ates else None,
+        "runs": len(runs),
+        "good_runs": len(ates)
+        if any(v.ate_rmse_m is not None for _, v in runs)
+        else sum(v.matched > 0 for _, v in runs),
+        **{key: _middle([getattr(ended, key) for ended, _ in runs]) for key in ("wall_s", "cpu_s", "peak_bytes")},
+        "notes": _joined(runs),
+    }
+
+
+def _middle(values: list) -> float | None:
+    return float(np.median(values)) if values else None
+
+
+def _joined(runs: Sequence[tuple[Ended, Verdict]]) -> list[str]:
+    """Every note once, with the runs that it is of where these are not all."""
+    texts = dict.fromkeys(note for _, verdict in runs for note in verdict.notes)
+    found = []
+    for text in texts:
+        numbers = [str(number) for number, (_, v) in enumerate(runs, 1) if text in v.notes]
+        found.append(text if len(numbers) == len(runs) else f"run {', '.join(numbers)}: {text}")
+    return found

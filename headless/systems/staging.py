@@ -1,0 +1,137 @@
+"""The view of a sequence that a system is given: links to the images under the names it wants, lists of them, its settings file.
+
+Stamps have six digits; whole seconds are added where the first would be too near 0, and the result is moved back by as many. The ground
+truth is no part of the view.
+"""
+
+import gzip
+import lzma
+import math
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.depth_units import depth16_from_metres, metres_from_depth16
+from iclnuim.dataset.frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from iclnuim.dataset.slam_settings import SLAM_SETTINGS
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.associations import Associations, ImageList, write_associations, write_image_list
+from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, sha256
+from iclnuim.formats.png import read_depth16, write_png
+from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory
+
+from .system import StageSettings
+
+_PACKED: dict[str, Callable] = {".xz": lzma.open, ".gz": gzip.open}
+
+
+@dataclass(frozen=True, eq=False)
+class StagedSequence:
+    """What a system runs on, and is judged by: the sequence's own stamps (n,) in seconds, and those of the view, `offset_s` later."""
+
+    name: str
+    pairs: tuple[ImagePair, ...]
+    camera: SequenceCamera
+    truth: Trajectory | None
+
+    @classmethod
+    def of(cls, folder: Path, camera: SequenceCamera | None = None, first: int | None = None) -> "StagedSequence":
+        """The pairs of a folder, or its first ones. Raises InputError where there are none, or no camera is known."""
+        pairs = find_pairs(folder)[:first]
+        if missing := [path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()]:
+            raise InputError("all images of the sequence", path=folder, found=f"no {missing[0]}")
+        name = "/".join(folder.resolve().parts[-2:])
+        return cls(name, tuple(pairs), camera or read_camera(folder, pairs[0].rgb), read_truth(folder))
+
+    @property
+    def stamps_s(self) -> np.ndarray:
+        return np.array([pair.stamp_s for pair in self.pairs])
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second, by the median step between stamps."""
+        return float(1 / np.median(np.diff(self.stamps_s))) if len(self.pairs) > 1 else FRAME_RATE_HZ
+
+    @property
+    def list_sha256(self) -> str:
+        """Stands for which images at which stamps."""
+        return sha256("\n".join(f"{p.stamp_s:.6f} {p.rgb.resolve()} {p.depth.resolve()}" for p in self.pairs).encode())
+
+    def offset_s(self, settings: StageSettings) -> float:
+        """Whole seconds that the view's stamps are later."""
+        return float(max(0, math.ceil(settings.first_stamp_s - self.pairs[0].stamp_s)))
+
+    def units(self, settings: StageSettings) -> float:
+        """Depth units a metre of the view."""
+        return settings.depth_units or self.camera.depth_units_per_metre
+
+    def values(self, settings: StageSettings, stage: Path) -> dict[str, object]:
+        """What the placeholders of a system's command stand for."""
+        c = self.camera.pinhole
+        return {
+            **{name: repr(float(getattr(c, name))) for name in ("fx", "fy", "cx", "cy")},
+            **{"width": c.width, "height": c.height, "units": repr(float(self.units(settings)))},
+            **{"rate": repr(self.rate_hz), "frames": len(self.pairs), "stage": stage},
+            **{name: stage / f"{name}.txt" for name in ("associations", "rgb", "depth")},
+            "settings": stage / settings.settings_file,
+        }
+
+    def write(self, settings: StageSettings, stage: Path) -> None:
+        """The view as a folder. Raises InputError where two frames have one stamp of six digits, or depth does not fit the units asked for."""
+        offset_s = self.offset_s(settings)
+        stamps = [f"{pair.stamp_s + offset_s:.6f}" for pair in self.pairs]
+        if len(set(stamps)) < len(stamps):
+            raise InputError("stamps a microsecond or more apart", path=self.name)
+        names = stamps if settings.names == "stamp" else [f"{number:06}" for number in range(len(stamps))]
+        lists = {}
+        for kind, folder in (("rgb", settings.rgb), ("depth", settings.depth)):
+            make_folder(stage / folder)
+            files = [f"{folder}/{name}.png" for name in names]
+            for pair, file in zip(self.pairs, files, strict=True):
+                self._place(getattr(pair, kind), stage / file, settings if kind == "depth" else None)
+            lists[kind] = ImageList(tuple(map(float, stamps)), tuple(files), tuple(stamps))
+            write_image_list(stage / f"{kind}.txt", lists[kind])
+        rgb, depth = lists["rgb"], lists["depth"]
+        first, second = (depth, rgb) if settings.order == "depth-first" else (rgb, depth)
+        write_associations(stage / "associations.txt", Associations(first, second))
+        if settings.settings:
+            text = SLAM_SETTINGS[settings.settings](self.camera.pinhole, self.rate_hz, self.units(settings))
+            atomic_write_text(stage / settings.settings_file, text)
+
+    def _place(self, image: Path, file: Path, settings: StageSettings | None) -> None:
+        """A link to the image; depth in other units than those asked for is written anew."""
+        own = self.camera.depth_units_per_metre
+        if settings is None or self.units(settings) == own:
+            os.symlink(image.resolve(), file)
+            return
+        write_png(file, depth16_from_metres(metres_from_depth16(read_depth16(image), own), self.units(settings)))
+
+
+def unpacked(options: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """The options with every file as a full path, packed ones (.xz, .gz) unpacked into `folder`. Raises WorkError where that fails."""
+    found = {}
+    for name, value in options.items():
+        path = Path(value).expanduser()
+        found[name] = value
+        if name == "program" or not path.is_file():
+            continue
+        found[name] = str(path.resolve())
+        if opened := _PACKED.get(path.suffix):
+            target = folder / path.stem
+            found[name] = str(target.resolve())
+            if not target.is_file():
+                make_folder(folder)
+                atomic_write(target, partial(_unpack, opened, path))
+    return found
+
+
+def _unpack(opened: Callable, path: Path, target: Path) -> None:
+    try:
+        with opened(path) as source, open(target, "wb") as file:
+            shutil.copyfileobj(source, file, 1 << 20)
+    except (EOFError, lzma.LZMAError, gzip.BadGzipFile) as error:
+        raise WorkError(f"{path}: cannot be unpacked: {error}") from None

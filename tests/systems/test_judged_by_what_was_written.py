@@ -1,0 +1,147 @@
+"""Whatever a system does, its row says what it wrote; how it ended is told beside it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from iclnuim.formats.trajectories import read_trajectory
+
+#: mode: frames covered, whether there is an error below 0.1 mm, pieces of what is said
+CASES = {
+    "good": (60, True, []),
+    "crashes at the end": (60, True, ["ended by SIGSEGV"]),
+    "exit 3": (60, True, ["ended by exit 3"]),
+    "twice": (59, True, ["1 repeated stamp left out"]),
+    "nanoseconds": (60, True, []),
+    "keyframes": (12, True, ["covers 20% of the frames"]),
+    "a third": (20, True, ["covers 33% of the frames"]),
+    "some NaN": (57, True, ["3 poses of NaN"]),
+    "all NaN": (0, None, ["expected finite poses"]),
+    "nothing": (0, None, ["wrote nothing"]),
+    "says why": (0, None, ["wrote nothing; its last line: cannot open display"]),
+    "words": (0, None, ["expected a trajectory"]),
+    "a second late": (
+        30,
+        False,
+        ["stamps are +1 s off: 0.000 mm there", "30 stamps that are no frame's", "covers 50%"],
+    ),
+    "between frames": (0, None, ["expected the frames' stamps, 1.000000 to 2.966667 s, found 60 of 60 that are no"]),
+    "stops at zero": (60, True, []),
+}
+
+
+@pytest.mark.parametrize("mode", CASES)
+def test_a_row_says_what_was_written(run, fake, mode):
+    covered, right, pieces = CASES[mode]
+    rows, _ = run(fake(mode))
+    row = rows[mode.replace(" ", "_")]
+    assert row["frames"] - row["lost"] == covered and row["coverage"] == covered / 60
+    assert right is None if row["ate_rmse_m"] is None else (row["ate_rmse_m"] < 1e-4) == right
+    said = "; ".join(row["notes"])
+    assert [piece for piece in pieces if piece not in said] == [] and bool(said) == bool(pieces), said
+
+
+def test_live_and_final_trajectories_have_a_row_each(run, fake):
+    rows, _ = run(fake("good"))
+    assert list(rows) == ["good", "good live"]
+    assert rows["good live"]["ate_rmse_m"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-6)
+
+
+def alive(group):
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_one_that_hangs_is_killed_with_its_children(run, fake, tmp_path):
+    started = time.monotonic()
+    rows, _ = run(fake("hangs"), "--time-limit", "0.4")
+    assert time.monotonic() - started < 5
+    assert "wrote nothing" in rows["hangs"]["notes"][0] and "killed at the time limit" in rows["hangs"]["notes"][1]
+    assert rows["hangs"]["ate_rmse_m"] is None and 0.4 <= rows["hangs"]["wall_s"] < 2
+    left = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
+    assert str(tmp_path) not in left
+
+
+def test_medians_and_quartiles_are_of_the_runs_that_have_a_figure(run, fake, tmp_path):
+    first, _ = run(fake("good"), "--runs", "2")
+    assert first["good"]["runs"] == first["good"]["good_runs"] == 2
+    trajectory = next(tmp_path.glob("out/good/*/run_2/out/final.txt"))
+    trajectory.write_text("")
+    rows, _ = run(fake("good"), "--runs", "3")
+    row = rows["good"]
+    assert (row["runs"], row["good_runs"]) == (3, 2) and row["notes"] == ["run 2: wrote nothing"]
+    each = [one["ate_rmse_m"] for one in row["each"]]
+    assert each[1] is None and row["ate_rmse_m"] == (each[0] + each[2]) / 2
+    assert row["wall_s"] > 0 and row["cpu_s"] > 0 and 1e6 < row["peak_bytes"] < 1e9
+
+
+def test_its_error_is_evos_on_the_same_file(run, fake, sequence, tmp_path):
+    tools = pytest.importorskip("evo.tools.file_interface", reason="evo is the judge")
+    from evo.core import metrics, sync
+
+    rows, _ = run(fake("good"))
+    for file in ("out/final.txt", "matched/final.txt"):
+        reference = tools.read_tum_trajectory_file(sequence / "groundtruth.txt")
+        estimate = tools.read_tum_trajectory_file(next(tmp_path.glob(f"out/good/*/run_1/{file}")))
+        reference, estimate = sync.associate_trajectories(reference, estimate)
+        estimate.align(reference)
+        judge = metrics.APE(metrics.PoseRelation.translation_part)
+        judge.process_data((reference, estimate))
+        assert rows["good"]["ate_rmse_m"] == pytest.approx(judge.get_all_statistics()["rmse"], rel=0, abs=1e-9)
+
+
+def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path):
+    run(fake("good"))
+    ended = next(tmp_path.glob("out/good/*/run_1/ended.json"))
+    before = ended.stat().st_mtime_ns
+    run(fake("good"), "--runs", "2")
+    assert ended.stat().st_mtime_ns == before and (ended.parents[1] / "run_2/ended.json").is_file()
+    _, err = run(fake("good"), "--first", "30", code=2)
+    assert "expected the experiment that was begun there" in err and len(err.splitlines()) == 1
+
+
+def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run, fake, tmp_path, capsys):
+    from iclnuim.headless import cli
+
+    run(fake("good"))
+    run(fake("nothing"))
+    ours = {"odometer": "icp", "frames": 60, "lost": 0, "degenerate": 1, "ms_median": 9.0, "ms_95": 12.0}
+    ours |= {"frames_per_s": 100.0, "ate_rmse_m": 0.001, "rpe_1s_rmse_m": 0.002}
+    race = {"sequence": "kt2/clean", "preset": "best", "runs": [ours]}
+    (tmp_path / "ours.json").write_text(json.dumps({"races": [race]}))
+    files = [str(tmp_path / "out/results.json"), str(tmp_path / "ours.json")]
+    assert cli.main(["bench", "odometry", *files, "--plot", str(tmp_path / "chart.png")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "kt2/clean, preset best of ours"
+    assert [line.split()[0] for line in lines[2:6]] == ["icp", "good", "good", "nothing"]
+    assert "wrote nothing" in lines[6] and (tmp_path / "chart.png").stat().st_size > 5000
+
+
+def test_an_interrupted_run_leaves_no_process_and_no_half_run(fake, sequence, tmp_path):
+    command = [sys.executable, "-m", "iclnuim", "run", str(fake("hangs")), str(sequence), "-o", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        deadline = time.monotonic() + 20
+        while not list(tmp_path.glob("out/hangs/*/.run_1.part/out/arguments.json")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 130
+    folder = next(tmp_path.glob("out/hangs/*"))
+    assert sorted(path.name for path in folder.iterdir()) == ["recipe.json", "stage"]
+    assert str(tmp_path) not in subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
+
+
+def test_a_trajectory_that_was_matched_has_the_frames_own_stamps(run, fake, make_sequence, tmp_path):
+    """Of a sequence from 0 s on the view begins at 1 s, and a system that stops at a stamp of 0 runs."""
+    folder = make_sequence(tmp_path / "kt2/zero", 0.0)
+    rows, _ = run(fake("stops at zero"), folder=folder)
+    assert rows["stops_at_zero"]["ate_rmse_m"] < 1e-4
+    place = next(tmp_path.glob("out/stops_at_zero/*/run_1"))
+    assert (place / "out/final.txt").read_text().startswith("1.000000 ")
+    assert read_trajectory(place / "matched/final.txt").trajectory.stamps_s[0] == 0
