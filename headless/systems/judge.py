@@ -16,7 +16,7 @@ from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
-from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.geometry.trajectory import Trajectory, frames_of_stamps
 from iclnuim.report.trajectory_report import BetterOffset
 
 from .process import Ended
@@ -103,9 +103,10 @@ def _matched(
     """The poses that belong to a frame, at the frame's own stamp. Raises InputError where none or few do."""
     own_s = sequence.stamps_s
     if result.counted:
-        theirs_s, window_s = own_s[np.clip(written.stamps_s.astype(int), 0, len(own_s) - 1)], 1e-9
-        if written.stamps_s[-1] >= len(own_s):
-            raise InputError(f"frames 0 to {len(own_s) - 1}", found=f"{written.stamps_s[-1]:g}")
+        numbers = np.rint(frames_of_stamps(written.stamps_s, 1.0)).astype(int)
+        if numbers[-1] >= len(own_s):
+            raise InputError(f"frames 0 to {len(own_s) - 1}", found=numbers[-1])
+        theirs_s, window_s = own_s[numbers], 1e-9
     else:
         theirs_s = written.stamps_s - sequence.offset_s(system.settings.stage)
         window_s = min(_MATCH_S, _MATCH_SHARE / sequence.rate_hz)

@@ -22,7 +22,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import Associations, ImageList, write_associations, write_image_list
 from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, sha256
 from iclnuim.formats.png import read_depth16, write_png
-from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory
+from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz
 
 from .system import StageSettings
 
@@ -53,8 +53,7 @@ class StagedSequence:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second, by the median step between stamps."""
-        return float(1 / np.median(np.diff(self.stamps_s))) if len(self.pairs) > 1 else FRAME_RATE_HZ
+        return frame_rate_hz(self.stamps_s)
 
     @property
     def list_sha256(self) -> str:
