@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 from iclnuim import checkout
 
+# tests start hundreds of processes: our modules are compiled once, even on a machine that keeps no bytecode
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 for package in ("iclnuim.tools", "iclnuim.blend.builder"):  # what only a checkout has
     checkout.load(package, "testing")
 

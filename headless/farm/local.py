@@ -71,7 +71,8 @@ class Worker:
 class LocalFarm:
     """Renders chunks with one worker for each set of cores. `start(cores, inbox)` starts a worker process.
 
-    `on_frame(number)` is called for each frame once, `on_event(worker, event)` for all events of all workers.
+    `on_frame(number)` is called for each frame once, `on_event(worker, event)` for all events of all workers. `first`: an idle worker
+    that runs already, on the first set of cores, and the inbox of its events.
     """
 
     def __init__(
@@ -82,11 +83,12 @@ class LocalFarm:
         on_event: Callable[[Worker, Event], None] = lambda worker, event: None,
         should_stop: Callable[[], bool] = lambda: False,
         settings: FarmSettings | None = None,
+        first: tuple[WorkerClient, Inbox] | None = None,
     ) -> None:
         self._start, self._free, self._settings = start, list(cores), settings or FarmSettings()
         self._on_frame, self._on_event, self._should_stop = on_frame, on_event, should_stop
-        self._inbox: Inbox = queue.SimpleQueue()
-        self._workers: dict[WorkerClient, Worker] = {}
+        self._inbox: Inbox = first[1] if first else queue.SimpleQueue()
+        self._workers = {first[0]: Worker(first[0], self._free.pop(0))} if first else {}
         self._tries: Counter[int] = Counter()
         self._todo: deque[Chunk] = deque()
         self._failed_starts = 0

@@ -71,7 +71,7 @@ class Workers:
 
 class LocalRun:
     """A run folder that this machine works in, as a context manager: one worker process makes it, or resumes the one there, and bakes its
-    light; then several render.
+    light; then several render, or that one alone where one takes all cores.
 
     `run` and `job`: as the worker settled them, with no baked light where things move. shared: as of Workers.
     """
@@ -132,7 +132,10 @@ class LocalRun:
         if blend is not None:
             self._client.send({"blend": str(blend.resolve())})
             self._wait(ChunkDone)
-        self.__exit__()
+        cores = cores[: len(missing)]
+        goes_on = blend is None and cores == [own_cores()] and not stop()
+        if not goes_on:
+            self.__exit__()
         if not missing or stop():
             return Outcome(stopped=stop())
         progress = self.console.progress(len(missing), job.sequence)
@@ -147,7 +150,8 @@ class LocalRun:
                 progress.begin()
 
         self._workers.job = job
-        self.farm = LocalFarm(self._workers.start, cores[: len(missing)], done, listen, stop, self.plan.farm)
+        first = (self._client, self._inbox) if goes_on else None
+        self.farm = LocalFarm(self._workers.start, cores, done, listen, stop, self.plan.farm, first)
         return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
 
     def _wait(self, kind: type[Event]) -> None:

@@ -34,6 +34,18 @@ def blender():
     return pytest.importorskip("bpy", reason="needs the bpy package")
 
 
+@pytest.fixture(scope="module")
+def small_textures():
+    """Textures of 64 pixels for as long as the module's tests run: what is built is judged by its surfaces."""
+    from iclnuim.blend.builder import living_room_palette, office_palette
+
+    full = living_room_palette._sizes(1.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(living_room_palette, "_sizes", lambda detail: dict.fromkeys(full, 64))
+        patch.setattr(office_palette._Painter, "size", lambda self, full: 64)
+        yield
+
+
 @pytest.fixture(scope="session")
 def build(blender):
     """`build(seed, detail)` empties the session and builds the living room into it."""

@@ -45,7 +45,7 @@ def test_nothing_goes_at_full_detail_and_more_and_more_below():
 
 
 @pytest.mark.parametrize("room", ["living_room", "office"])
-def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, repository):
+def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, small_textures, repository):
     """Full detail is the shipped file: test_living_room.py and test_office.py compare it with what the code builds."""
     from iclnuim.blend.builder import build_scene
     from iclnuim.blender import scene, surfaces

@@ -65,7 +65,7 @@ def built(seed=0, detail=1.0):
 
 
 @pytest.fixture(scope="module")
-def office():
+def office(small_textures):
     return built()
 
 

@@ -118,6 +118,11 @@ def main(arguments: list[str]) -> int:
 
 def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> int:
     from iclnuim import worker_events as events
+
+    writes_no_bytecode = sys.dont_write_bytecode
+    import bpy  # noqa: F401  which turns bytecode off: our modules would be compiled at each start
+
+    sys.dont_write_bytecode = writes_no_bytecode
     from iclnuim.blender import compat, worker
     from iclnuim.job import RenderJob
 
