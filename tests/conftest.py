@@ -32,7 +32,7 @@ def pytest_xdist_auto_num_workers(config) -> int:
 TOGETHER = ("tests/fusion/", "tests/odometry/", "tests/test_python_page.py")
 #: Begun first, in this order: a long file begun last would leave the other processes with nothing to do.
 FIRST = (
-    "tests/farm/test_chaos.py", *TOGETHER, "tests/blender/", "tests/scenes/", "tests/ui/", "tests/lightmap/", "tests/raycast/",
+    "tests/ui/", "tests/farm/test_chaos.py", *TOGETHER, "tests/blender/", "tests/scenes/", "tests/lightmap/", "tests/raycast/",
     "tests/packaging/", "tests/farm/", "tests/headless/test_bench_detail.py", "tests/headless/test_exit_codes.py",
     "tests/formats/test_fuzzed_files.py",
 )  # fmt: skip
