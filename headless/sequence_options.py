@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
-from iclnuim.dataset.frames import SequenceCamera
+from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera

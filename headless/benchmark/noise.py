@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.frames import image_frames, run_frames
-from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, keep_freed_memory, noisy_images
+from iclnuim.dataset.sequence import SequenceWriter, keep_freed_memory
+from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png

@@ -16,11 +16,11 @@ import numpy as np
 
 from ..errors import InputError, WorkError
 from ..formats.files import atomic_write, atomic_write_text
-from ..formats.png import read_depth16, read_rgb8
+from ..formats.images import read_colour8
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
-from .depth_units import metres_from_depth16
-from .frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from .layout import SequenceCamera
 
 FRAME, WORLD = "camera_rgb_optical_frame", "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -69,9 +69,9 @@ class _Bag:
 
     def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
         """Both images and their camera."""
-        depth = metres_from_depth16(read_depth16(pair.depth), camera.depth_units_per_metre)
+        depth = read_depth_m(pair.depth, camera.depth_units_per_metre)
         depth = np.where(depth > 0, depth, np.nan).astype("<f4")
-        rgb = read_rgb8(pair.rgb)
+        rgb = read_colour8(pair.rgb)
         for name, encoding, pixels in (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth)):
             data, size = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8), self._size(pair.stamp_s, pixels.shape)
             layout = {"encoding": encoding, "is_bigendian": 0, "step": data.size // pixels.shape[0], "data": data}
@@ -140,8 +140,10 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
         with open(temporary, "wb") as log:
             log.write(struct.pack("<i", len(pairs)))
             for pair in pairs:
-                millimetres = np.rint(read_depth16(pair.depth) * (1000 / per_metre)).clip(0, 65535).astype("<u2")
-                depth, colour = zlib.compress(millimetres.tobytes(), 1), read_rgb8(pair.rgb).tobytes()
+                millimetres = (
+                    np.rint(read_depth_m(pair.depth, per_metre).astype(float) * 1000).clip(0, 65535).astype("<u2")
+                )
+                depth, colour = zlib.compress(millimetres.tobytes(), 1), read_colour8(pair.rgb).tobytes()
                 log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)) + depth + colour)
                 on_frame(pair.number)
 

@@ -2,35 +2,31 @@
 camera and ground truth are found.
 """
 
-import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from ..evaluation.associate import associate
-from ..formats.associations import read_associations, read_image_list
 from ..formats.exr import read_exr
-from ..formats.files import data_lines, read_bytes, read_json, read_text, sha256
-from ..formats.png import png_header, read_depth16, read_rgb8
+from ..formats.files import data_lines, read_bytes, read_json, sha256
+from ..formats.images import ARRAY, image_header, read_array, read_colour8
+from ..formats.png import read_depth16
 from ..formats.trajectories import read_trajectory
-from ..geometry import axes
 from ..geometry.camera import PinholeCamera
-from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, frame_slice, stamps_of_frames
+from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
-from .depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
+from .depth_units import metres_from_depth16
 from .ground_truth import TruthImages
+from .layout import DEPTH, RGB, SequenceCamera, SequenceFrame, posed, usual_step_s
 from .run_folder import RunFolder
-from .sequence_formats import SequenceFrame
+from .sequence_formats import format_of
 
-_ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
-EUROC, NERF = Path("mav0"), Path("transforms.json")
-_TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim", "mav0/state_groundtruth_estimate0/data.csv")
-#: Stamp in seconds, colour image, depth image; and the stamps as the lists write them.
-Row = tuple[float, Path, Path] | tuple[float, Path, Path, tuple[str, str]]
+#: Text files of poses, one a line: those of some frames are those lines.
+_A_POSE_A_LINE = ("tum", "gt.freiburg", "euroc", "vslam-lab")
+#: Format and bytes of a ground-truth file.
+TruthFile = tuple[str, bytes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +36,8 @@ class FrameSource:
     `load(number)` gives scene-linear RGB (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
     holds the stamp of every frame there is, also of those not asked for; `truth_of(numbers)` the ground truth to
     write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them. `names` and
-    `truth_file`: what the images are called, and format and bytes of a ground-truth file, where a sequence in the same format keeps them.
+    `truth_file(numbers)`: what the images are called, and format and bytes of a ground-truth file, where a sequence in the same format
+    keeps them. `originals`: the files that a sequence without noise takes over byte for byte, where it stores them alike.
     """
 
     camera: PinholeCamera
@@ -51,7 +48,9 @@ class FrameSource:
     origin: dict
     truth_images: TruthImages | None = None
     names: Mapping[int, SequenceFrame] = field(default_factory=dict)
-    truth_file: tuple[str, bytes] | None = None
+    truth_file: Callable[[tuple[int, ...]], TruthFile | None] = lambda numbers: None
+    originals: "Mapping[int, ImagePair]" = field(default_factory=dict)
+    depth_units_per_metre: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,77 +66,56 @@ class ImagePair:
 
 
 def find_pairs(folder: Path) -> list[ImagePair]:
-    """By association file, else by rgb.txt and depth.txt, else by equal names in rgb/ and depth/; euroc's and nerf's layouts.
+    """The pairs of a sequence in any format that is known (sequence_formats.py), in the order of time.
 
     Raises InputError where there is nothing to pair.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("a folder with a sequence", path=folder, found="a file" if folder.exists() else "nothing")
-    rows = _listed(folder) or _euroc_rows(folder) or _nerf_rows(folder) or _by_name(folder)
+    rows = format_of(folder).reader.rows(folder)
     if not rows:
         inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
         hint = f"a folder inside: {', '.join(inside)}" if inside else "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
-    numbers = [int(row[1].stem) for row in rows if row[1].stem.isdigit()]
-    if len(set(numbers)) < len(rows) or max(numbers) >= 10_000_000:
+    numbers = [_number(row.rgb.stem) if row.number is None else row.number for row in rows]
+    if None in numbers or len(set(numbers)) < len(rows):
         numbers = list(range(len(rows)))
-    return [ImagePair(number, *row) for number, row in zip(numbers, rows, strict=True)]
+    return [ImagePair(n or 0, r.stamp_s, r.rgb, r.depth, r.written) for n, r in zip(numbers, rows, strict=True)]
+
+
+def _number(stem: str) -> int | None:
+    """The number that is an image's name, unless it is a stamp."""
+    return int(stem) if stem.isdecimal() and int(stem) < 10_000_000 else None
 
 
 def find_truth(folder: Path) -> Path | None:
-    """The ground-truth file there, if any."""
-    return next((path for pattern in _TRUTHS for path in sorted(folder.glob(pattern))), None)
+    """The ground truth there, if any: a file, or a folder of such, that read_trajectory takes."""
+    return format_of(folder).reader.truth(folder)
 
 
 def read_truth(folder: Path) -> Trajectory | None:
-    """Right-handed poses, or None where no ground truth lies there: a trajectory file, or the poses in transforms.json."""
-    if (path := find_truth(folder)) is not None:
-        return read_trajectory(path).trajectory
-    if not (frames := _nerf_rows(folder)):
-        return None
-    try:
-        matrices = np.array([f["transform_matrix"] for f in read_json(folder / NERF)["frames"]], float)
-        poses = axes.world_cv_from_world_blender(SE3.from_matrix(matrices))
-        return Trajectory(np.array([row[0] for row in frames]), poses)
-    except (KeyError, TypeError, ValueError):
-        raise InputError("frames with a 4 x 4 transform_matrix", path=folder / NERF) from None
-
-
-@dataclass(frozen=True)
-class SequenceCamera:
-    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where no file gives it."""
-
-    pinhole: PinholeCamera
-    depth_units_per_metre: float = UNITS_PER_METRE
-    assumed: bool = False
+    """Right-handed poses, or None where no ground truth lies there."""
+    path = find_truth(folder)
+    return None if path is None else read_trajectory(path).trajectory
 
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
-    """camera.json or calibration.txt there, or euroc's or nerf's; else the benchmark's camera where the image has its 640 x 480 pixels."""
-    if (folder / "camera.json").is_file():
-        settings = read_json(folder / "camera.json")
-        units = settings.pop("depth_units_per_metre", UNITS_PER_METRE)
-        return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
-    if (folder / EUROC).is_dir():
-        return _euroc_camera(folder / EUROC / "depth0/sensor.yaml")
-    if (folder / NERF).is_file():
-        return _nerf_camera(folder / NERF)
-    header = png_header(image)
-    if (
-        path := folder / "calibration.txt"
-    ).is_file():  # the nine numbers of K; the original's fy < 0 means that y points up
-        try:
-            fx, _, cx, _, fy, cy, *_ = k = [float(field) for field in read_text(path).split()]
-        except ValueError:
-            k = []
-        if len(k) != 9:
-            raise InputError("the nine numbers of K", path=path, hint="{camera}")
-        return SequenceCamera(PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy))
+    """The camera that the sequence's format has; else the benchmark's where the image has its 640 x 480 pixels."""
+    if (there := format_of(folder).reader.camera(folder, image)) is not None:
+        return there
+    header = image_header(image)
     if (header.width, header.height) != (640, 480):
         found = f"images of {header.width} x {header.height} and no camera.json"
         raise InputError("a camera", path=folder, found=found, hint="{camera} WIDTHxHEIGHT,FX,FY,CX,CY")
     return SequenceCamera(PinholeCamera(), assumed=True)
+
+
+def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
+    """(h, w) float32 planar metres, 0 where nothing was measured, of a 16-bit PNG or an array of metres. Raises InputError."""
+    if path.suffix == ARRAY:
+        return read_array(path)
+    return metres_from_depth16(read_depth16(path), units_per_metre)
 
 
 def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
@@ -206,7 +184,7 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
 
 
 def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
-    """The pairs of a sequence that somebody has: rgb/ and depth/ as PNG, with or without lists of them, or EuRoC's or NeRF's layout.
+    """The pairs of a sequence that somebody has, in any format that is known, with or without lists of them.
 
     `frames` slices the pairs. RGB is the 8-bit colour, made linear by the inverse of the sRGB transfer function. Raises
     InputError where there are no pairs, or the camera is neither given nor beside the images.
@@ -216,38 +194,96 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     numbers = tuple(pairs[i].number for i in sorted(frame_slice(frames, len(pairs))))
     camera = camera or read_camera(folder, pairs[0].rgb)
     by_number = {pair.number: pair for pair in pairs}
-    truth_path = find_truth(folder)
-    loaded = read_trajectory(truth_path) if truth_path else None
-    truth = loaded.trajectory if loaded else read_truth(folder)
+    truth = _TruthOfSome(folder, {p.number: p.stamp_s for p in pairs})
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
         pair, pinhole = by_number[number], camera.pinhole
-        image, units = read_rgb8(pair.rgb), read_depth16(pair.depth)
-        for path, (height, width) in ((pair.rgb, image.shape[:2]), (pair.depth, units.shape)):
+        image, depth_z_m = read_colour8(pair.rgb), read_depth_m(pair.depth, camera.depth_units_per_metre)
+        for path, (height, width) in ((pair.rgb, image.shape[:2]), (pair.depth, depth_z_m.shape)):
             if (height, width) != (pinhole.height, pinhole.width):
                 expected = f"{pinhole.width} x {pinhole.height} as the camera has it"
                 raise InputError(expected, path=path, found=f"{width} x {height}", hint="{camera}")
-        return light_from_srgb8(image), metres_from_depth16(units, camera.depth_units_per_metre)
+        return light_from_srgb8(image), depth_z_m
 
     names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
-    kept, stamps_s = _kept_names(folder, pairs), {p.number: p.stamp_s for p in pairs}
+    paths = _kept_paths(folder, pairs)
     origin = {
         "images": folder.resolve().name,
         "depth_units_per_metre": camera.depth_units_per_metre,
         "list_sha256": sha256(names.encode()),
-        "names": "kept" if kept else "by frame number",
+        "names": "kept" if paths else "by frame number",
     }
-    truth_file = (loaded.read_as.format, read_bytes(truth_path)) if loaded and truth_path else None
+    kept = {p.number: _kept(p, paths.get(p.number, {})) for p in pairs}
     return FrameSource(
-        camera.pinhole, numbers, stamps_s, load, lambda some: truth, origin, names=kept, truth_file=truth_file
-    )
+        camera.pinhole, numbers, truth.stamps_s, load, truth.poses, origin, names=kept, truth_file=truth.file,
+        depth_units_per_metre=camera.depth_units_per_metre,
+    )  # fmt: skip
 
 
-def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, SequenceFrame]:
-    """The names of a sequence's images and stamps by frame number; {} for EuRoC's and NeRF's layouts, and where the names could not
+def original_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
+    """The same, whose files a sequence takes over byte for byte where it stores them alike."""
+    source = image_frames(folder, frames, camera)
+    return replace(source, originals={pair.number: pair for pair in find_pairs(Path(folder))})
+
+
+class _TruthOfSome:
+    """The ground truth of a sequence, whole, or of some of its frames: the poses within half a step of one of them."""
+
+    def __init__(self, folder: Path, stamps_s: dict[int, float]) -> None:
+        self.stamps_s, self._path = stamps_s, find_truth(folder)
+        self._loaded = None if self._path is None else read_trajectory(self._path)
+        every = np.array(list(stamps_s.values()))
+        self._reach_s = 0.5 * usual_step_s(every)
+
+    def _rows(self, numbers: tuple[int, ...]) -> np.ndarray:
+        """Which of its poses are those of the frames; all are, of all frames."""
+        assert self._loaded is not None
+        own = self._loaded.trajectory.stamps_s
+        if len(numbers) == len(self.stamps_s):
+            return np.arange(len(own))
+        chosen = np.sort([self.stamps_s[number] for number in numbers])
+        after = np.searchsorted(chosen, own)
+        near = np.stack([chosen[(after - 1).clip(0)], chosen[after.clip(max=len(chosen) - 1)]])
+        return np.flatnonzero(np.abs(near - own).min(0) <= self._reach_s + 1e-6)
+
+    def poses(self, numbers: tuple[int, ...]) -> Trajectory | None:
+        rows = self._rows(numbers) if self._loaded else np.zeros(0, int)
+        return self._loaded.trajectory[rows] if self._loaded and len(rows) else None
+
+    def file(self, numbers: tuple[int, ...]) -> TruthFile | None:
+        """The file as it is; of some frames its comments and their lines. None where it is no file of a pose a line."""
+        if self._loaded is None or self._path is None or self._loaded.read_as.format not in _A_POSE_A_LINE:
+            return None
+        data, rows = read_bytes(self._path), self._rows(numbers)
+        if len(rows) == len(self._loaded.trajectory) or not len(rows):
+            return (self._loaded.read_as.format, data) if len(rows) else None
+        text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        lines = [number for number, _ in data_lines(text)][self._loaded.read_as.format == "vslam-lab" :]
+        if len(lines) != len(self._loaded.trajectory):  # lines that repeat a stamp were left out
+            return None
+        dropped = set(lines).difference(lines[row] for row in rows)
+        kept = "".join(f"{line}\n" for k, line in enumerate(text.splitlines(), 1) if k not in dropped)
+        return self._loaded.read_as.format, kept.encode()
+
+
+def frames_with_poses(source: FrameSource) -> FrameSource:
+    """Without the frames that have no pose, for formats where each needs one."""
+    numbers = np.array(source.numbers)
+    stamps_s = np.array([source.stamps_s[number] for number in source.numbers])
+    kept = numbers[posed(stamps_s, source.truth_of(source.numbers))]
+    return replace(source, numbers=tuple(kept.tolist()))
+
+
+def _kept(pair: ImagePair, paths: Mapping[str, str]) -> SequenceFrame:
+    written = {kind: text for kind, text in zip((RGB, DEPTH), pair.written, strict=True) if text}
+    return SequenceFrame(pair.number, pair.stamp_s, paths, written)
+
+
+def _kept_paths(folder: Path, pairs: list[ImagePair]) -> dict[int, dict[str, str]]:
+    """The paths of a sequence's images by frame number and kind; {} for formats whose names are their own, and where the names could not
     stand in another folder: outside of the sequence, not unique, or with blanks.
     """
-    if (folder / EUROC).is_dir() or (folder / NERF).is_file():
+    if not format_of(folder).keeps_names:
         return {}
     try:
         paths = [tuple(image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)) for p in pairs]
@@ -257,90 +293,4 @@ def _kept_names(folder: Path, pairs: list[ImagePair]) -> dict[int, SequenceFrame
     plain = all(path.endswith(".png") and path.split() == [path] and "#" not in path for path in every)
     if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
         return {}
-    kept = {}
-    for pair, named in zip(pairs, paths, strict=True):
-        by_kind = (dict(zip(("rgb", "depth"), texts, strict=True)) for texts in (named, pair.written))
-        kept[pair.number] = SequenceFrame(pair.number, pair.stamp_s, *by_kind)
-    return kept
-
-
-def _listed(folder: Path) -> list[Row]:
-    file = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
-    if file is not None:
-        pairs = read_associations(file)
-        rgb, depth, indices = pairs.rgb, pairs.depth, [(i, i) for i in range(len(pairs))]
-    elif (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
-        rgb, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
-        both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
-        indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
-    else:
-        return []
-    texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
-    return [
-        (rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
-        for i, j in indices
-    ]
-
-
-def _by_name(folder: Path) -> list[Row]:
-    depths = {p.stem: p for p in (folder / "depth").glob("*.png")}
-    rgbs = sorted(p for p in (folder / "rgb").glob("*.png") if p.stem in depths)
-    numbered = all(p.stem.isdigit() for p in rgbs)
-    stamps_s = stamps_of_frames([int(p.stem) if numbered else i for i, p in enumerate(rgbs)]).tolist()
-    return sorted((stamp_s, p, depths[p.stem]) for stamp_s, p in zip(stamps_s, rgbs, strict=True))
-
-
-def _euroc_rows(folder: Path) -> list[Row]:
-    """By nanoseconds, as both data.csv have them; [] where the folder has not EuRoC's layout."""
-    if not (folder / EUROC).is_dir():
-        return []
-    images = []
-    for sensor in (folder / EUROC / "cam0", folder / EUROC / "depth0"):
-        try:
-            fields = [line.split(",") for _, line in data_lines(read_text(sensor / "data.csv"))]
-            images.append({int(stamp): sensor / "data" / name.strip() for stamp, name in fields})
-        except ValueError:
-            raise InputError("lines `nanoseconds,image`", path=sensor / "data.csv") from None
-    rgb, depth = images
-    return [(ns / 1e9, rgb[ns], depth[ns]) for ns in sorted(rgb.keys() & depth.keys())]
-
-
-def _euroc_camera(file: Path) -> SequenceCamera:
-    text = read_text(file)
-    lists = dict(re.findall(r"^(resolution|intrinsics): *\[(.*)\]", text, re.MULTILINE))
-    try:
-        width, height = (int(value) for value in lists["resolution"].split(","))
-        fx, fy, cx, cy = (float(value) for value in lists["intrinsics"].split(","))
-    except (KeyError, ValueError):
-        raise InputError("resolution: [w, h] and intrinsics: [fx, fy, cx, cy]", path=file) from None
-    units = re.search(r"^depth_units_per_metre: *([\d.]+)", text, re.MULTILINE)
-    per_metre = check_units(float(units[1]) if units else UNITS_PER_METRE)
-    return SequenceCamera(PinholeCamera(width, height, fx, fy, cx, cy), per_metre)
-
-
-def _nerf_rows(folder: Path) -> list[Row]:
-    """[] where there is no transforms.json."""
-    if not (folder / NERF).is_file():
-        return []
-    found: list[Row] = []
-    frames = read_json(folder / NERF).get("frames")
-    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
-        raise InputError("a list of frames", path=folder / NERF)
-    for place, frame in enumerate(frames):
-        image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
-        if not isinstance(image, str) or not isinstance(depth, str):
-            raise InputError("frames with file_path and depth_file_path", path=folder / NERF, found=f"frame {place}")
-        number = int(Path(image).stem) if Path(image).stem.isdigit() else place
-        found.append((float(stamps_of_frames(number)), folder / image, folder / depth))
-    return found
-
-
-def _nerf_camera(file: Path) -> SequenceCamera:
-    """Their pixel centres lie at +0.5."""
-    content = read_json(file)
-    try:
-        w, h, fx, fy, cx, cy = (float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
-        units = 1 / float(content.get("integer_depth_scale", 1 / UNITS_PER_METRE))
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        raise InputError("numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale", path=file) from None
-    return SequenceCamera(PinholeCamera(int(w), int(h), fx, fy, cx - 0.5, cy - 0.5), check_units(units))
+    return {p.number: dict(zip((RGB, DEPTH), named, strict=True)) for p, named in zip(pairs, paths, strict=True)}

@@ -13,13 +13,15 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.associate import nearest
-from ..formats.png import PngHeader, check_png, read_depth16
+from ..formats.images import ARRAY, image_header
+from ..formats.png import PngHeader
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, statistics
 from .depth_units import LARGEST_UNIT
-from .frames import ImagePair, SequenceCamera, find_pairs, find_truth, read_camera, read_truth
+from .frames import ImagePair, find_pairs, find_truth, read_camera, read_depth_m, read_truth
+from .layout import SequenceCamera
 
 T = TypeVar("T")
 
@@ -65,7 +67,7 @@ def inspect_sequence(folder: Path | str) -> Inspection:
     truth = result.attempt(read_truth, folder)
     if truth is None:
         if find_truth(folder) is None:
-            result.odd.append("no ground truth: neither groundtruth.txt nor *.gt.freiburg")
+            result.odd.append("no ground truth")
         return result
     _poses(result, pairs, truth)
     if camera is not None and depths:
@@ -77,7 +79,8 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     listed = {"rgb": {p.rgb.resolve() for p in pairs}, "depth": {p.depth.resolve() for p in pairs}}
     result.figures["pairs"] = len(pairs)
     for kind, paths in listed.items():
-        there = {image.resolve() for parent in {p.parent for p in paths} for image in parent.glob("*.png")}
+        parents, other = {(p.parent, p.suffix) for p in paths}, listed["depth" if kind == "rgb" else "rgb"]
+        there = {image.resolve() for parent, ending in parents for image in parent.glob(f"*{ending}")} - other
         result.figures[f"{kind}_images"] = len(there)
         _report(result.wrong, sorted(paths - there), "{} images that the lists name are not there: {}")
         _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or stand in no list: {{}}")
@@ -108,18 +111,18 @@ def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
     """Headers of all images that are whole; every file is read and its checksums compared."""
     kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if path.is_file()]
     with ThreadPoolExecutor(4) as pool:
-        checked = [(kind, pool.submit(check_png, path)) for kind, path in kinds]
+        checked = [(kind, pool.submit(image_header, path, True)) for kind, path in kinds]
     broken = [str(work.exception()) for _, work in checked if work.exception()]
     result.wrong += broken[:5] + ([f"{len(broken) - 5} more broken images"] if len(broken) > 5 else [])
     headers = [(kind, work.result()) for kind, work in checked if not work.exception()]
-    for kind, expected in (("rgb", "8-bit RGB"), ("depth", "16-bit grey")):
+    for kind, expected in (("rgb", ("8-bit RGB",)), ("depth", ("16-bit grey", "32-bit grey, metres"))):
         found = Counter(str(h) for k, h in headers if k == kind)
         result.figures[f"{kind}_form"] = ", ".join(found)
         if len(found) > 1:
             result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items()))
         if wrong := [each for each in found if not each.endswith(expected)]:
             where = result.wrong if kind == "depth" else result.odd
-            where.append(f"{kind} images are {wrong[0]}, not {expected}")
+            where.append(f"{kind} images are {wrong[0]}, not {expected[0]}")
     return [h for _, h in headers]
 
 
@@ -140,24 +143,25 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
     depths, per_metre = [], camera.depth_units_per_metre
     for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
         with contextlib.suppress(InputError):  # reported already
-            depths.append((pairs[i].stamp_s, read_depth16(pairs[i].depth)))
-    seen = np.concatenate([units[units > 0] for _, units in depths]) if depths else np.zeros(0)
+            depths.append((pairs[i].stamp_s, read_depth_m(pairs[i].depth, per_metre)))
+    seen = np.concatenate([depth[depth > 0] for _, depth in depths]) if depths else np.zeros(0)
     if not seen.size:
         result.wrong.append("no depth at all in the images looked into")
         return []
-    low, middle, high = (np.percentile(seen, (0.1, 50, 99.9)) / per_metre).tolist()
-    missing = 1 - seen.size / sum(units.size for _, units in depths)
+    low, middle, high = np.percentile(seen, (0.1, 50, 99.9)).tolist()
+    missing = 1 - seen.size / sum(depth.size for _, depth in depths)
     result.figures["depth_m"] = {"nearest": round(low, 3), "median": round(middle, 3), "farthest": round(high, 3)}
     result.figures["depth_missing_share"] = round(missing, 4)
     if not 0.25 <= middle <= 25:
         likely = [u for u in (1000.0, 5000.0) if 0.25 <= middle * per_metre / u <= 25 and u != per_metre]
         guess = f": {likely[0]:g} units a metre would give {middle * per_metre / likely[0]:.2f} m" if likely else ""
         result.wrong.append(f"median depth of {middle:.3f} m with {per_metre:g} units a metre{guess}")
-    if (at_end := float((seen == LARGEST_UNIT).mean())) > 1e-4:
+    largest_m = np.inf if pairs[0].depth.suffix == ARRAY else np.float32(LARGEST_UNIT) / np.float32(per_metre)
+    if (at_end := float((seen == largest_m).mean())) > 1e-4:
         result.wrong.append(f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range")
     if missing > 0.5:
         result.odd.append(f"{missing:.0%} of the depth is missing")
-    return [(stamp_s, units / per_metre) for stamp_s, units in depths]
+    return depths
 
 
 def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> None:

@@ -10,32 +10,56 @@ import os
 import platform
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WorkError
-from ..formats.files import atomic_write_text, make_folder, read_bytes, read_json, sha256, write_json, writer_died
+from ..formats.files import (
+    atomic_write,
+    atomic_write_text,
+    make_folder,
+    read_bytes,
+    read_json,
+    sha256,
+    write_json,
+    writer_died,
+)
+from ..formats.images import ARRAY, JPEG, image_header, read_colour8, write_array, write_jpeg
 from ..formats.libraries import first_library
 from ..formats.png import BACKENDS, write_png
+from ..geometry.camera import PinholeCamera
 from ..sensor.models import depth_model, rgb_model
+from ..sensor.transfer import srgb8
 from ..shipped import source_commit
 from . import ground_truth
-from .depth_units import KINDS, UNITS_PER_METRE
+from .depth_units import KINDS, UNITS_PER_METRE, depth16_from_metres
 from .frame_pool import FramePool, cores
-from .frames import FrameSource, frames_of_run
+from .frames import FrameSource, frames_of_run, read_depth_m
+from .layout import DEPTH, RGB, Contents, SequenceFormat, SequenceFrame
 from .run_folder import RunFolder, refuse_other, run_key
-from .sequence_formats import Contents, SequenceFormat, SequenceFrame, sequence_format
-from .sequence_options import SequenceSettings, noisy_images
+from .sequence_formats import sequence_format
+from .sequence_options import SequenceSettings, noisy_metres
 
 _SCHEMA_VERSION = 1
 #: Keys that decide the pixels; the others may differ between two starts.
 _IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
 _KEYS = ("kind", *_IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
+
+
+class Place(NamedTuple):
+    """Where an image goes, and the depth units a metre there."""
+
+    path: Path
+    units: float
+
+
 #: The files of a frame by kind of image: rgb, depth, and the kinds of ground truth.
-Places = dict[str, list[Path]]
+Places = dict[str, list[Place]]
 
 
 @dataclass(frozen=True)
@@ -50,20 +74,26 @@ class WrittenSequence:
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """Frame number, SHA-256 of both images, how many pixels of rendered depth became 0, by kind, and SHA-256 of ground-truth images, by kind."""
+    """Frame number, SHA-256 of both images as PNG, how many pixels of rendered depth became 0, by kind, SHA-256 of ground-truth images, by
+    kind, and of images that are stored otherwise, by how (`_stored_as`).
+    """
 
     frame: int
     rgb_sha256: str = ""
     depth_sha256: str = ""
     invalid_depth: dict[str, int] = field(default_factory=dict)
     truth_sha256: dict[str, str] = field(default_factory=dict)
+    other_sha256: dict[str, str] = field(default_factory=dict)
 
     def to_line(self) -> str:
-        """JSON; the last item only where there is any."""
-        content = asdict(self)
-        if not self.truth_sha256:
-            del content["truth_sha256"]
+        """JSON; the last items only where there are any."""
+        content = {k: v for k, v in asdict(self).items() if v or k not in ("truth_sha256", "other_sha256")}
         return json.dumps(content) + "\n"
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of all images by how they are stored."""
+        return {RGB: self.rgb_sha256, DEPTH: self.depth_sha256, **self.truth_sha256, **self.other_sha256}
 
 
 def read_entries(path: Path) -> dict[int, JournalEntry]:
@@ -107,9 +137,8 @@ class SequenceImages:
         """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread. `SequenceWriter.note` what it returns,
         on one thread. Raises InputError for a frame that cannot be read, WorkError where an image cannot be written.
         """
-        rgb, depth_z_m = self.source.load(number)
-        truth = self.source.truth_images.images(number) if self.source.truth_images else {}
-        return [images.make(number, rgb, depth_z_m, truth) for images in self._images]
+        frame = _Frame(self.source, number)
+        return [images.make(frame) for images in self._images]
 
 
 class SequenceWriter:
@@ -164,16 +193,32 @@ class SequenceWriter:
 
     def complete(self) -> list[WrittenSequence]:
         """Lists and recipe of all frames, once they are made."""
-        return [target.completed() for target in self.targets]
+        return [target.completed(self._surface) for target in self.targets]
+
+    def _surface(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame: those of the source, which have no noise, or, where a run's frames
+        are gone, of the first sequence, the clean one.
+        """
+        try:
+            light, depth_z_m = self.source.load(number)
+            return srgb8(light), depth_z_m
+        except InputError:
+            target = self.targets[0]
+            rgb, depth = (target.places[number][kind][0] for kind in (RGB, DEPTH))
+            return read_colour8(rgb.path), read_depth_m(depth.path, depth.units)
 
 
-def standing_frames(source: FrameSource, folders: Iterable[Path], formats: Iterable[str]) -> set[int]:
+def standing_frames(
+    source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str]
+) -> set[int]:
     """Frames of the source whose images, read back, are in every folder what its journal says. Nothing is written."""
-    chosen = [sequence_format(name) for name in formats]
-    there = [(read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen))) for out in folders]
+    chosen, there = [sequence_format(name) for name in formats], []
+    for out, settings in sequences.items():
+        units = _units(settings, chosen)
+        there.append((read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen), units), units))
 
     def stands(number: int) -> bool:
-        return all(_stands(entries, number, places[number]) for entries, places in there)
+        return all(_stands(entries, number, places[number], units) for entries, places, units in there)
 
     with ThreadPoolExecutor(4) as pool:
         return {n for n, good in zip(source.numbers, pool.map(stands, source.numbers), strict=True) if good}
@@ -205,24 +250,45 @@ class _Images:
     def __init__(
         self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
     ) -> None:
-        self.source, self.out, self.settings, self.layout = source, out, settings, _layout(out, formats)
+        self.source, self.out, self.layout = source, out, _layout(out, formats)
+        self.units = _units(settings, formats)
+        self.settings = replace(settings, depth_units_per_metre=self.units)
         self.journal = out / "frames.jsonl"
         self.entries = read_entries(self.journal)
-        self.places = _places(source, self.layout)
+        self.places = _places(source, self.layout, self.units)
 
     def stands(self, number: int) -> bool:
         """Whether all images of a frame are there as the journal has them."""
-        return _stands(self.entries, number, self.places[number])
+        return _stands(self.entries, number, self.places[number], self.units)
 
-    def make(
-        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, truth: dict[str, np.ndarray]
-    ) -> JournalEntry | None:
-        if self.stands(number):
+    def make(self, frame: "_Frame") -> JournalEntry | None:
+        if self.stands(frame.number):
             return None
-        image, units, invalid = noisy_images(rgb, depth_z_m, self.source.camera, number, self.settings)
-        images = {"rgb": image, "depth": units, **truth}
-        digests = {kind: _write_image(files, images[kind]) for kind, files in self.places[number].items()}
-        return JournalEntry(number, digests.pop("rgb"), digests.pop("depth"), invalid, digests)
+        digests, places = self._taken_over(frame.number)
+        invalid: dict[str, int] = {}
+        if any(places.values()):
+            image, noisy_z_m, invalid = noisy_metres(*frame.pixels, self.source.camera, frame.number, self.settings)
+            images = {RGB: image, DEPTH: noisy_z_m, **frame.truth}
+            for kind, files in places.items():
+                digests |= _write_images(kind, files, self.units, _encoder(kind, images[kind]))
+        main = digests.pop(RGB, ""), digests.pop(DEPTH, "")
+        truth = {kind: digests.pop(kind) for kind in ground_truth.KINDS if kind in digests}
+        return JournalEntry(frame.number, *main, invalid, truth, digests)
+
+    def _taken_over(self, number: int) -> tuple[dict[str, str], Places]:
+        """Copies the originals to the places that store them alike; SHA-256 by how they are stored, and the places that are left."""
+        places: Places = dict(self.places[number])
+        digests: dict[str, str] = {}
+        if not self.settings.is_clean or number not in self.source.originals:
+            return {}, places
+        pair, units = self.source.originals[number], self.source.depth_units_per_metre
+        for kind, path in ((RGB, pair.rgb), (DEPTH, pair.depth)):
+            how = _stored_as(kind, Place(path, units), units)
+            alike = [place for place in places[kind] if _stored_as(kind, place, units) == how]
+            if alike and _is_plain(path, kind, self.source.camera):
+                digests |= _write_images(kind, alike, self.units, partial(_copy, path))
+                places[kind] = [place for place in places[kind] if place not in alike]
+        return digests, places
 
 
 class _Target(_Images):
@@ -233,14 +299,14 @@ class _Target(_Images):
     ) -> None:
         super().__init__(source, out, settings, formats)
         for format in formats:
-            format.check(self._contents(source.numbers))
+            format.checked(self._contents(source.numbers, format))
         self.recipe = self._begun()
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
             # a line cut short by a crash; in place: a kill in the middle of writing anew would lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
         self.finished = frozenset(n for n in self.places if self.stands(n))
-        images = (path for n in source.numbers for paths in self.places[n].values() for path in paths)
+        images = (place.path for n in source.numbers for places in self.places[n].values() for place in places)
         for folder in sorted({out, *(path.parent for path in images)}):
             make_folder(folder)
             for leftover in folder.glob(".*.tmp.*"):
@@ -256,13 +322,13 @@ class _Target(_Images):
             raise WorkError(f"{self.journal}: cannot write: {error.strerror or error}") from None
         self.entries[entry.frame] = entry
 
-    def completed(self) -> WrittenSequence:
+    def completed(self, surface: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> WrittenSequence:
         """Text files and recipe, once all frames asked for are there. The journal gets one line a frame, in order: the same frames leave
         the same file, however often the work was broken off.
         """
         numbers = tuple(sorted(self.finished.union(self.source.numbers)))
         for format, folder in self.layout:
-            format.write_texts(folder, self._contents(numbers), format)
+            format.write_texts(folder, replace(self._contents(numbers, format), surface=surface), format)
             if self.source.truth_images:
                 self.source.truth_images.write_tables(folder)
         folders = tuple(folder for _, folder in self.layout)
@@ -305,9 +371,26 @@ class _Target(_Images):
         write_json(file, recipe)
         return recipe
 
-    def _contents(self, numbers: tuple[int, ...]) -> Contents:
+    def _contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         frames, truth = tuple(_frame(self.source, n) for n in numbers), self.source.truth_of(numbers)
-        return Contents(self.source.camera, frames, truth, self.settings.depth_units_per_metre, self.source.truth_file)
+        units = format.fixed_units or self.units
+        return Contents(self.source.camera, frames, truth, units, self.source.truth_file(numbers))
+
+
+class _Frame:
+    """A frame of a source, read when it is needed."""
+
+    def __init__(self, source: FrameSource, number: int) -> None:
+        self.source, self.number = source, number
+
+    @cached_property
+    def pixels(self) -> tuple[np.ndarray, np.ndarray]:
+        """Light (h, w, 3) and depth (h, w) in metres."""
+        return self.source.load(self.number)
+
+    @cached_property
+    def truth(self) -> dict[str, np.ndarray]:
+        return self.source.truth_images.images(self.number) if self.source.truth_images else {}
 
 
 def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceFormat, Path]]:
@@ -315,37 +398,90 @@ def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceForm
     return [(format, out if len(formats) == 1 else out / format.name) for format in formats]
 
 
-def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]]) -> dict[int, Places]:
+def _units(settings: SequenceSettings, formats: list[SequenceFormat]) -> float:
+    """Depth units a metre: those asked for, unless all formats have one scale of their own."""
+    fixed = {format.fixed_units for format in formats}
+    return fixed.pop() or settings.depth_units_per_metre if len(fixed) == 1 else settings.depth_units_per_metre
+
+
+def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]], units: float) -> dict[int, Places]:
     """Colour, depth and ground-truth files of every frame, one a format."""
-    kinds = ("rgb", "depth", *(ground_truth.KINDS if source.truth_images else ()))
-    frames = [_frame(source, number) for number in source.stamps_s]
-    return {f.number: {k: [folder / format.image(f, k) for format, folder in layout] for k in kinds} for f in frames}
+    kinds = (RGB, DEPTH, *(ground_truth.KINDS if source.truth_images else ()))
+    found = {}
+    for frame in (_frame(source, number) for number in source.stamps_s):
+        found[frame.number] = {
+            k: [Place(folder / format.image(frame, k), format.fixed_units or units) for format, folder in layout]
+            for k in kinds
+        }
+    return found
 
 
 def _frame(source: FrameSource, number: int) -> SequenceFrame:
     return source.names.get(number) or SequenceFrame(number, source.stamps_s[number])
 
 
-def _write_image(files: list[Path], image: np.ndarray) -> str:
-    """The same image under every name (one a format); its SHA-256."""
-    write_png(files[0], image)
-    for other in files[1:]:
-        other.unlink(missing_ok=True)
+def _stored_as(kind: str, place: Place, units: float) -> str:
+    """The kind of image, with its ending and scale where it is no PNG of the sequence's own scale: files of one such key are the same."""
+    scale = (
+        f" {place.units:g} a metre" if kind == DEPTH and place.units != units and place.path.suffix == ".png" else ""
+    )
+    return kind + ("" if place.path.suffix == ".png" else place.path.suffix) + scale
+
+
+def _encoder(kind: str, image: np.ndarray) -> Callable[[Place], None]:
+    """What writes the image to a place, as its ending says; depth comes in metres."""
+
+    def write(place: Place) -> None:
+        if place.path.suffix == JPEG:
+            write_jpeg(place.path, image)
+        elif place.path.suffix == ARRAY:
+            write_array(place.path, np.where(np.isfinite(image) & (image > 0), image, 0))
+        else:
+            write_png(place.path, depth16_from_metres(image, place.units) if kind == DEPTH else image)
+
+    return write
+
+
+def _write_images(kind: str, places: list[Place], units: float, write: Callable[[Place], None]) -> dict[str, str]:
+    """The same image to all its places, once for each way of storing it; SHA-256 by these."""
+    found: dict[str, Place] = {}
+    for place in places:
+        key = _stored_as(kind, place, units)
+        if key not in found:
+            write(place)
+            found[key] = place
+            continue
+        place.path.unlink(missing_ok=True)
         try:
-            os.link(files[0], other)
+            os.link(found[key].path, place.path)
         except OSError:  # a file system without links
-            write_png(other, image)
-    return sha256(read_bytes(files[0]))
+            write(place)
+    return {key: sha256(read_bytes(place.path)) for key, place in found.items()}
 
 
-def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places) -> bool:
+def _copy(original: Path, place: Place) -> None:
+    data = read_bytes(original, "an image")
+    atomic_write(place.path, lambda temporary: temporary.write_bytes(data))
+
+
+def _is_plain(path: Path, kind: str, camera: PinholeCamera) -> bool:
+    """Whether a file can be taken over: whole, of the camera's size, and 8-bit RGB, 16-bit grey, or metres. Raises InputError where it is broken."""
+    header = image_header(path, whole=True)
+    right = {"RGB": 8} if kind == RGB else {"grey": 16, "grey, metres": 32}
+    return (header.width, header.height) == (camera.width, camera.height) and right.get(header.colour) == header.bits
+
+
+def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places, units: float) -> bool:
     """Whether all images of a frame are there as the journal has them."""
     entry = entries.get(number)
     if entry is None:
         return False
-    digests = {"rgb": entry.rgb_sha256, "depth": entry.depth_sha256, **entry.truth_sha256}
     try:
-        return all(sha256(path.read_bytes()) == digests.get(kind) for kind, paths in files.items() for path in paths)
+        return all(
+            sha256(place.path.read_bytes()) == entry.digests.get(_stored_as(kind, place, units))
+            for kind, places in files.items()
+            for place in places
+        )
     except OSError:
         return False
 

@@ -35,6 +35,11 @@ class SequenceSettings:
             raise InputError("a seed as a whole number from 0 up", found=self.seed)
         check_units(self.depth_units_per_metre)
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether images are stored as they come: no noise, no other exposure."""
+        return {"model": self.depth.name, **self.depth.to_dict()} == {"model": "none"} and self.rgb == rgb_model("none")
+
     def to_dict(self) -> dict:
         return {
             "depth_noise": {"model": self.depth.name, **self.depth.to_dict()},
@@ -94,13 +99,21 @@ def noisy_images(
 
     Nothing but the arguments decides the result. Raises InputError where a user's own noise returns something else.
     """
+    image, noisy_z_m, invalid = noisy_metres(rgb, depth_z_m, camera, number, settings)
+    return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+
+
+def noisy_metres(
+    rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
+) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
+    """The same with depth (h, w) in metres, float."""
     invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
     image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, RGB))
     noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))
     _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
     _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
     invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
-    return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+    return image, noisy_z_m, invalid
 
 
 def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:

@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 
 import numpy as np
 
@@ -15,10 +16,9 @@ from ..errors import InputError
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
-from . import pov, trajectory_file
+from . import colmap, pose_folders, pov, trajectory_file
 from .files import atomic_write_text, data_lines
 from .trajectory_file import (
-    LARGEST_FRAME,
     OUR_WORLD,
     OWN_WORLD,
     FileOptions,
@@ -26,7 +26,6 @@ from .trajectory_file import (
     ReadAs,
     Source,
     Table,
-    is_number,
     read_table,
 )
 
@@ -52,8 +51,8 @@ class TrajectoryFormat:
     expected: what a line is, for errors. counts: how many columns a line may have; of 13, where 12 would do, the first is the frame's
     number. columns: those of x y z, and of qx qy qz qw or r00 r01 ... r22; a column before them has stamps, `ticks` a second (unless
     the rows say another number), or the frames' numbers where both are None; without it lines are counted, from `first`. hint: where
-    they are no numbers. frame: what makes the file's left-handed poses right-handed cv camera poses, None where they are, and the world
-    of the trajectory. inverse: the file's poses are world to camera. rows: the columns of a file whose lines are no rows.
+    they are no numbers. frame: what makes the file's poses right-handed cv camera poses, None where they are, and the world of the
+    trajectory; handedness: of the file's poses where that is not left for such. inverse: the file's poses are world to camera. rows: the columns of a file whose lines are no rows.
     line: for printf, all columns in order; "" where the format is only read. given: what is written of a trajectory: stamps or numbers
     (None where the format has none), and poses. header: with {unit}. goes_to: the same in a sentence. endings, word: names of files that
     mean this format: endings, or a word in the name of a file that ends in `texts`.
@@ -69,6 +68,7 @@ class TrajectoryFormat:
     first: int = 0
     hint: str | None = None
     frame: tuple[Callable[[SE3], SE3] | None, str] = (None, OWN_WORLD)
+    handedness: str = ""
     inverse: bool = False
     delimiter: str | None = None
     rows: Callable[[Source], Table] | None = None
@@ -98,7 +98,9 @@ class TrajectoryFormat:
         sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, table, trajectory))
         if left_out := len(poses) - len(rows):
             sentence += f"; {left_out} repeated stamp{'s' * (left_out > 1)} left out"
-        return LoadedTrajectory(trajectory, ReadAs(self.name, "left" if right else "right", world, sentence))
+        return LoadedTrajectory(
+            trajectory, ReadAs(self.name, self.handedness or ("left" if right else "right"), world, sentence)
+        )
 
     def write(self, trajectory: Trajectory, options: FileOptions) -> str:
         """The text of a file. Raises InputError where the format cannot hold the trajectory."""
@@ -108,7 +110,7 @@ class TrajectoryFormat:
         columns = np.zeros((len(poses), max(*position, *orientation) + 1))
         columns[:, orientation] = poses.quat_xyzw if quaternions else poses.rotation.reshape(-1, 9)
         columns[:, position] = poses.translation / options.unit_m
-        rows = (columns[:, 1 if quaternions else 0 :] + 0.0).tolist()  # adding 0.0 turns -0.0 into 0.0
+        rows = (columns[:, 0 not in (*position, *orientation) :] + 0.0).tolist()  # adding 0.0 turns -0.0 into 0.0
         if stamps is None:
             lines = [self.line % tuple(row) for row in rows]
         else:
@@ -228,6 +230,12 @@ def _given_sim(trajectory: Trajectory, options: FileOptions) -> Given:
     return None, left
 
 
+def _given_ns(trajectory: Trajectory, options: FileOptions) -> Given:
+    """By the shortest decimals that stand for the stamps."""
+    stamps = [round(Decimal(repr(stamp_s)) * 10**9) for stamp_s in trajectory.stamps_s.tolist()]
+    return stamps, trajectory.T_world_camera
+
+
 def _given_pov(trajectory: Trajectory, options: FileOptions) -> Given:
     poses = axes.pov_from_world_cv(trajectory.T_world_camera)
     return trajectory_file.frame_numbers(trajectory.stamps_s, options.rate_hz).tolist(), poses
@@ -259,33 +267,17 @@ def _square_rows(source: Source) -> Table:
     return table
 
 
-def _colmap_rows(source: Source) -> Table:
-    """(n, 8): frame number, or stamp where the images are named by stamps, translation, quaternion (scalar last), in the order of time.
-
-    The lines of image points, whose fields are all numbers, are left out.
-    """
-    lines = [(number, line) for number, line in data_lines(source.text) if _names_an_image(line)]
-    if not lines:
-        raise InputError(_COLMAP, path=source.path, found="no such line")
-    rows, whole = [], True
-    for number, line in lines:
-        fields = line.split(None, 9)
-        stamp = re.search(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", fields[9], re.ASCII)
-        if not stamp or not all(map(is_number, fields[:9])):
-            expected = f"{_COLMAP}, the name ending in the frame's number or its stamp"
-            raise InputError(expected, path=source.path, line=number, found=line)
-        w, x, y, z, *translation = (float(field) for field in fields[1:8])
-        rows.append((float(stamp[1]), *translation, x, y, z, w, number))
-        whole &= "." not in stamp[1]
-    values = np.array(sorted(rows))
-    ticks = (1e9 if values[0, 0] > LARGEST_FRAME else None) if whole else 1.0
-    return Table(values[:, :8], lambda row: (source.path, int(values[row, 8])), ticks)
+def _commented_first(source: Source) -> Source:
+    """The same with the first line of data, which names the columns, as a comment."""
+    number = data_lines(source.text)[0][0]
+    lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines[number - 1] = "#" + lines[number - 1]
+    return source.with_text("\n".join(lines))
 
 
-def _names_an_image(line: str) -> bool:
-    """Whether the tenth field, where COLMAP has the image's name, is no number."""
-    fields = line.split(None, 10)
-    return len(fields) >= 10 and not is_number(fields[9])
+def _vslam_lab_rows(source: Source) -> Table:
+    """(n, 8)."""
+    return read_table(_commented_first(source), (8,), _VSLAM_LAB, ",")
 
 
 def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
@@ -335,11 +327,30 @@ _ANCHORED, _POV = (axes.mirrored_y, ANCHORED_WORLD), (axes.world_cv_from_pov, OU
 _MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
 _MATRIX_ROW = "12 columns of a 3x4 matrix, or 13 with the frame number first"
 _SQUARE_ROW = "16 columns of a 4x4 matrix, row by row"
-_COLMAP = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of COLMAP's images.txt"
+_VSLAM_LAB = "8 columns parted by commas: ts (ns), tx, ty, tz, qx, qy, qz, qw"
+_TARTANAIR = "7 columns: tx ty tz qx qy qz qw"
 _BLOCKS = "blocks of 3 lines with 4 columns: r00 r01 r02 tx"
 _FROM_POV = f"turned into {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
 
 _ALL = (
+    TrajectoryFormat(  # a 4x4 matrix a file
+        name="scannet",
+        sniff=pose_folders.is_scannet,
+        rows=pose_folders.scannet_rows,
+        columns=_MATRIX_COLUMNS,
+        sentence=f"ScanNet's pose files: right-handed camera-to-world poses in {OWN_WORLD}, stamps 1 + number/{{rate}} s by the "
+        "files' names",
+    ),
+    TrajectoryFormat(  # OpenGL cameras in JSON
+        name="nerf",
+        sniff=lambda source: source.path.suffix.lower() == ".json" and source.text.lstrip().startswith("{"),
+        rows=pose_folders.nerf_rows,
+        columns=_MATRIX_COLUMNS,
+        frame=(axes.world_cv_from_world_blender, OWN_WORLD),
+        handedness="right",
+        sentence=f"transforms.json: OpenGL camera poses turned into right-handed cv camera poses in {OWN_WORLD}, stamps "
+        "1 + number/{rate} s by the images' names",
+    ),
     TrajectoryFormat(  # ICL-NUIM's own, a file a frame
         name="pov-cameras",
         sniff=lambda source: source.path.is_dir() or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines),
@@ -394,6 +405,19 @@ _ALL = (
         goes_to="gt.sim: blocks for images 1, 2, ..., LEFT-handed y-up poses, placed so that image 0 is the original's start",
         endings=(".gt.sim",),
     ),
+    TrajectoryFormat(
+        name="vslam-lab",
+        sniff=lambda source: bool(source.first_lines) and source.first_lines[0].lower().startswith("ts (ns),"),
+        rows=_vslam_lab_rows,
+        ticks=1e9,
+        sentence=f"VSLAM-LAB: stamps in nanoseconds, right-handed camera-to-world poses in {OWN_WORLD}",
+        line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
+        given=_given_ns,
+        header="ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw\n",
+        goes_to="VSLAM-LAB: nanoseconds, right-handed camera-to-world poses, world as it was",
+        word="vslam",
+        texts=(".csv",),
+    ),
     TrajectoryFormat(  # quaternion scalar FIRST; more columns (velocity, biases) may follow
         name="euroc",
         sniff=lambda source: any("," in line for line in source.first_lines),
@@ -405,7 +429,7 @@ _ALL = (
         sentence="EuRoC: stamps in nanoseconds, world <- body taken as right-handed camera-to-world poses in "
         + OWN_WORLD,
         line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
-        given=lambda t, options: (np.rint(t.stamps_s * 1e9).astype(np.int64).tolist(), t.T_world_camera),
+        given=_given_ns,
         header=_EUROC_HEADER,
         goes_to="EuRoC: nanoseconds, right-handed camera-to-world poses (as world <- body), world as it was",
         endings=(".csv",),
@@ -451,12 +475,27 @@ _ALL = (
     ),
     TrajectoryFormat(  # world to camera, scalar first, in a world without a unit
         name="colmap",
-        sniff=lambda source: bool(source.first_lines) and _names_an_image(source.first_lines[0]),
-        rows=_colmap_rows,
+        sniff=lambda source: bool(source.first_lines) and colmap.names_an_image(source.first_lines[0]),
+        rows=colmap.rows,
         inverse=True,
         sentence="COLMAP: world-to-camera poses inverted to right-handed camera-to-world poses, unit of length unknown "
         f"(align by sim3), in {OWN_WORLD}, stamps by the images' names ({{how}}; {{rate}} frames a second)",
         how=_numbering,
+    ),
+    TrajectoryFormat(  # x forward, y right, z down
+        name="tartanair",
+        sniff=lambda source: source.columns == 7 and source.starts_with_numbers,
+        expected=_TARTANAIR,
+        counts=(7,),
+        columns=((0, 1, 2), (3, 4, 5, 6)),
+        frame=(axes.world_cv_from_ned, OUR_WORLD),
+        handedness="right",
+        sentence=f"TartanAir: poses in NED axes (x forward, y right, z down) turned into {OUR_WORLD}, stamps 1 + line/{{rate}} s, "
+        "lines from 0",
+        line="%.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+        given=lambda t, options: (None, axes.ned_from_world_cv(t.T_world_camera)),
+        goes_to="TartanAir: 7 columns, poses in NED axes (x forward, y right, z down); stamps are not kept",
+        word="pose_left",
     ),
     TrajectoryFormat(
         name="tum",

@@ -75,6 +75,12 @@ class Source:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
 
+    def with_text(self, text: str) -> "Source":
+        """The same place with another text."""
+        other = Source(self.path)
+        other.__dict__["text"] = text
+        return other
+
     @property
     def name(self) -> str:
         """The file's name in lower case."""
@@ -256,8 +262,17 @@ def stamp_text(stamp_s: float) -> str:
     text = f"{stamp_s:.{STAMP_DIGITS}f}"
     if float(text) == stamp_s:
         return text
-    nine = f"{Decimal(repr(float(stamp_s))):.9f}"
-    return nine[:-3] + nine[-3:].rstrip("0")
+    return _nine_digits(Decimal(repr(float(stamp_s))))
+
+
+def stamp_text_of_ns(nanoseconds: int) -> str:
+    """Seconds as they are written, six to nine digits after the point."""
+    return _nine_digits(Decimal(nanoseconds).scaleb(-9))
+
+
+def _nine_digits(stamp_s: Decimal) -> str:
+    text = f"{stamp_s:.9f}"
+    return text[:-3] + text[-3:].rstrip("0")
 
 
 def frame_numbers(stamps_s: np.ndarray, rate_hz: float) -> np.ndarray:

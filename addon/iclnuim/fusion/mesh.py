@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from numba import njit, prange
 
-from ..dataset.frames import ImagePair, SequenceCamera
+from ..dataset.frames import ImagePair
+from ..dataset.layout import SequenceCamera
 from ..errors import InputError
 from ..evaluation.associate import AssociationSettings, associate
 from ..geometry.se3 import SE3

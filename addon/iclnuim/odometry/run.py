@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..dataset.frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from ..dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from ..dataset.layout import SequenceCamera
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import absolute_error
 from ..evaluation.relative_error import RelativeErrorSettings, relative_error
-from ..formats.png import read_depth16, read_rgb8
+from ..formats.images import read_colour8
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -58,8 +59,7 @@ class Sequence:
 
     def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
         """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres as they are in the files. Raises InputError."""
-        depth_z_m = read_depth16(pair.depth).astype(np.float32) / np.float32(self.camera.depth_units_per_metre)
-        return read_rgb8(pair.rgb), depth_z_m
+        return read_colour8(pair.rgb), read_depth_m(pair.depth, self.camera.depth_units_per_metre)
 
 
 @dataclass(frozen=True, eq=False)

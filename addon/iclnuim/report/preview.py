@@ -10,11 +10,13 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..dataset.frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from ..dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
 from ..dataset.inspection import carried_residual
+from ..dataset.layout import SequenceCamera
 from ..errors import InputError
 from ..formats.files import atomic_write, make_folder
-from ..formats.png import read_depth16, read_rgb8, write_png
+from ..formats.images import read_colour8
+from ..formats.png import write_png
 from ..geometry.trajectory import sample
 
 _ROWS, _FILM_FRAMES, _FILM_HZ = 6, 300, 15
@@ -57,7 +59,7 @@ def _captions(width: int, reach_m: tuple[float, float]) -> np.ndarray:
 
 
 def _metres(pair: ImagePair, camera: SequenceCamera) -> np.ndarray:
-    depth = read_depth16(pair.depth) / camera.depth_units_per_metre
+    depth = read_depth_m(pair.depth, camera.depth_units_per_metre)
     if depth.shape != (camera.pinhole.height, camera.pinhole.width):
         raise InputError("depth images of the camera's size", path=pair.depth, found=depth.shape)
     return depth
@@ -68,7 +70,7 @@ def _tiles(pair: ImagePair, camera: SequenceCamera, reach_m: tuple[float, float]
     depth_z_m, (near, far) = _metres(pair, camera), reach_m
     image = _colours(1 - (depth_z_m - near) / max(far - near, 1e-6), "turbo")
     image[depth_z_m == 0] = 0
-    return np.hstack([_halved(read_rgb8(pair.rgb)), _halved(image)])
+    return np.hstack([_halved(read_colour8(pair.rgb)), _halved(image)])
 
 
 def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..dataset.frames import read_frame
-from ..dataset.sequence import SequenceSettings, noisy_images
+from ..dataset.sequence_options import SequenceSettings, noisy_images
 from ..errors import IclnuimError
 from ..geometry.camera import PinholeCamera
 from . import state

@@ -11,8 +11,7 @@ from bpy.props import BoolProperty, StringProperty
 from ..blender import camera as keyed_camera
 from ..blender import orient, sanitize, scene, scene_paths
 from ..dataset.frames import read_frame
-from ..dataset.sequence import noisy_images
-from ..dataset.sequence_options import SequenceOptions
+from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings

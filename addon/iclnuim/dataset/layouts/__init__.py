@@ -1,0 +1,1 @@
+"""The formats of sequences, a module each: FORMAT is what the registry (sequence_formats.py) lists."""

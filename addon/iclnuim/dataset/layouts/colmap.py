@@ -1,0 +1,160 @@
+"""COLMAP's text model, as splatting programs train on it: images/, sparse/0/ with cameras.txt, images.txt, points3D.txt, and test.txt.
+
+COLMAP has no depth: ours lies beside, in depth/ and camera.json. Its pixel centres are at +0.5, its poses world to camera, scalar first
+(https://colmap.github.io/format.html). test.txt names every 8th image, those that 3D Gaussian splatting holds back by default too.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...formats import colmap
+from ...formats.files import atomic_write_text, data_lines, make_folder, read_text
+from ...geometry.camera import PinholeCamera
+from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in
+from . import listed
+
+_MODELS = ("sparse/0", "sparse")
+#: Images that points are taken from and seen in, and points in all, at most.
+_VIEWS, _POINTS = 40, 40_000
+#: Depth in another image may differ so far where it is the same surface.
+_SAME_SURFACE = 0.01
+_HELD_OUT = 8
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    model, c = folder / _MODELS[0], contents.camera
+    make_folder(model)
+    listed.write_camera(folder, contents)
+    camera = f"1 PINHOLE {c.width} {c.height} {c.fx!r} {c.fy!r} {c.cx + 0.5!r} {c.cy + 0.5!r}\n"
+    atomic_write_text(model / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + camera)
+    names = [Path(path).name for path in format.images(contents, RGB).paths]
+    points, tracks = _points(contents)
+    seen: list[list[str]] = [[] for _ in names]
+    lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
+    for number, (point, track) in enumerate(zip(points, tracks, strict=True), 1):
+        places = []
+        for image, u, v in track:
+            places.append(f"{image + 1} {len(seen[image])}")
+            seen[image].append(f"{u + 0.5:.4f} {v + 0.5:.4f} {number}")
+        lines.append(f"{number} {point} 0 {' '.join(places)}")
+    atomic_write_text(model / "points3D.txt", "\n".join(lines) + "\n")
+    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[] as (X, Y, POINT3D_ID)"]
+    poses = contents.poses.inverse()
+    for image, (name, (x, y, z, w), t) in enumerate(
+        zip(names, poses.quat_xyzw.tolist(), poses.translation.tolist(), strict=True)
+    ):
+        numbers = " ".join(f"{value + 0.0:.12f}" for value in (w, x, y, z, *t))
+        lines += [f"{image + 1} {numbers} 1 {name}", " ".join(seen[image])]
+    atomic_write_text(model / "images.txt", "\n".join(lines) + "\n")
+    atomic_write_text(model / "test.txt", "".join(f"{name}\n" for name in sorted(names)[::_HELD_OUT]))
+
+
+#: Of a point: the row of an image and the pixel where it is seen, centres at whole numbers.
+_Track = list[tuple[int, float, float]]
+
+
+def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
+    """`X Y Z R G B` of points on the surface, and where they are seen: pixels on a grid, each also in the other views that show it."""
+    if contents.surface is None:
+        return [], []
+    rows = list(range(0, len(contents.frames), math.ceil(len(contents.frames) / _VIEWS)))
+    views = [contents.surface(contents.frames[row].number) for row in rows]
+    camera, poses = contents.camera, contents.poses
+    step = max(1, math.ceil(math.sqrt(len(rows) * camera.width * camera.height / _POINTS)))
+    texts: list[str] = []
+    tracks: list[_Track] = []
+    for row, (rgb, depth_z_m) in zip(rows, views, strict=True):
+        v, u = (grid.ravel() for grid in np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step])
+        measured = np.isfinite(depth_z_m[v, u]) & (depth_z_m[v, u] > 0)
+        v, u = v[measured], u[measured]
+        world = poses[row].apply(camera.unproject(depth_z_m.astype(float))[v, u])
+        first = len(tracks)
+        tracks += [[(row, float(a), float(b))] for a, b in zip(u, v, strict=True)]
+        for other, (_, there) in zip(rows, views, strict=True):
+            if other != row:
+                for k, a, b in _seen(poses[other].inverse().apply(world), there, camera):
+                    tracks[first + k].append((other, a, b))
+        colours = rgb[v, u].tolist()
+        texts += [
+            f"{x:.6f} {y:.6f} {z:.6f} {r} {g} {b}" for (x, y, z), (r, g, b) in zip(world.tolist(), colours, strict=True)
+        ]
+    return texts, tracks
+
+
+def _seen(
+    points_camera: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera
+) -> Iterator[tuple[int, float, float]]:
+    """Which of the points (n, 3) in a camera's frame its depth image shows, and at which pixels."""
+    pixels = np.nan_to_num(camera.project(points_camera), nan=-1.0).clip(-1, 1e6)
+    places = np.rint(pixels).astype(int)
+    inside = (points_camera[:, 2] > 0) & (places >= 0).all(1)
+    inside &= (places[:, 0] < camera.width) & (places[:, 1] < camera.height)
+    k = np.flatnonzero(inside)
+    there, z = depth_z_m[places[k, 1], places[k, 0]], points_camera[k, 2]
+    k = k[np.abs(there - z) < _SAME_SURFACE * z]
+    yield from zip(k.tolist(), pixels[k, 0].tolist(), pixels[k, 1].tolist(), strict=True)
+
+
+def _model(folder: Path) -> Path | None:
+    return next((folder / name for name in _MODELS if (folder / name / "images.txt").is_file()), None)
+
+
+def _found(folder: Path) -> bool:
+    return any((folder / name / f"images.{ending}").is_file() for name in _MODELS for ending in ("txt", "bin"))
+
+
+def _rows(folder: Path) -> list[Row]:
+    """The images of the model in the order of time, with depth/NAME.png."""
+    model = _model(folder)
+    if model is None:
+        hint = "COLMAP's model_converter, which makes text of a binary model"
+        raise InputError("sparse/0/images.txt", path=folder, found="a binary model", hint=hint)
+    file, found = model / "images.txt", []
+    for stamp_s, name in colmap.stamps_and_names(file):
+        depth = folder / DEPTH / Path(name).with_suffix(".png")
+        if not depth.is_file():
+            raise InputError(
+                f"depth/{depth.name} beside COLMAP's images, which have no depth", path=folder, found="none"
+            )
+        found.append(Row(stamp_s, folder / "images" / name, depth))
+    return found
+
+
+def _camera(folder: Path, image: Path) -> SequenceCamera | None:
+    """The camera of the model, which must be one without distortion; depth units of camera.json."""
+    ours, model = camera_file(folder), _model(folder)
+    if model is None or not (model / "cameras.txt").is_file():
+        return ours
+    file = model / "cameras.txt"
+    lines = data_lines(read_text(file))
+    if len(lines) != 1:
+        raise InputError("one camera", path=file, found=len(lines))
+    number, line = lines[0]
+    _, kind, *values = [*line.split(), "", ""]
+    known = {"PINHOLE": 6, "SIMPLE_PINHOLE": 5}
+    if kind not in known:
+        raise InputError(f"a camera {' or '.join(known)}, without distortion", path=file, line=number, found=kind)
+    what = "WIDTH HEIGHT and the numbers of a " + kind
+    w, h, *f, cx, cy = numbers_in(file, values[:-2], known[kind], what)
+    pinhole = PinholeCamera(int(w), int(h), f[0], f[-1], cx - 0.5, cy - 0.5)
+    return SequenceCamera(pinhole, ours.depth_units_per_metre) if ours else SequenceCamera(pinhole)
+
+
+def _truth(folder: Path) -> Path | None:
+    model = _model(folder)
+    return model / "images.txt" if model else None
+
+
+FORMAT = SequenceFormat(
+    "colmap",
+    "COLMAP's text model for splatting programs: images/, sparse/0/ with points of the surface and a test split; depth/",
+    lambda f, kind: f"{'images' if kind == RGB else kind}/{f.number:06}.png",
+    _write,
+    Reader(_found, _rows, _camera, _truth),
+    stamps="none",
+    every_pose=True,
+)

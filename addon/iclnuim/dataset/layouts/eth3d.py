@@ -1,0 +1,27 @@
+"""ETH3D SLAM: TUM's lists with images named by stamps, associated.txt, and calibration.txt with fx fy cx cy on one line.
+
+Pixel centres lie at whole numbers; depth has 5000 units a metre (https://www.eth3d.net/slam_documentation).
+"""
+
+from pathlib import Path
+
+from ...formats.files import atomic_write_text
+from ..depth_units import UNITS_PER_METRE
+from ..layout import Contents, SequenceFormat
+from . import listed
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    listed.write_lists(folder, contents, format, "associated.txt")
+    c = contents.camera
+    atomic_write_text(folder / "calibration.txt", f"{c.fx!r} {c.fy!r} {c.cx!r} {c.cy!r}\n")
+
+
+FORMAT = SequenceFormat(
+    "eth3d",
+    "ETH3D SLAM: rgb/ and depth/ named by stamps, associated.txt, calibration.txt (fx fy cx cy), groundtruth.txt",
+    lambda f, kind: f"{kind}/{f.stamp_text()}.png",
+    _write,
+    listed.READER,
+    fixed_units=UNITS_PER_METRE,
+)

@@ -1,0 +1,85 @@
+"""EuRoC's layout with a depth camera: mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml, state_groundtruth_estimate0; stamps in ns."""
+
+import re
+from pathlib import Path
+
+from ...errors import InputError
+from ...formats.files import atomic_write_text, data_lines, read_text
+from ...formats.trajectory_file import stamp_text_of_ns
+from ...geometry.camera import PinholeCamera
+from ..depth_units import UNITS_PER_METRE, check_units
+from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, write_truth
+
+_ROOT, _TRUTH = Path("mav0"), Path("mav0/state_groundtruth_estimate0/data.csv")
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
+        rows = [f"{ns},{ns}.png\n" for ns in (frame.nanoseconds() for frame in contents.frames)]
+        atomic_write_text(folder / _ROOT / sensor / "data.csv", "#timestamp [ns],filename\n" + "".join(rows))
+        atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
+    write_truth(folder / _TRUTH, contents, "euroc")
+
+
+def _sensor(contents: Contents, what: str) -> str:
+    """The body frame is the camera's: T_BS is the identity."""
+    c = contents.camera
+    return f"""sensor_type: {what.split()[0]}
+comment: {what}
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+rate_hz: {contents.rate_hz:g}
+resolution: [{c.width}, {c.height}]
+camera_model: pinhole
+intrinsics: [{c.fx:.9g}, {c.fy:.9g}, {c.cx:.9g}, {c.cy:.9g}]
+distortion_model: radial-tangential
+distortion_coefficients: [0.0, 0.0, 0.0, 0.0]
+depth_units_per_metre: {contents.depth_units_per_metre:g}
+"""
+
+
+def _rows(folder: Path) -> list[Row]:
+    """By nanoseconds, as both data.csv have them."""
+    images = []
+    for sensor in (folder / _ROOT / "cam0", folder / _ROOT / "depth0"):
+        try:
+            fields = [line.split(",") for _, line in data_lines(read_text(sensor / "data.csv"))]
+            images.append({int(stamp): sensor / "data" / name.strip() for stamp, name in fields})
+        except ValueError:
+            raise InputError("lines `nanoseconds,image`", path=sensor / "data.csv") from None
+    rgb, depth = images
+    texts = {ns: stamp_text_of_ns(ns) for ns in rgb.keys() & depth.keys()}
+    return [Row(ns / 1e9, rgb[ns], depth[ns], (texts[ns], texts[ns])) for ns in sorted(texts)]
+
+
+def _camera(folder: Path, image: Path) -> SequenceCamera:
+    file = folder / _ROOT / "depth0/sensor.yaml"
+    text = read_text(file)
+    lists = dict(re.findall(r"^(resolution|intrinsics): *\[(.*)\]", text, re.MULTILINE))
+    try:
+        width, height = (int(value) for value in lists["resolution"].split(","))
+        fx, fy, cx, cy = (float(value) for value in lists["intrinsics"].split(","))
+    except (KeyError, ValueError):
+        raise InputError("resolution: [w, h] and intrinsics: [fx, fy, cx, cy]", path=file) from None
+    units = re.search(r"^depth_units_per_metre: *([\d.]+)", text, re.MULTILINE)
+    try:
+        per_metre = check_units(float(units[1]) if units else UNITS_PER_METRE)
+    except ValueError:
+        raise InputError("depth_units_per_metre as a number", path=file, found=units and units[1]) from None
+    return SequenceCamera(PinholeCamera(width, height, fx, fy, cx, cy), per_metre)
+
+
+def _truth(folder: Path) -> Path | None:
+    return folder / _TRUTH if (folder / _TRUTH).is_file() else None
+
+
+FORMAT = SequenceFormat(
+    "euroc",
+    "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
+    lambda f, kind: f"mav0/{'cam' if kind == RGB else kind}0/data/{f.nanoseconds()}.png",
+    _write,
+    Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, _truth),
+    stamps="ns",
+)

@@ -1,0 +1,117 @@
+"""What the formats in TUM's manner share: images in lists with stamps, a camera in a file beside them, a ground-truth file."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...evaluation.associate import associate
+from ...formats.associations import (
+    Associations,
+    read_associations,
+    read_image_list,
+    write_associations,
+    write_image_list,
+)
+from ...formats.files import read_text, write_json
+from ...geometry.trajectory import stamps_of_frames
+from ..layout import (
+    CAMERA,
+    DEPTH,
+    RGB,
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    camera_file,
+    numbers_in,
+    pinhole_of,
+    write_truth,
+)
+
+_ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
+_TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim")
+_K = "the nine numbers of K, or fx fy cx cy"
+
+
+def write_lists(folder: Path, contents: Contents, format: SequenceFormat, associations: str = _ASSOCIATIONS[0]) -> None:
+    """rgb.txt, depth.txt, `associations`, groundtruth.txt. Stamps that are to be kept are written as they were, to the character."""
+    rgb, depth = (format.images(contents, kind) for kind in (RGB, DEPTH))
+    write_image_list(folder / "rgb.txt", rgb)
+    write_image_list(folder / "depth.txt", depth)
+    write_associations(folder / associations, Associations(rgb, depth))
+    write_truth(folder / "groundtruth.txt", contents, "tum")
+
+
+def write_camera(folder: Path, contents: Contents) -> None:
+    """camera.json."""
+    write_json(folder / CAMERA, contents.full_camera.to_dict())
+
+
+def rows(folder: Path) -> list[Row]:
+    """By association file, else by rgb.txt and depth.txt, else by equal names in rgb/ and depth/."""
+    return _listed(folder) or _by_name(folder)
+
+
+def _list_files(folder: Path) -> list[Path]:
+    file = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
+    both = [folder / "rgb.txt", folder / "depth.txt"]
+    return [file] if file else both if all(path.is_file() for path in both) else []
+
+
+def found(folder: Path) -> bool:
+    """Whether there are lists, and an image that they name: other formats may have such lists left over."""
+    if not (files := _list_files(folder)):
+        return False
+    for line in read_text(files[0]).splitlines():
+        fields = line.split("#", 1)[0].split()
+        if len(fields) > 1:
+            return (folder / fields[1]).is_file()
+    return False
+
+
+def _listed(folder: Path) -> list[Row]:
+    files = _list_files(folder)
+    if not files:
+        return []
+    if len(files) == 1:
+        pairs = read_associations(files[0])
+        rgb, depth, indices = pairs.rgb, pairs.depth, [(i, i) for i in range(len(pairs))]
+    else:
+        rgb, depth = read_image_list(files[0]), read_image_list(files[1])
+        both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
+        indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
+    texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
+    return [
+        Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
+        for i, j in indices
+    ]
+
+
+def _by_name(folder: Path) -> list[Row]:
+    depths = {path.stem: path for path in (folder / DEPTH).glob("*.png")}
+    images = sorted(path for path in (folder / RGB).glob("*.png") if path.stem in depths)
+    numbered = all(path.stem.isdigit() for path in images)
+    stamps_s = stamps_of_frames([int(path.stem) if numbered else i for i, path in enumerate(images)]).tolist()
+    return sorted(Row(stamp_s, path, depths[path.stem]) for stamp_s, path in zip(stamps_s, images, strict=True))
+
+
+def camera(folder: Path, image: Path) -> SequenceCamera | None:
+    """camera.json, or calibration.txt: K as in the original, or fx fy cx cy as in ETH3D."""
+    if there := camera_file(folder):
+        return there
+    path = folder / "calibration.txt"
+    if not path.is_file():
+        return None
+    values = read_text(path).split()
+    k = numbers_in(path, values, 4 if len(values) == 4 else 9, _K)
+    fx, fy, cx, cy = k if len(k) == 4 else (k[0], k[4], k[2], k[5])
+    return SequenceCamera(pinhole_of(image, fx, fy, cx, cy))
+
+
+def truth(folder: Path) -> Path | None:
+    """The ground-truth file."""
+    return next((path for pattern in _TRUTHS for path in sorted(folder.glob(pattern))), None)
+
+
+READER = Reader(found, rows, camera, truth)

@@ -1,0 +1,79 @@
+"""transforms.json with poses of the OpenGL camera (x right, y up, looks along -z), for nerfstudio and instant-ngp.
+
+NeRF programs count pixel centres at +0.5, so the principal point lies half a pixel further.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...formats.files import read_json, write_json
+from ...geometry import axes
+from ...geometry.camera import PinholeCamera
+from ...geometry.trajectory import stamps_of_frames
+from ..depth_units import UNITS_PER_METRE, check_units
+from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
+
+FILE = Path("transforms.json")
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    c = contents.camera
+    rgb, depth = (format.images(contents, kind) for kind in (RGB, DEPTH))
+    poses = axes.world_blender_from_world_cv(contents.poses).matrix
+    rows = zip(rgb.paths, depth.paths, poses.tolist(), strict=True)
+    content = {
+        "camera_model": "OPENCV",
+        **{"w": c.width, "h": c.height, "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx + 0.5, "cy": c.cy + 0.5},
+        **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
+        "camera_angle_x": float(2 * np.arctan(c.width / (2 * c.fx))),
+        "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
+        "enable_depth_loading": True,
+        "integer_depth_scale": 1 / contents.depth_units_per_metre,
+        # nerfstudio reads depth_file_path, instant-ngp depth_path
+        "frames": [{"file_path": a, "depth_file_path": b, "depth_path": b, "transform_matrix": m} for a, b, m in rows],
+    }
+    write_json(folder / FILE, content)
+
+
+def _check(contents: Contents) -> None:
+    if contents.truth is None or len(contents.truth) < 2:
+        raise InputError("at least two poses for the format nerf", found="fewer", hint="the format tum")
+
+
+def _rows(folder: Path) -> list[Row]:
+    found: list[Row] = []
+    frames = read_json(folder / FILE).get("frames")
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError("a list of frames", path=folder / FILE)
+    for place, frame in enumerate(frames):
+        image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
+        if not isinstance(image, str) or not isinstance(depth, str):
+            raise InputError("frames with file_path and depth_file_path", path=folder / FILE, found=f"frame {place}")
+        number = int(Path(image).stem) if Path(image).stem.isdigit() else place
+        found.append(Row(float(stamps_of_frames(number)), folder / image, folder / depth))
+    return found
+
+
+def _camera(folder: Path, image: Path) -> SequenceCamera:
+    content = read_json(folder / FILE)
+    try:
+        w, h, fx, fy, cx, cy = (float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
+        units = 1 / float(content.get("integer_depth_scale", 1 / UNITS_PER_METRE))
+        size = int(w), int(h)
+    except (KeyError, TypeError, ValueError, OverflowError, ZeroDivisionError):
+        raise InputError("numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale", path=folder / FILE) from None
+    return SequenceCamera(PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units))
+
+
+FORMAT = SequenceFormat(
+    "nerf",
+    "images/, depth/ and transforms.json, for nerfstudio and instant-ngp",
+    lambda f, kind: f"{'images' if kind == RGB else kind}/{f.number:06}.png",
+    _write,
+    Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
+    _check,
+    stamps="none",
+    every_pose=True,
+)

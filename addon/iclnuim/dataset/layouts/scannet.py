@@ -1,0 +1,74 @@
+"""ScanNet as its SensReader exports it, below frames/: color/0.jpg, depth/0.png in millimetres, pose/0.txt (4 x 4, camera to world), intrinsic/."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...formats.files import atomic_write_text, make_folder, read_text
+from ...geometry.trajectory import stamps_of_frames
+from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in, pinhole_of
+
+#: Depth units a metre (depthShift of its .sens files).
+UNITS = 1000.0
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    top = folder / "frames"
+    for name in ("pose", "intrinsic"):
+        make_folder(top / name)
+    for frame, matrix in zip(contents.frames, contents.poses.matrix, strict=True):
+        atomic_write_text(top / f"pose/{frame.number}.txt", _matrix(matrix))
+    K = np.eye(4)
+    K[:3, :3] = contents.camera.K
+    for kind in ("color", "depth"):
+        atomic_write_text(top / f"intrinsic/intrinsic_{kind}.txt", _matrix(K))
+        atomic_write_text(top / f"intrinsic/extrinsic_{kind}.txt", _matrix(np.eye(4)))
+
+
+def _matrix(matrix: np.ndarray) -> str:
+    return "".join(" ".join(f"{value + 0.0:.12g}" for value in row) + "\n" for row in matrix.tolist())
+
+
+def _top(folder: Path) -> Path:
+    return folder / "frames" if (folder / "frames").is_dir() else folder
+
+
+def _rows(folder: Path) -> list[Row]:
+    """By the numbers that are the names."""
+    top, found = _top(folder), []
+    images = {int(p.stem): p for e in ("jpg", "png") for p in (top / "color").glob(f"*.{e}") if p.stem.isdecimal()}
+    for number in sorted(images):
+        depth = top / f"depth/{images[number].stem}.png"
+        if not depth.is_file():
+            raise InputError(f"depth/{depth.name} beside color/{images[number].name}", path=top, found="none")
+        found.append(Row(float(stamps_of_frames(number)), images[number], depth, number=number))
+    return found
+
+
+def _camera(folder: Path, image: Path) -> SequenceCamera | None:
+    """That of the depth images; `image` is one of colour, which has its size unless it is refused."""
+    if there := camera_file(folder):
+        return there
+    file = _top(folder) / "intrinsic/intrinsic_depth.txt"
+    if not file.is_file():
+        return None
+    k = numbers_in(file, read_text(file).split(), 16, "the sixteen numbers of a 4 x 4 matrix")
+    return SequenceCamera(pinhole_of(image, k[0], k[5], k[2], k[6]), UNITS)
+
+
+FORMAT = SequenceFormat(
+    "scannet",
+    "ScanNet's exported frames: frames/color/*.jpg, frames/depth/*.png (mm), frames/pose/*.txt, frames/intrinsic/",
+    lambda f, kind: f"frames/color/{f.number}.jpg" if kind == RGB else f"frames/{kind}/{f.number}.png",
+    _write,
+    Reader(
+        lambda folder: (_top(folder) / "color").is_dir() and (_top(folder) / "pose").is_dir(),
+        _rows,
+        _camera,
+        lambda folder: _top(folder) / "pose",
+    ),
+    stamps="none",
+    fixed_units=UNITS,
+    every_pose=True,
+)

@@ -1,0 +1,63 @@
+"""TartanAir: image_left/000000_left.png, depth_left/000000_left_depth.npy in metres, pose_left.txt in NED axes.
+
+No stamps, no camera (its own is the same in all sequences), and nothing stands for a missing depth: 0 does here
+(https://github.com/castacks/tartanair_tools, data_type.md). The lines of pose_left.txt belong to the images in the order of their names.
+"""
+
+from pathlib import Path
+
+from ...errors import InputError
+from ...formats.images import image_header
+from ...formats.trajectories import write_trajectory
+from ...geometry.camera import PinholeCamera
+from ...geometry.trajectory import Trajectory, stamps_of_frames
+from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, SequenceFrame, camera_file
+from . import listed
+
+#: A field of view of 90 degrees; printed with the principal point at (320, 240), counted from the corner of the image.
+PUBLISHED = PinholeCamera(640, 480, 320.0, 320.0, 319.5, 239.5)
+_POSES = "pose_left.txt"
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    write_trajectory(folder / _POSES, Trajectory(contents.stamps_s, contents.poses), "tartanair")
+    listed.write_camera(folder, contents)
+
+
+def _rows(folder: Path) -> list[Row]:
+    found = []
+    for place, image in enumerate(sorted((folder / "image_left").glob("*.png"))):
+        depth = folder / f"depth_left/{image.stem}_depth.npy"
+        if not depth.is_file():
+            raise InputError(f"depth_left/{depth.name} beside {image.name}", path=folder, found="none")
+        found.append(Row(float(stamps_of_frames(place)), image, depth, number=place))
+    return found
+
+
+def _camera(folder: Path, image: Path) -> SequenceCamera | None:
+    if there := camera_file(folder):
+        return there
+    header = image_header(image)
+    return SequenceCamera(PUBLISHED) if (header.width, header.height) == (640, 480) else None
+
+
+def _image(frame: SequenceFrame, kind: str) -> str:
+    ending = "_depth.npy" if kind == DEPTH else ".png"
+    return f"{'image' if kind == RGB else kind}_left/{frame.number:06}_left{ending}"
+
+
+FORMAT = SequenceFormat(
+    "tartanair",
+    "TartanAir: image_left/, depth_left/ (.npy, metres), pose_left.txt in NED axes",
+    _image,
+    _write,
+    Reader(
+        lambda folder: (folder / _POSES).is_file() and (folder / "image_left").is_dir(),
+        _rows,
+        _camera,
+        lambda folder: folder / _POSES,
+    ),
+    stamps="none",
+    every_pose=True,
+    fixed_camera=PUBLISHED,
+)

@@ -1,0 +1,53 @@
+"""TUM: rgb/, depth/, their lists, and what ORB-SLAM3 asks for. And the same with images named by their stamps, as RTAB-Map takes them."""
+
+from pathlib import Path
+
+from ...errors import InputError
+from ...formats.files import atomic_write_text
+from .. import slam_settings
+from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceFormat
+from . import listed
+
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    """Lists, camera.json, groundtruth.txt, and settings for ORB-SLAM3."""
+    listed.write_lists(folder, contents, format)
+    listed.write_camera(folder, contents)
+    settings = slam_settings.orb_slam3(contents.camera, contents.rate_hz, contents.depth_units_per_metre)
+    atomic_write_text(folder / "orb_slam3.yaml", settings)
+
+
+FORMAT = SequenceFormat(
+    "tum",
+    "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml",
+    lambda f, kind: f.paths.get(kind) or f"{kind}/{f.number:06}.png",
+    _write,
+    listed.READER,
+    keeps_names=True,
+)
+
+
+def _by_stamp(folder: Path) -> list[Row]:
+    """The lists there, else both folders in the order of their names."""
+    if listed.found(folder):
+        return listed.rows(folder)
+    images = [sorted((folder / f"{kind}_sync").glob("*.png"), key=_stamp_s) for kind in (RGB, DEPTH)]
+    return [Row(_stamp_s(a), a, b, (a.stem, b.stem)) for a, b in zip(*images, strict=False)]
+
+
+def _stamp_s(image: Path) -> float:
+    text = image.stem
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError("images named by their stamps in seconds", path=image, found=text) from None
+
+
+RTABMAP = SequenceFormat(
+    "rtabmap",
+    "the format tum with rgb_sync/, depth_sync/ and stamps as the images' names, as RTAB-Map's tool reads them",
+    lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
+    _write,
+    Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
+)

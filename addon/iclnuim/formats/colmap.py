@@ -1,0 +1,72 @@
+"""COLMAP's images.txt: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of image points.
+
+Its images have no stamps: the last number in a name is the frame's number, its stamp in nanoseconds, or, with a point, in seconds.
+"""
+
+import os
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.trajectory import stamps_of_frames
+from .files import data_lines
+from .trajectory_file import LARGEST_FRAME, Source, Table, is_number
+
+EXPECTED = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of COLMAP's images.txt"
+_STAMP = re.compile(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", re.ASCII)
+
+
+@dataclass(frozen=True)
+class _Images:
+    """Lines of a file and their images in the order of time: names, and rows (n, 8) as `rows` has them."""
+
+    names: list[str]
+    lines: list[int]
+    values: np.ndarray
+    ticks: float | None
+
+
+def names_an_image(line: str) -> bool:
+    """Whether the tenth field, where COLMAP has the image's name, is no number."""
+    fields = line.split(None, 10)
+    return len(fields) >= 10 and not is_number(fields[9])
+
+
+def rows(source: Source) -> Table:
+    """(n, 8): frame number, or stamp where the images are named by stamps, translation, quaternion (scalar last), in the order of time.
+
+    The lines of image points, whose fields are all numbers, are left out.
+    """
+    images = _read(source)
+    return Table(images.values, lambda row: (source.path, images.lines[row]), images.ticks)
+
+
+def stamps_and_names(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
+    """Stamp in seconds and name of each image, in the order of time."""
+    images = _read(Source(path))
+    first = images.values[:, 0]
+    stamps_s = first / images.ticks if images.ticks else stamps_of_frames(first)
+    return list(zip(stamps_s.tolist(), images.names, strict=True))
+
+
+def _read(source: Source) -> _Images:
+    lines = [(number, line) for number, line in data_lines(source.text) if names_an_image(line)]
+    if not lines:
+        raise InputError(EXPECTED, path=source.path, found="no such line")
+    found, whole = [], True
+    for number, line in lines:
+        fields = line.split(None, 9)
+        stamp = _STAMP.search(fields[9])
+        if not stamp or not all(map(is_number, fields[:9])):
+            expected = f"{EXPECTED}, the name ending in the frame's number or its stamp"
+            raise InputError(expected, path=source.path, line=number, found=line)
+        w, x, y, z, *translation = (float(field) for field in fields[1:8])
+        found.append(((float(stamp[1]), *translation, x, y, z, w), number, fields[9]))
+        whole &= "." not in stamp[1]
+    found.sort()
+    values, numbers, names = zip(*found, strict=True)
+    table = np.array(values)
+    ticks = (1e9 if table[0, 0] > LARGEST_FRAME else None) if whole else 1.0
+    return _Images(list(names), list(numbers), table, ticks)

@@ -1,0 +1,123 @@
+"""Images of sequences that somebody has: colour as PNG or JPEG, depth as 16-bit PNG or as an array of metres (.npy). Content decides, not the name."""
+
+import io
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from . import png
+from .files import atomic_write, read_bytes
+from .libraries import first_library
+from .png import PngHeader
+
+JPEG, ARRAY = ".jpg", ".npy"
+#: Nearly without loss: 100, and every pixel with a colour of its own.
+_QUALITY = 100
+_NUMPY, _JPEG = b"\x93NUMPY", b"\xff\xd8\xff"
+_MAX_PIXELS = 1 << 28
+
+
+def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader:
+    """Size and kind of a PNG, JPEG or .npy image; `whole`: the file is read to its end and, where it has checksums, these are compared.
+
+    Raises InputError where `path` is none of them, or broken.
+    """
+    start = read_bytes(path, "an image") if whole else _start(path)
+    if start.startswith(_JPEG):
+        return _jpeg_header(path, start if whole else read_bytes(path, "an image"))
+    if start.startswith(_NUMPY):
+        height, width = read_array(path).shape
+        return PngHeader(width, height, 32, "grey, metres")
+    return png.check_png(path) if whole else png.png_header(path)
+
+
+def read_colour8(path: str | os.PathLike[str]) -> np.ndarray:
+    """(height, width, 3) uint8 in the order R, G, B of a PNG or JPEG. Raises InputError for anything else."""
+    if not _start(path).startswith(_JPEG):
+        return png.read_rgb8(path)
+    data = read_bytes(path, "an image")
+    header = _jpeg_header(path, data)
+    name, module = first_library("JPEG", *png.BACKENDS)
+    if name == "cv2":
+        image = module.imdecode(np.frombuffer(data, np.uint8), module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION)
+        image = None if image is None else module.cvtColor(image, module.COLOR_BGR2RGB)
+    else:
+        file = module.ImageInput.open(os.fspath(path))
+        image = None if file is None else file.read_image(0, 0, 0, 3, module.UINT8)
+    if image is None or image.shape != (header.height, header.width, 3):
+        raise InputError("a whole JPEG image", path=path, found="pixels that cannot be decoded")
+    return image
+
+
+def read_array(path: str | os.PathLike[str]) -> np.ndarray:
+    """(height, width) float32 of a NumPy file. Raises InputError for another array, and for Python objects, which are never loaded."""
+    expected, data = "a NumPy array of depth, height x width, in metres", read_bytes(path, "an image")
+    file = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, by_columns, kind = read(file)
+    except Exception:  # of whatever kind numpy's parser of headers raises
+        raise InputError(expected, path=path, found="a damaged header") from None
+    if len(shape) != 2 or kind.kind != "f" or kind.hasobject or not 0 < shape[0] * shape[1] <= _MAX_PIXELS:
+        raise InputError(expected, path=path, found=f"{kind} {shape}")
+    body = data[file.tell() :]
+    if len(body) != shape[0] * shape[1] * kind.itemsize:
+        raise InputError(expected, path=path, found=f"{len(body)} bytes for {shape[0]} x {shape[1]} {kind}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.frombuffer(body, kind).reshape(shape, order="F" if by_columns else "C").astype(np.float32)
+
+
+def write_jpeg(path: str | os.PathLike[str], image: np.ndarray) -> None:
+    """(h, w, 3) uint8 RGB, whole or absent. Raises WorkError where it cannot be written."""
+    name, module = first_library("JPEG", *png.BACKENDS)
+    if name == "cv2":
+        settings = [module.IMWRITE_JPEG_QUALITY, _QUALITY]
+        settings += [module.IMWRITE_JPEG_SAMPLING_FACTOR, module.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+        data = module.imencode(JPEG, module.cvtColor(image, module.COLOR_RGB2BGR), settings)[1]
+        atomic_write(path, lambda temporary: temporary.write_bytes(data))
+        return
+
+    def write(temporary: Path) -> None:
+        spec = module.ImageSpec(image.shape[1], image.shape[0], 3, module.UINT8)
+        for key, value in (("Compression", f"jpeg:{_QUALITY}"), ("jpeg:subsampling", "4:4:4"), ("Software", "")):
+            spec.attribute(key, value)
+        output = module.ImageOutput.create(str(temporary))
+        if not (output and output.open(str(temporary), spec) and output.write_image(image) and output.close()):
+            raise OSError(output.geterror() if output else module.geterror())
+
+    atomic_write(path, write)
+
+
+def write_array(path: str | os.PathLike[str], depth_z_m: np.ndarray) -> None:
+    """(h, w) metres as float32, whole or absent. Raises WorkError where it cannot be written."""
+    file = io.BytesIO()
+    np.lib.format.write_array(file, np.ascontiguousarray(depth_z_m, "<f4"), (1, 0))
+    atomic_write(path, lambda temporary: temporary.write_bytes(file.getvalue()))
+
+
+def _start(path: str | os.PathLike[str]) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            return file.read(8)
+    except (OSError, ValueError):
+        return read_bytes(path, "an image")[:8]  # words the error
+
+
+def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
+    """From the frame's header (SOF) of a file that ends as it should."""
+    place, cut = 2, InputError("a whole JPEG image", path=path, found="a truncated or damaged file")
+    if b"\xff\xd9" not in data[-64:]:
+        raise cut
+    while place + 9 <= len(data) and data[place] == 0xFF:
+        marker, size = data[place + 1], struct.unpack_from(">H", data, place + 2)[0]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            bits, height, width, channels = struct.unpack_from(">BHHB", data, place + 4)
+            if not 0 < width * height <= _MAX_PIXELS or bits != 8:
+                raise InputError("an image of a sane size", path=path, found=f"{width} x {height}, {bits} bits")
+            return PngHeader(width, height, bits, "RGB" if channels == 3 else "grey")
+        place += 2 + size
+    raise cut

@@ -1,0 +1,58 @@
+"""Poses as matrices in files of other kinds: ScanNet's folder with a file a frame, and transforms.json of NeRF programs."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from .files import read_json, read_text
+from .trajectory_file import Source, Table
+
+_MATRIX = "a 4 x 4 matrix"
+
+
+def is_scannet(source: Source) -> bool:
+    """Whether a folder has files 0.txt, 1.txt and so on."""
+    return source.path.is_dir() and any(path.stem.isdecimal() for path in source.path.glob("*.txt"))
+
+
+def scannet_rows(source: Source) -> Table:
+    """(n, 13): the number that is the file's name, and three rows of its matrix; files of lost frames (-inf) are left out."""
+    paths = {int(path.stem): path for path in source.path.glob("*.txt") if path.stem.isdecimal()}
+    found = []
+    for number in sorted(paths):
+        values = _numbers(paths[number], read_text(paths[number], _MATRIX).split())
+        if np.isfinite(values).all():
+            found.append((float(number), *_rows_of(paths[number], values)))
+    if not found:
+        raise InputError("pose files with finite numbers", path=source.path, found="none")
+    return Table(np.array(found), lambda row: (paths[int(found[row][0])], None))
+
+
+def nerf_rows(source: Source) -> Table:
+    """(n, 13): the number that is the image's name, or the frame's place in the list, and three rows of its matrix."""
+    frames = read_json(source.path).get("frames")
+    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError("a list of frames", path=source.path)
+    found = []
+    for place, frame in enumerate(frames):
+        name, matrix = Path(str(frame.get("file_path"))).stem, frame.get("transform_matrix")
+        rows = matrix if isinstance(matrix, list) else []
+        values = _numbers(source.path, [value for row in rows if isinstance(row, list) for value in row])
+        number = float(name) if name.isdecimal() and len(name) < 16 else float(place)
+        found.append((number, *_rows_of(source.path, values)))
+    return Table(np.array(sorted(found)), lambda row: (source.path, None))
+
+
+def _numbers(path: Path, values: list) -> np.ndarray:
+    try:
+        return np.array([float(value) for value in values])
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(_MATRIX, path=path, found=str(values)) from None
+
+
+def _rows_of(path: Path, values: np.ndarray) -> list[float]:
+    """The first three rows. Raises InputError for other than 16 numbers that end in 0 0 0 1."""
+    if len(values) != 16 or not np.abs(values[12:] - (0, 0, 0, 1)).max() < 1e-6 or not np.isfinite(values).all():
+        raise InputError(f"{_MATRIX} that ends in 0 0 0 1", path=path, found=" ".join(f"{v:g}" for v in values))
+    return values[:12].tolist()
