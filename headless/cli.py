@@ -28,6 +28,7 @@ COMMANDS = {
     "compare": "are two folders' frames the same, to the byte or by tolerance",
     "bake": "a scene's light map into the cache",
     "dataset": "EXR frames to a sequence, with a sensor's noise",
+    "convert": "a sequence that you have in another format: Replica, ScanNet, COLMAP, ROS bags and others",
     "noise": "the same noise on a sequence that you have; noise calibrate fits it to a sensor",
     "inspect": "problems of any RGB-D sequence; preview images",
     "pack": "the archive to publish: files, checksums, licence, preview, recipe",
@@ -45,7 +46,7 @@ COMMANDS = {
     "doctor": "what is installed, what is missing, and how to install it",
 }
 _SHARED = dict.fromkeys(("make", "render", "resume", "task"), "runs")
-_SHARED |= dict.fromkeys(("dataset", "noise", "inspect", "pack"), "sequences")
+_SHARED |= dict.fromkeys(("dataset", "convert", "noise", "inspect", "pack"), "sequences")
 
 
 def main(argv: list[str] | None = None) -> int:

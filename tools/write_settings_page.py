@@ -17,6 +17,7 @@ MODULES = (
     "iclnuim.geometry.camera",
     "iclnuim.geometry.scene_axes",
     "iclnuim.dataset.sequence_options",
+    "iclnuim.dataset.bags_and_logs",
     "iclnuim.sensor.depth",
     "iclnuim.sensor.rgb",
     "iclnuim.evaluation.associate",

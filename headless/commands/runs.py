@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim import shipped
+from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
@@ -76,6 +77,7 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
         add_sensor_options(parser, "released", ("depth_units", "formats"))
+        options.add_settings(parser, LogSettings)
         add("--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand")
 
 
@@ -101,7 +103,8 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
     out = args.out or Path("out") / job.sequence
     if args.command == "render":
         return RunPlan(job, args.out or out / "raw", numbers)
-    return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw)
+    logs = options.settings_from(args, LogSettings())
+    return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs)
 
 
 def _job(args: argparse.Namespace) -> RenderJob:

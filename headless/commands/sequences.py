@@ -1,7 +1,8 @@
-"""`iclnuim dataset`, `noise`, `inspect` and `pack`: RGB-D sequences made of a run's frames or of one that somebody has, looked at, and published.
+"""`iclnuim dataset`, `convert`, `noise`, `inspect` and `pack`: RGB-D sequences made of a run's frames or of one that somebody has, looked at,
+and published.
 
-`dataset` takes the EXR frames of a run, `noise` any sequence, clean or with a sensor's noise, to any format; `noise calibrate` fits the noise
-to a real sensor. `inspect` says what is wrong with a sequence, and draws it; `pack` makes the archive to publish.
+`dataset` takes the EXR frames of a run, `convert` and `noise` any sequence, as it is or with a sensor's noise, to any format; `noise
+calibrate` fits the noise to a real sensor. `inspect` says what is wrong with a sequence, and draws it; `pack` makes the archive to publish.
 """
 
 import argparse
@@ -11,18 +12,20 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
+from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
-from iclnuim.dataset.frames import FrameSource, find_pairs, image_frames, run_frames
+from iclnuim.dataset.frames import FrameSource, frames_with_poses, image_frames, original_frames, run_frames
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.packing import LICENCES, check_packable, pack, packed_names
 from iclnuim.dataset.sequence import SequenceWriter
+from iclnuim.dataset.sequence_formats import sequence_format
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.files import data_lines, read_bytes, read_text, sha256
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
-from ..options import Console, common, renamed
+from ..options import Console, add_settings, common, renamed, settings_from
 from ..sequence_options import add_camera_options, add_sensor_options, camera_from, sequence_options
 
 EXPOSURES = "exposures.txt"
@@ -57,27 +60,28 @@ def _add_output_options(parser: argparse.ArgumentParser) -> None:
     """The noise, and in which formats a sequence is written."""
     add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
     renamed(parser, "--dialect", "--format", append=True)
-    bags, klg = "OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg", "OUT.klg, the log of ElasticFusion"
-    parser.add_argument("--rosbag", action="store_true", help=f"also {bags}")
-    parser.add_argument("--klg", action="store_true", help=f"also {klg}, and its camera OUT.cal")
+    _add_file_options(parser)
+
+
+def _add_file_options(parser: argparse.ArgumentParser) -> None:
+    add_settings(parser, LogSettings)
     parser.add_argument("--workers", type=int, metavar="N", help="processes that make images; default: one a core")
 
 
 def _dataset(args: argparse.Namespace, console: Console) -> None:
-    _write(run_frames(args.raw, args.frames), args, console)
+    _write(run_frames(args.raw, args.frames), sequence_options(args), args, console)
 
 
-def _write(source: FrameSource, args: argparse.Namespace, console: Console) -> None:
+def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespace, console: Console) -> None:
     """Write the sequence args.out, reporting progress."""
-    options = sequence_options(args)
-    formats = options.formats
-    if (args.klg or args.rosbag) and formats[0] not in ("tum", "icl-nuim"):
-        raise InputError("the format tum or icl-nuim first, to make bags and logs of", found=", ".join(formats))
-    writer = SequenceWriter(source, {args.out: options.sequence_settings()}, formats)
+    logs = settings_from(args, LogSettings())
+    writer = SequenceWriter(source, {args.out: options.sequence_settings()}, options.formats)
+    for sentence in writer.losses():
+        console.note(sentence)
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())[0]
-    folders = [str(path) for path in (*written.folders, *_logs(written.folders[0], args, console))]
+    folders = [str(path) for path in (*written.folders, *logs.write(written.folders[0], args.out, console.note))]
     values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
     text = f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"
     lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
@@ -87,21 +91,29 @@ def _write(source: FrameSource, args: argparse.Namespace, console: Console) -> N
     console.result(values, text)
 
 
-def _logs(folder: Path, args: argparse.Namespace, console: Console) -> list[Path]:
-    """Bags and logs beside the sequence, made of its images. Those that are there stay."""
-    beside = args.out.resolve()
-    klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
-    wanted = [klg, ros1, ros2] if args.rosbag else [klg] if args.klg else []
-    for path in wanted:
-        there = path.exists()
-        console.note(f"{path} exists already and stays as it is" if there else f"{path} is written")
-        if not there and path == klg:
-            write_klg(folder, klg)
-        elif not there:
-            write_rosbag(folder, path, 1 if path == ros1 else 2)
-            if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
-                console.note("note: ROS 1 takes the first stamp, 0 s, for none")
-    return wanted
+def configure_convert(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", type=Path, metavar="DIR", help="a sequence in any format that is known")
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence in the other format")
+    text = "as a Python slice over the pairs; default: all"
+    parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
+    add_camera_options(parser)
+    add_settings(parser, SequenceOptions, ("formats", "depth_units"), depth_units="those of DIR")
+    _add_file_options(parser)
+    example = "iclnuim convert traj0_frei_png replica --format replica"
+    common(parser, example).set_defaults(run=_convert)
+
+
+def _convert(args: argparse.Namespace, console: Console) -> None:
+    source = original_frames(args.source, args.frames, camera_from(args))
+    options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
+    needing = [name for name in options.formats if sequence_format(name).every_pose]
+    if needing and source.truth_of(source.numbers) is not None:
+        posed = frames_with_poses(source)
+        if left_out := sorted(set(source.numbers) - set(posed.numbers)):
+            first = ", ".join(map(str, left_out[:5])) + (" ..." if len(left_out) > 5 else "")
+            console.note(f"{needing[0]}: {len(left_out)} frames have no pose and are left out: {first}")
+        source = posed if posed.numbers else source
+    _write(source, options, args, console)
 
 
 def configure_noise(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +136,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
     source = image_frames(Path(args.source), args.frames, camera_from(args))
-    _write(source, args, console)
+    _write(source, sequence_options(args), args, console)
 
 
 def _calibrate(args: argparse.Namespace, console: Console) -> None:
@@ -176,7 +188,7 @@ def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibrat
 
 
 def configure_inspect(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="sequence in TUM's format, or in the original's")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
     text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
     common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures").set_defaults(run=_inspect)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.dataset.sequence import SequenceSettings, standing_frames
@@ -24,7 +25,18 @@ from .chunks import numbers_from, numbers_text
 SCHEMA_VERSION = 2
 #: Where a run's record lies, below the run folder.
 RECORD = ".farm/command.json"
-_KEYS = ("schema_version", "command", "working_folder", "job", "frames", "sequences", "keep_raw", "farm", "slurm")
+_KEYS = (
+    "schema_version",
+    "command",
+    "working_folder",
+    "job",
+    "frames",
+    "sequences",
+    "keep_raw",
+    "farm",
+    "slurm",
+    "logs",
+)
 
 
 @dataclass(frozen=True)
@@ -132,6 +144,7 @@ class RunPlan:
     keep_raw: bool = True
     farm: FarmSettings = field(default_factory=FarmSettings)
     slurm: SlurmSettings = field(default_factory=SlurmSettings)
+    logs: LogSettings = field(default_factory=LogSettings)
     working_folder: str = field(default_factory=lambda: str(Path.cwd()))
 
     @property
@@ -178,6 +191,7 @@ class RunPlan:
             "keep_raw": self.keep_raw,
             "farm": self.farm.to_dict(),
             "slurm": self.slurm.to_dict(),
+            "logs": self.logs.to_dict(),
         }
 
     @classmethod
@@ -197,7 +211,8 @@ class RunPlan:
         if content["sequences"] is not None:
             sequences = SequenceOptions.from_dict(content["sequences"])
         farm, slurm = FarmSettings.from_dict(content["farm"]), SlurmSettings.from_dict(content["slurm"])
-        return cls(job, raw, numbers, sequences, content["keep_raw"], farm, slurm, content["working_folder"])
+        shared = farm, slurm, LogSettings.from_dict(content.get("logs", {}))
+        return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"])
 
     def write_record(self) -> None:
         """Beside the frames."""
@@ -245,5 +260,5 @@ def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
         settings = {name: json.loads(options[name]) for name in ("depth_settings", "rgb_settings")}
         sequences = SequenceOptions(**noise, **settings, seed=options["seed"] or 0)
     numbers, keep_raw = tuple(frame_slice(frames, len(load_trajectory(job)))), options.get("keep_raw", True)
-    shared = FarmSettings().changed(**farm), slurm.changed(**given)
+    shared = FarmSettings().changed(**farm), slurm.changed(**given), LogSettings()
     return RunPlan(job, raw, numbers, sequences, keep_raw, *shared, record["working_folder"])

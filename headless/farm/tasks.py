@@ -41,6 +41,7 @@ class SequenceStage:
         self, plan: RunPlan, raw: RunFolder, workers: int, on_frame: Callable[[int], None] = lambda number: None
     ) -> None:
         source = frames_of_run(raw, list(plan.numbers))
+        self._outs, self._logs = list(plan.variants()), plan.logs
         self._writer = SequenceWriter(source, plan.variants(), plan.formats)
         self._raw, self._keep_raw, self._on_frame = raw, plan.keep_raw, on_frame
         self._pool = FramePool(self._writer.make, workers, self._made)
@@ -73,9 +74,10 @@ class SequenceStage:
         self._pool.close()
 
     def complete(self) -> None:
-        """All frames are in: lists and recipes. Raises InputError, WorkError."""
+        """All frames are in: lists and recipes, then bags and logs. Raises InputError, WorkError."""
         self.close()
-        self._writer.complete()
+        for out, written in zip(self._outs, self._writer.complete(), strict=True):
+            self._logs.write(written.folders[0], out)
 
     def _made(self, entries: list[JournalEntry | None]) -> None:
         number = self._writer.note(entries)

@@ -8,9 +8,10 @@ import struct
 import tempfile
 import zlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ..formats.files import atomic_write, atomic_write_text
 from ..formats.images import read_colour8
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
+from ..settings import Settings, setting
 from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
 from .layout import SequenceCamera
 
@@ -26,8 +28,44 @@ FRAME, WORLD = "camera_rgb_optical_frame", "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
-def write_rosbag(folder: Path, out: Path, ros: int, on_frame: Callable[[int], None] = lambda number: None) -> int:
-    """The pairs of a sequence as a bag: `ros` 1 a file, `ros` 2 a folder (SQLite); their number.
+@dataclass(frozen=True)
+class LogSettings(Settings):
+    """What is made beside a sequence OUT."""
+
+    group: ClassVar[str] = "bags and logs"
+
+    rosbag: bool = setting(False, "also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg")
+    klg: bool = setting(False, "also OUT.klg, the log of ElasticFusion, and its camera OUT.cal")
+    bag_storage: str = setting(
+        "sqlite3",
+        "how the ROS 2 bag is stored",
+        choices={"sqlite3": "a database, the default of ROS 2 up to Humble", "mcap": "MCAP, the default since"},
+    )
+    compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
+
+    def write(self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None) -> list[Path]:
+        """Bags and logs beside `out`, made of the sequence in `folder`; their paths. Those that are there stay, which `note` is told."""
+        beside = out.resolve()
+        klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
+        wanted = [klg, ros1, ros2] if self.rosbag else [klg] if self.klg else []
+        for path in wanted:
+            there = path.exists()
+            note(f"{path} exists already and stays as it is" if there else f"{path} is written")
+            if not there and path == klg:
+                write_klg(folder, klg)
+            elif not there:
+                write_rosbag(folder, path, 1 if path == ros1 else 2, self)
+        return wanted
+
+
+def write_rosbag(
+    folder: Path,
+    out: Path,
+    ros: int,
+    settings: LogSettings | None = None,
+    on_frame: Callable[[int], None] = lambda number: None,
+) -> int:
+    """The pairs of a sequence as a bag: `ros` 1 a file, `ros` 2 a folder; their number.
 
     Raises InputError where `out` exists already, WorkError without the package rosbags.
     """
@@ -38,7 +76,7 @@ def write_rosbag(folder: Path, out: Path, ros: int, on_frame: Callable[[int], No
         raise InputError("a name that is free", path=out, found="a file or folder")
     try:
         with tempfile.TemporaryDirectory(prefix=".bag-", dir=out.parent) as scratch:  # whole or absent
-            bag = _Bag(Path(scratch) / out.name, ros)
+            bag = _Bag(Path(scratch) / out.name, ros, settings or LogSettings())
             with bag.writer:
                 for pair in pairs:
                     bag.pair(pair, camera)
@@ -54,7 +92,7 @@ def write_rosbag(folder: Path, out: Path, ros: int, on_frame: Callable[[int], No
 class _Bag:
     """A bag being written: message types and connections of either ROS."""
 
-    def __init__(self, path: Path, ros: int) -> None:
+    def __init__(self, path: Path, ros: int, settings: LogSettings) -> None:
         try:
             from rosbags import rosbag1, rosbag2
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -64,7 +102,19 @@ class _Bag:
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
         if _TRANSFORMS not in self.store.types:  # the store of ROS 1 has it not
             self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _TRANSFORMS))
-        self.writer: Any = rosbag1.Writer(path) if ros == 1 else rosbag2.Writer(path, version=8)
+        self.writer: Any
+        if ros == 1:
+            self.writer = rosbag1.Writer(path)
+            if settings.compress_bags:
+                self.writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+        else:
+            mcap = settings.bag_storage == "mcap"
+            self.writer = rosbag2.Writer(
+                path, version=8, storage_plugin=rosbag2.StoragePlugin[settings.bag_storage.upper()]
+            )
+            if settings.compress_bags:
+                mode = rosbag2.CompressionMode.STORAGE if mcap else rosbag2.CompressionMode.MESSAGE
+                self.writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
         self.connections: dict[str, Any] = {}
 
     def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:

@@ -164,8 +164,10 @@ class SequenceFormat:
             check_poses(self.name, contents)
         self.check(contents)
 
-    def losses(self, contents: Contents, source: SequenceCamera) -> list[str]:
-        """What the format does not hold of these contents, a sentence each; `source`: camera and depth units that they come with."""
+    def losses(self, contents: Contents, source_units: float) -> list[str]:
+        """What the format does not hold of these contents, a sentence each; `source_units`: depth units a metre that they come with, 0 for
+        exact depth.
+        """
         frames, found = contents.frames, []
         digits = max((len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0)
         if self.stamps == "ns" and digits > 9:
@@ -175,9 +177,9 @@ class SequenceFormat:
             found.append("there are no stamps in this format; its frames are read at 30 a second")
         if self.image(frames[0], RGB).endswith(JPEG):
             found.append("colour is stored as JPEG, with loss")
-        units, had = contents.depth_units_per_metre, source.depth_units_per_metre
-        if not self.image(frames[0], DEPTH).endswith(ARRAY) and units < had:
-            found.append(f"depth is stored in {units:g} units a metre; the source has {had:g}")
+        units = contents.depth_units_per_metre
+        if not self.image(frames[0], DEPTH).endswith(ARRAY) and units < source_units:
+            found.append(f"depth is stored in {units:g} units a metre; the source has {source_units:g}")
         if (c := self.fixed_camera) and np.abs(c.intrinsics - contents.camera.intrinsics).max() > 1e-3:
             known = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
             found.append(f"its programs know only the camera {known}; the right one is in {CAMERA}")

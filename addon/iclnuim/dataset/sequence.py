@@ -158,6 +158,12 @@ class SequenceWriter:
         self.make = SequenceImages(source, sequences, formats).make
         self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
 
+    def losses(self) -> list[str]:
+        """What the formats do not hold of the source, a sentence each."""
+        target, units = self.targets[0], self.source.depth_units_per_metre
+        each = [format.losses(target.contents(self.source.numbers, format), units) for format, _ in target.layout]
+        return [sentence for sentences in each for sentence in sentences]
+
     def write(
         self,
         workers: int | None = None,
@@ -299,7 +305,7 @@ class _Target(_Images):
     ) -> None:
         super().__init__(source, out, settings, formats)
         for format in formats:
-            format.checked(self._contents(source.numbers, format))
+            format.checked(self.contents(source.numbers, format))
         self.recipe = self._begun()
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
@@ -328,7 +334,7 @@ class _Target(_Images):
         """
         numbers = tuple(sorted(self.finished.union(self.source.numbers)))
         for format, folder in self.layout:
-            format.write_texts(folder, replace(self._contents(numbers, format), surface=surface), format)
+            format.write_texts(folder, replace(self.contents(numbers, format), surface=surface), format)
             if self.source.truth_images:
                 self.source.truth_images.write_tables(folder)
         folders = tuple(folder for _, folder in self.layout)
@@ -371,7 +377,8 @@ class _Target(_Images):
         write_json(file, recipe)
         return recipe
 
-    def _contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
+    def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
+        """What the text files of a format say of those frames."""
         frames, truth = tuple(_frame(self.source, n) for n in numbers), self.source.truth_of(numbers)
         units = format.fixed_units or self.units
         return Contents(self.source.camera, frames, truth, units, self.source.truth_file(numbers))

@@ -9,7 +9,6 @@ from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceFormat
 from . import listed
 
 
-
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     """Lists, camera.json, groundtruth.txt, and settings for ORB-SLAM3."""
     listed.write_lists(folder, contents, format)
