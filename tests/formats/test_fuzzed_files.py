@@ -1,5 +1,7 @@
 """Damaged files of each format, five hundred and, slow, two thousand: each gives a valid result or InputError, never anything else."""
 
+import json
+
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
@@ -44,7 +46,12 @@ NAMES = {
     name: f"a{known.endings[-1]}" if known.endings else f"a_{known.word}.txt"
     for name, known in FORMATS.items()
     if known.line
-} | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt", "colmap": "images.txt"}
+} | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt", "colmap": "images.txt", "scannet": "pose/1.txt"}
+NAMES |= {"nerf": "transforms.json"}
+#: Read beside whole files of the same folder.
+FOLDERS = {"pov-cameras": "scene_0000.txt", "scannet": "0.txt"}
+#: By default a fifth of the damaged files.
+FEWER = ("scannet", "nerf", "vslam-lab", "tartanair")
 
 
 def flip_bytes(rng, data: bytes) -> bytes:
@@ -155,6 +162,12 @@ def content_of(format: str) -> bytes:
         return "".join(
             f"{i} {' '.join(q[7:] + q[4:7] + q[1:4])} 1 {i}.png\n1 2 -1\n" for i, q in enumerate(fields)
         ).encode()
+    if format == "scannet":
+        return b"".join(b" ".join(b"%.9f" % value for value in row) + b"\n" for row in WALK.T_world_camera[1].matrix)
+    if format == "nerf":
+        matrices = WALK.T_world_camera.matrix.tolist()
+        frames = [{"file_path": f"images/{i}.png", "transform_matrix": m} for i, m in enumerate(matrices)]
+        return json.dumps({"frames": frames}, indent=1).encode()
     if format == "tum-ids":
         return trajectory_text(WALK, "gt.freiburg").encode()
     return trajectory_text(WALK, format).encode()
@@ -169,9 +182,10 @@ def test_every_format_is_fuzzed():
 def test_damaged_trajectories_are_read_or_refused(tmp_path, format, files):
     path = tmp_path / NAMES[format]
     path.parent.mkdir(exist_ok=True)
-    if format == "pov-cameras":
-        (path.parent / "scene_0000.txt").write_text(CAMERA)
-    source = path.parent if format == "pov-cameras" else path
+    if format in FOLDERS:
+        (path.parent / FOLDERS[format]).write_bytes(content_of(format))
+    source = path.parent if format in FOLDERS else path
+    files = files // 5 if format in FEWER and files <= 500 else files
     # half of the damaged files are told apart by name and content, half are read as what they were
     forms = iter([None, format] * files)
     taken, refused = read_all(

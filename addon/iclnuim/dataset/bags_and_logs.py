@@ -55,6 +55,8 @@ class LogSettings(Settings):
                 write_klg(folder, klg)
             elif not there:
                 write_rosbag(folder, path, 1 if path == ros1 else 2, self)
+                if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
+                    note("note: ROS 1 takes the first stamp, 0 s, for none")
         return wanted
 
 

@@ -135,7 +135,8 @@ class SequenceFormat:
     (.png, .jpg, .npy in metres). `write_texts` writes all that is no image; `check` raises InputError for contents that the format
     cannot hold.
 
-    stamps: what it has of them: "text" (to the character), "ns" (whole nanoseconds), "ids" (frame numbers) or "none". fixed_units:
+    stamps: what it has of them: "text" (to the character), "ns" (whole nanoseconds), "ids" (frame numbers), or nothing but names with
+    the frames' "numbers" or the order of the "rows". fixed_units:
     depth units a metre that its readers take for granted; else those asked for. every_pose: a frame without a pose cannot stand in it.
     keeps_names: images keep the paths that they have in a sequence of such a format. fixed_camera: the only one that its programs know.
     """
@@ -172,9 +173,10 @@ class SequenceFormat:
         digits = max((len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0)
         if self.stamps == "ns" and digits > 9:
             found.append(f"stamps have 9 digits after the point, those of the source up to {digits}")
-        ours = stamps_of_frames([frame.number for frame in frames])
-        if self.stamps == "none" and (any(f.written for f in frames) or np.abs(ours - contents.stamps_s).max() > 1e-6):
-            found.append("there are no stamps in this format; its frames are read at 30 a second")
+        if self.stamps in ("numbers", "rows"):
+            counted = [frame.number if self.stamps == "numbers" else row for row, frame in enumerate(frames)]
+            kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6
+            found += [] if kept else ["there are no stamps in this format; its frames are read at 30 a second"]
         if self.image(frames[0], RGB).endswith(JPEG):
             found.append("colour is stored as JPEG, with loss")
         units = contents.depth_units_per_metre

@@ -280,6 +280,13 @@ def _vslam_lab_rows(source: Source) -> Table:
     return read_table(_commented_first(source), (8,), _VSLAM_LAB, ",")
 
 
+def _is_tartanair(source: Source) -> bool:
+    """Seven numbers that end in a unit quaternion."""
+    if source.columns != 7 or not source.starts_with_numbers:
+        return False
+    return bool(abs(np.linalg.norm([float(field) for field in source.first_lines[0].split()[3:]]) - 1) < 0.01)
+
+
 def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
     """What a table's first column counts, where its rows tell."""
     return {None: "frames", 1.0: "seconds"}.get(table.ticks, "nanoseconds")
@@ -416,7 +423,7 @@ _ALL = (
         header="ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw\n",
         goes_to="VSLAM-LAB: nanoseconds, right-handed camera-to-world poses, world as it was",
         word="vslam",
-        texts=(".csv",),
+        texts=(".csv", ".txt"),
     ),
     TrajectoryFormat(  # quaternion scalar FIRST; more columns (velocity, biases) may follow
         name="euroc",
@@ -484,7 +491,7 @@ _ALL = (
     ),
     TrajectoryFormat(  # x forward, y right, z down
         name="tartanair",
-        sniff=lambda source: source.columns == 7 and source.starts_with_numbers,
+        sniff=_is_tartanair,
         expected=_TARTANAIR,
         counts=(7,),
         columns=((0, 1, 2), (3, 4, 5, 6)),

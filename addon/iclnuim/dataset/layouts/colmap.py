@@ -155,6 +155,6 @@ FORMAT = SequenceFormat(
     lambda f, kind: f"{'images' if kind == RGB else kind}/{f.number:06}.png",
     _write,
     Reader(_found, _rows, _camera, _truth),
-    stamps="none",
+    stamps="numbers",
     every_pose=True,
 )

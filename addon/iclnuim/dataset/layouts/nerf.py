@@ -74,6 +74,6 @@ FORMAT = SequenceFormat(
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
     _check,
-    stamps="none",
+    stamps="numbers",
     every_pose=True,
 )

@@ -66,7 +66,7 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: folder / _TRAJECTORY,
     ),
-    stamps="none",
+    stamps="rows",
     fixed_units=UNITS,
     every_pose=True,
 )

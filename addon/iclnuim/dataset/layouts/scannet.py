@@ -68,7 +68,7 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: _top(folder) / "pose",
     ),
-    stamps="none",
+    stamps="numbers",
     fixed_units=UNITS,
     every_pose=True,
 )

@@ -57,7 +57,7 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: folder / _POSES,
     ),
-    stamps="none",
+    stamps="rows",
     every_pose=True,
     fixed_camera=PUBLISHED,
 )
