@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("folders", type=Path, nargs="+", metavar="DIR", help="sequences in any format; with ground truth for errors")
     add("--runs", type=count, default=1, metavar="N", help="of each sequence; medians and quartiles count; default: 1")
     help = "seconds after which a run and all its processes are killed; default: a minute, and a second a frame"
-    add("--time-limit", type=_seconds, metavar="S", help=help)
+    add("--time-limit", type=seconds, metavar="S", help=help)
     add("-o", "--out", type=Path, default=Path("out/systems"), metavar="OUT", help="default: out/systems")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the system, several times")
     add("--vocabulary", metavar="FILE", help="the same as --set vocabulary=FILE; .xz and .gz are unpacked")
@@ -89,7 +89,8 @@ def _options(args: argparse.Namespace) -> dict[str, str]:
     return options
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """The type of --time-limit."""
     value = float(text)
     if not 0 < value < 1e7:
         raise argparse.ArgumentTypeError(f"expected seconds above 0, found {text!r}")

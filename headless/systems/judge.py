@@ -14,9 +14,10 @@ from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.evaluation.time_offset import best_offset
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
-from iclnuim.geometry.trajectory import Trajectory, frames_of_stamps
+from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
 from iclnuim.report.trajectory_report import BetterOffset
 
 from .process import Ended
@@ -45,7 +46,7 @@ def judge(sequence: StagedSequence, system: System, name: str, run: Path, ended:
     result, notes = system.trajectories[name], _how(ended)
     file = run / "out" / result.file
     try:
-        written, said = _read(file, run / "matched", result)
+        written, said = _read(file, run / "matched", result, cut=ended.how != "exit 0")
         found, more = _matched(sequence, system, result, written)
         notes = [*said, *more, *notes]
     except InputError as error:
@@ -72,24 +73,26 @@ def _last_line(log: Path) -> str:
     return f"; its last line: {lines[-1].strip()[:120]}" if lines else ""
 
 
-def _read(file: Path, matched: Path, result: ResultSettings) -> tuple[Trajectory, list[str]]:
-    """Lines that hold NaN or infinity are frames that the system did not track: they are left out, and counted."""
+def _read(file: Path, matched: Path, result: ResultSettings, cut: bool) -> tuple[Trajectory, list[str]]:
+    """Lines that hold NaN or infinity are frames that the system did not track: they are left out, and counted. cut: the last line may be
+    a part of one.
+    """
     matched.mkdir(exist_ok=True)
-    text = read_text(file, "a trajectory")
-    lines = text.splitlines(keepends=True)
-    good = [line for line in lines if not _not_finite(line)]
-    notes = []
-    if left_out := len(lines) - len(good):
+    lines = read_text(file, "a trajectory").splitlines(keepends=True)
+    notes, whole = [], lines[:-1] if cut and not lines[-1].endswith("\n") else lines
+    good = [line for line in whole if not _not_finite(line)]
+    if left_out := len(whole) - len(good):
         notes.append(f"{left_out} poses of NaN or infinity")
         if not any(line.strip() and not line.lstrip().startswith("#") for line in good):
             raise InputError("finite poses", found="NaN or infinity alone")
-        file = matched / f"finite_{file.name}"
+    if len(good) < len(lines):
+        file = matched / f"whole_{file.name}"
         atomic_write_text(file, "".join(good))
-    loaded = (
-        read_trajectory(file, result.format, rate_hz=1.0) if result.counted else read_trajectory(file, result.format)
-    )
-    repeated = loaded.read_as.sentence.rpartition("; ")[2]
-    return loaded.trajectory, [*notes, *([repeated] if repeated.endswith("left out") else [])]
+    rate_hz = 1.0 if result.counted else FRAME_RATE_HZ
+    loaded = read_trajectory(file, result.format, rate_hz=rate_hz)
+    if loaded.read_as.repeated:
+        notes.append(f"{loaded.read_as.repeated} repeated stamps left out")
+    return loaded.trajectory, notes
 
 
 def _not_finite(line: str) -> bool:
@@ -112,8 +115,10 @@ def _matched(
         window_s = min(_MATCH_S, _MATCH_SHARE / sequence.rate_hz)
     pairs = associate(own_s, theirs_s, AssociationSettings(max_difference_s=window_s))
     left = len(written) - len(pairs)
-    if 2 * len(pairs) < len(written):
+    if 2 * len(pairs) < min(len(written), len(own_s)):
         found = f"{left} of {len(written)} that are no frame's, {theirs_s[0]:.6f} to {theirs_s[-1]:.6f} s"
+        fit = best_offset(sequence.truth, Trajectory(theirs_s, written.T_world_camera)) if sequence.truth else None
+        found += f"; they fit best {-fit[0]:+.9g} s off" if fit else ""
         raise InputError(f"the frames' stamps, {own_s[0]:.6f} to {own_s[-1]:.6f} s", found=found)
     notes = [f"{left} stamps that are no frame's"] if left else []
     return Trajectory(own_s[pairs.first], written.T_world_camera[pairs.second]), notes
@@ -162,9 +167,7 @@ def row(name: str, frames: int, runs: Sequence[tuple[Ended, Verdict]]) -> dict:
         "rpe_1s_rmse_m": _middle([v.rpe_1s_rmse_m for _, v in runs if v.rpe_1s_rmse_m is not None]),
         "ate_quartiles_m": np.percentile(ates, (25, 75)).tolist() if ates else None,
         "runs": len(runs),
-        "good_runs": len(ates)
-        if any(v.ate_rmse_m is not None for _, v in runs)
-        else sum(v.matched > 0 for _, v in runs),
+        "good_runs": sum(v.matched > 0 for _, v in runs),
         **{key: _middle([getattr(ended, key) for ended, _ in runs]) for key in ("wall_s", "cpu_s", "peak_bytes")},
         "notes": _joined(runs),
     }

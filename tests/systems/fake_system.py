@@ -40,6 +40,8 @@ elif mode == "twice":
     rows[20] = rows[19]
 elif mode == "nanoseconds":
     rows = [(row[0] * 1e9, *row[1:]) for row in rows]
+elif mode == "90 Hz":
+    rows = [(row[0] + k / 90, *row[1:]) for row in rows for k in range(3)]
 elif mode == "words":
     rows = [("pose",)]
 
@@ -51,6 +53,11 @@ if mode != "nothing":
         for number, row in enumerate(rows if mode != "words" else ()):
             matrix = f"1 0 0 {row[1]:.6f} 0 1 0 {row[2]:.6f} 0 0 1 {row[3]:.6f}"
             file.write(f"{number} {matrix}\n" if "nan" not in matrix else "")
+if mode == "cut":  # killed while it wrote its 30th line
+    with open(os.path.join(out, "final.txt"), "r+") as file:
+        lines = file.readlines()
+        file.truncate(sum(map(len, lines[:29])) + 20)
+    os.kill(os.getpid(), signal.SIGKILL)
 if mode == "crashes at the end":
     os.kill(os.getpid(), signal.SIGSEGV)
 sys.exit(3 if mode == "exit 3" else 0)

@@ -15,7 +15,7 @@ CASES = {
     "good": (60, True, []),
     "crashes at the end": (60, True, ["ended by SIGSEGV"]),
     "exit 3": (60, True, ["ended by exit 3"]),
-    "twice": (59, True, ["1 repeated stamp left out"]),
+    "twice": (59, True, ["1 repeated stamps left out"]),
     "nanoseconds": (60, True, []),
     "keyframes": (12, True, ["covers 20% of the frames"]),
     "a third": (20, True, ["covers 33% of the frames"]),
@@ -29,7 +29,16 @@ CASES = {
         False,
         ["stamps are +1 s off: 0.000 mm there", "30 stamps that are no frame's", "covers 50%"],
     ),
-    "between frames": (0, None, ["expected the frames' stamps, 1.000000 to 2.966667 s, found 60 of 60 that are no"]),
+    "between frames": (
+        0,
+        None,
+        [
+            "expected the frames' stamps, 1.000000 to 2.966667 s, found 60 of 60 that are no",
+            "they fit best +0.0123 s off",
+        ],
+    ),
+    "cut": (29, True, ["ended by SIGKILL", "covers 48% of the frames"]),
+    "90 Hz": (60, True, ["120 stamps that are no frame's"]),
     "stops at zero": (60, True, []),
 }
 

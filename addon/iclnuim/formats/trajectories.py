@@ -96,11 +96,10 @@ class TrajectoryFormat:
         stamps_s, rows = trajectory_file.seconds_of(table, stamps, ticks, options.rate_hz, self.hint)
         trajectory = Trajectory(stamps_s, (right(poses) if right else poses)[rows])
         sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, table, trajectory))
-        if left_out := len(poses) - len(rows):
-            sentence += f"; {left_out} repeated stamp{'s' * (left_out > 1)} left out"
-        return LoadedTrajectory(
-            trajectory, ReadAs(self.name, self.handedness or ("left" if right else "right"), world, sentence)
-        )
+        if repeated := len(poses) - len(rows):
+            sentence += f"; {repeated} repeated stamp{'s' * (repeated > 1)} left out"
+        handedness = self.handedness or ("left" if right else "right")
+        return LoadedTrajectory(trajectory, ReadAs(self.name, handedness, world, sentence, repeated))
 
     def write(self, trajectory: Trajectory, options: FileOptions) -> str:
         """The text of a file. Raises InputError where the format cannot hold the trajectory."""

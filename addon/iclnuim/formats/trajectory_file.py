@@ -35,12 +35,15 @@ LONGEST_STEP_S = 1e5
 
 @dataclass(frozen=True)
 class ReadAs:
-    """How a file was read: format, handedness of its poses, world of the trajectory made of them, one sentence."""
+    """How a file was read: format, handedness of its poses, world of the trajectory made of them, one sentence; and how many stamps that
+    repeat the one before were left out.
+    """
 
     format: str
     handedness: str
     frame: str
     sentence: str
+    repeated: int = 0
 
 
 @dataclass(frozen=True, eq=False)
