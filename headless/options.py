@@ -56,7 +56,7 @@ class Progress:
         if self.enabled and (now - self.last > (0.1 if self.terminal else 10.0) or self.done >= self.total):
             self.last = now
             rate = self.done / max(now - self.started, 1e-9)
-            left = str(timedelta(seconds=round((self.total - self.done) / rate))).removeprefix("0:")
+            left = str(timedelta(seconds=max(0, round((self.total - self.done) / rate)))).removeprefix("0:")
             text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {left} left"
             end = "\n" if not self.terminal or self.done >= self.total else ""
             print(("\r\x1b[K" if self.terminal else "") + text, end=end, file=sys.stderr, flush=True)

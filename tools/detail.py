@@ -113,7 +113,7 @@ class Room:
             map_size=map_size,
             map_samples=map_samples,
         )
-        bake_s = light_map.read_recipe(worker.bake_light(job, lambda event: None))["seconds"]
+        bake_s = light_map.read_recipe(worker.bake_light(job, lambda event: None)[0])["seconds"]
         _, frame_s = frames_of(job, self.folder / f"frames-{detail:g}-{map_size}")
         return Light(float(bake_s), frame_s)
 

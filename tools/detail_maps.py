@@ -49,7 +49,7 @@ def race(
         for size in sorted(sizes, reverse=True):
             job = RenderJob(room, room, str(path), camera, map_size=size, map_samples=map_samples)
             try:
-                light = worker.bake_light(job, lambda event: None)
+                light, _ = worker.bake_light(job, lambda event: None)
             except InputError as refusal:
                 note(f"{room}, {size} texels: left out: {refusal}")
                 on_step()

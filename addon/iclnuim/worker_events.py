@@ -87,9 +87,10 @@ class Written(Event, name="written"):
 
 
 class Baked(Event, name="baked"):
-    """The light map lies in `folder`."""
+    """The light map lies in `folder`; made: just now."""
 
     folder: str
+    made: bool = False
 
 
 class ChunkDone(Event, name="chunk"):

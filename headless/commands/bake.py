@@ -36,7 +36,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         job = job.changed(sequence="scene/light", scene=str(Path(args.scene).resolve()))
     job = job.changed(map_size=args.map_size, map_samples=args.map_samples, seed=args.seed)
     job = replace(job, reading=settings_from(args, SceneReading()))
-    folder = worker.bake_light(job, lambda event: console.note(event.text) if isinstance(event, Note) else None)
+    folder, _ = worker.bake_light(job, lambda event: console.note(event.text) if isinstance(event, Note) else None)
     recipe = light_map.read_recipe(folder)
     text = f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
     console.result({"folder": str(folder), **recipe}, text)

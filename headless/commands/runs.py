@@ -3,6 +3,7 @@
 import argparse
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from iclnuim.job import RenderJob, read_recipe, shipped_job
 
 from .. import options
 from ..farm import slurm, tasks
+from ..farm.all_sequences import make_all
 from ..farm.chunks import numbers_from, own_cores
 from ..farm.rendering import open_run, report, stop_on_signals
 from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
@@ -33,7 +35,7 @@ _STAGES = {
 
 
 def configure_make(parser: argparse.ArgumentParser) -> None:
-    add_run_options(parser, "make", "default: out/SEQUENCE; holds clean/, noisy/ and, meanwhile, raw/")
+    add_run_options(parser, "make", "default: out/SEQUENCE (of all: out); holds clean/, noisy/ and, meanwhile, raw/")
     _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
 
 
@@ -66,7 +68,9 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     """What `render` or `make` is asked for, but for how the work is shared; `out`: the help of --out."""
     parser.set_defaults(command=command)
     add, names = parser.add_argument, ", ".join(shipped.SCENE_NAMES)
-    add("sequence", nargs="?", metavar="SEQUENCE", help="kt2, living_room/kt2, office/kt0, or a recipe file (.json)")
+    every = ", or all eight: all" if command == "make" else ""
+    known = f"kt2, living_room/kt2, office/kt0, or a recipe file (.json){every}"
+    add("sequence", nargs="?", metavar="SEQUENCE", help=known)
     add("--scene", metavar="NAME|FILE", help=f"another scene: {names}, or a file: {options.SCENE_KINDS}")
     add("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
     options.add_scene_options(parser)
@@ -107,6 +111,15 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
     return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs)
 
 
+def every_plan(args: argparse.Namespace) -> list[RunPlan]:
+    """Those of `make all`: a folder ROOM/KT below --out each. Raises InputError."""
+    if args.scene or args.trajectory:
+        raise InputError("all without {scene} and {trajectory}: they are the built-in ones")
+    every = [{"sequence": name, "out": (args.out or Path("out")) / name} for name in shipped.sequence_names()]
+    each = [argparse.Namespace(**{**vars(args), **one}) for one in every]
+    return [with_farm_options(plan_from(one), one) for one in each]
+
+
 def _job(args: argparse.Namespace) -> RenderJob:
     """Raises InputError for a sequence, scene or camera that is not there."""
     if args.sequence is None and not (args.scene and args.trajectory):
@@ -135,6 +148,9 @@ def with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
 
 
 def _begin(args: argparse.Namespace, console: Console) -> int:
+    if args.command == "make" and args.sequence == "all":
+        plans = every_plan(args)
+        return make_all(plans, lambda plan, whole: _execute(plan, whole, args.print_only, None), console)
     plan = with_farm_options(plan_from(args), args)
     return _execute(plan, console, args.print_only, getattr(args, "blend", None))
 
@@ -158,11 +174,14 @@ def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | No
         if blend is not None:
             raise InputError("{blend} on this machine alone", hint="{engine} local")
         return slurm.run(plan, print_only, console)
-    with stop_on_signals() as stopped, open_run(plan, console, stopped) as run:
+    with ExitStack() as held:
+        stopped = held.enter_context(stop_on_signals())
+        stage = held.enter_context(tasks.SequenceStage(plan, len(own_cores()))) if plan.sequences else None
+        run = held.enter_context(open_run(plan, console, stopped))
         plan.write_record()
-        if plan.sequences is None:
+        if stage is None:
             return report(run.render(plan.numbers, blend=blend), console)
-        stage = tasks.SequenceStage(plan, run.run, len(own_cores()))
+        stage.begin(run.run)
         try:  # pairs are made of finished frames while others are being rendered
             missing = stage.add_finished(plan.numbers)
             outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)

@@ -37,14 +37,16 @@ def local_size(frames: int, workers: int) -> int:
 
 def split(workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
     """The cores of each worker: two where the number of workers does not say otherwise (`iclnuim bench farm` measures them), and never one
-    alone, which would busy-wait. Raises InputError for more workers than that allows.
+    alone, which would busy-wait. Of more workers than pairs of cores, two share a pair. Raises InputError for still more.
     """
     cores = own_cores() if cores is None else cores
-    limit = max(1, len(cores) // 2)
-    workers = limit if workers is None else workers
-    if not 1 <= workers <= limit:
-        raise InputError(f"1 to {limit} workers on {len(cores)} cores, two for each", setting="workers", found=workers)
-    return [cores[len(cores) * k // workers : len(cores) * (k + 1) // workers] for k in range(workers)]
+    pairs = max(1, len(cores) // 2)
+    workers = pairs if workers is None else workers
+    if not 1 <= workers <= 2 * pairs:
+        raise InputError(f"1 to {2 * pairs} workers on {len(cores)} cores", setting="workers", found=workers)
+    sets = min(workers, pairs)
+    shares = [cores[len(cores) * k // sets : len(cores) * (k + 1) // sets] for k in range(sets)]
+    return [shares[k % sets] for k in range(workers)]
 
 
 def own_cores() -> list[int]:

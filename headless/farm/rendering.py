@@ -11,11 +11,23 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.job import RenderJob
-from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, Note, Ready, Started, WorkerClient, worker_command
+from iclnuim.worker_events import (
+    Baked,
+    ChunkDone,
+    Event,
+    Exited,
+    Failed,
+    Note,
+    Ready,
+    Started,
+    WorkerClient,
+    worker_command,
+)
 
 from ..isolation import crash_words
 from ..options import Console
@@ -23,6 +35,8 @@ from .chunks import chunks_of, granted_cores, local_size, own_cores, split
 from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError, not_started
 from .lock import OutputLock
 from .run_plan import RunPlan
+
+E = TypeVar("E", bound=Event)
 
 
 @dataclass
@@ -104,11 +118,14 @@ class LocalRun:
         client.kill()
         client.close(keep_log=not clean)
 
-    def bake(self) -> None:
-        """The light of the job into the cache, where it takes any."""
-        if self.job.light == "baked":
-            self._client.send({"bake": True})
-            self._wait(ChunkDone)
+    def bake(self) -> bool:
+        """The light of the job into the cache, where it takes any; whether it had to be made."""
+        if self.job.light != "baked":
+            return False
+        self._client.send({"bake": True})
+        baked = self._wait(Baked)
+        self._wait(ChunkDone)
+        return baked.made
 
     def render(
         self,
@@ -126,14 +143,16 @@ class LocalRun:
         cores, missing = cores or split(self.plan.farm.workers), self.run.missing(numbers)
         if numbers:
             self.console.note(f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}")
+        baked = False
         if missing:
             self.run.check_space(len(missing))
-            self.bake()
+            baked = self.bake()
         if blend is not None:
             self._client.send({"blend": str(blend.resolve())})
             self._wait(ChunkDone)
         cores = cores[: len(missing)]
-        goes_on = blend is None and cores == [own_cores()] and not stop()
+        # after a bake it would keep the memory that took
+        goes_on = blend is None and not baked and cores[:1] == [own_cores()] and not stop()
         if not goes_on:
             self.__exit__()
         if not missing or stop():
@@ -154,7 +173,7 @@ class LocalRun:
         self.farm = LocalFarm(self._workers.start, cores, done, listen, stop, self.plan.farm, first)
         return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
 
-    def _wait(self, kind: type[Event]) -> None:
+    def _wait(self, kind: type[E]) -> E:
         """For one event; the worker's errors are ours. A stop asked for meanwhile ends it at once: nothing is lost."""
         while not self.should_stop():
             try:
@@ -163,7 +182,7 @@ class LocalRun:
                 continue
             self._workers.on_event(event)
             if isinstance(event, kind):
-                return
+                return event
             if isinstance(event, Failed) and not event.bug:
                 raise WorkerError(event)
             if isinstance(event, Exited) and event.code < 0:

@@ -9,13 +9,14 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import RunFolder, read_run
-from iclnuim.dataset.sequence import JournalEntry, SequenceWriter
+from iclnuim.dataset.sequence import JournalEntry, SequenceImages, SequenceWriter
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Event, FrameDone, Ready
 
@@ -31,20 +32,28 @@ from .run_plan import RunPlan
 class SequenceStage:
     """The sequences of a plan: finished frames turned into sequences, while others are still being rendered.
 
-    `add(number)` a rendered frame at any time; `complete()` waits for all, then writes lists and recipes.
+    Make it before the run is opened: its processes are forked then, while there are no threads (frame_pool.py). `begin(run)` as soon as the
+    run stands, then `add(number)` a rendered frame at any time; `complete()` waits for all, then writes lists and recipes.
 
     Images are made on `workers` cores; journals are written, pairs read back, and raw frames dropped on the caller's thread, whenever
     it asks for something. The first error ends the stage and is raised by `close` and by `complete`.
     """
 
-    def __init__(
-        self, plan: RunPlan, raw: RunFolder, workers: int, on_frame: Callable[[int], None] = lambda number: None
-    ) -> None:
-        source = frames_of_run(raw, list(plan.numbers))
-        self._outs, self._logs = list(plan.variants()), plan.logs
-        self._writer = SequenceWriter(source, plan.variants(), plan.formats)
-        self._raw, self._keep_raw, self._on_frame = raw, plan.keep_raw, on_frame
-        self._pool = FramePool(self._writer.make, workers, self._made)
+    def __init__(self, plan: RunPlan, workers: int, on_frame: Callable[[int], None] = lambda number: None) -> None:
+        self._plan, self._on_frame = plan, on_frame
+        self._pool = FramePool(_ImageMaker(plan).make, workers, self._made)
+
+    def __enter__(self) -> "SequenceStage":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def begin(self, raw: RunFolder) -> None:
+        """Begin the sequences of this run, or go on with them. Raises InputError where a folder holds others."""
+        plan = self._plan
+        self._raw = raw
+        self._writer = SequenceWriter(frames_of_run(raw, plan.numbers), plan.variants(), plan.formats)
         self._lacking = set(self._writer.missing)
 
     def add(self, number: int) -> None:
@@ -76,8 +85,8 @@ class SequenceStage:
     def complete(self) -> None:
         """All frames are in: lists and recipes, then bags and logs. Raises InputError, WorkError."""
         self.close()
-        for out, written in zip(self._outs, self._writer.complete(), strict=True):
-            self._logs.write(written.folders[0], out)
+        for out, written in zip(self._plan.variants(), self._writer.complete(), strict=True):
+            self._plan.logs.write(written.folders[0], out)
 
     def _made(self, entries: list[JournalEntry | None]) -> None:
         number = self._writer.note(entries)
@@ -85,8 +94,23 @@ class SequenceStage:
         self._on_frame(number)
 
     def _drop(self, number: int) -> None:
-        if not self._keep_raw and self._writer.stands(number):
+        if not self._plan.keep_raw and self._writer.stands(number):
             self._raw.frame_file(number).unlink(missing_ok=True)
+
+
+class _ImageMaker:
+    """Makes a frame's images; reads of run and sequences what it needs at its first frame, when they stand, in each process for itself."""
+
+    def __init__(self, plan: RunPlan) -> None:
+        self._plan = plan
+
+    def make(self, number: int) -> list[JournalEntry | None]:
+        return self._images.make(number)
+
+    @cached_property
+    def _images(self) -> SequenceImages:
+        plan = self._plan
+        return SequenceImages(frames_of_run(read_run(plan.raw), plan.numbers), plan.variants(), plan.formats)
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
@@ -118,6 +142,7 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
     """The last task: both sequences; how many frames they hold. Raises WorkError where frames are missing, once all others are in."""
     run = read_run(plan.raw)
     with ExitStack() as held:
+        stage = held.enter_context(SequenceStage(plan, len(granted_cores()), on_frame))
         end = time.monotonic() + patience_s
         while True:  # where the holder died on another machine, until its heartbeat is old
             try:
@@ -127,7 +152,7 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
                 if time.monotonic() > end:
                     raise
             time.sleep(2.0)
-        stage = SequenceStage(plan, run, len(granted_cores()), on_frame)
+        stage.begin(run)
         try:
             lacking = stage.add_finished(plan.numbers)
         finally:

@@ -54,7 +54,7 @@ def farm(tmp_path):
     script = tmp_path / "pretender.py"
     script.write_text(PRETENDER)
 
-    def run(frames, orders, workers=2, name="out", should_stop=lambda: False, size=4, **care):
+    def run(frames, orders, workers=2, name="out", should_stop=lambda: False, size=4, running=False, **care):
         out = tmp_path / name
         out.mkdir()
         (out / "orders.json").write_text(json.dumps(orders))
@@ -65,13 +65,14 @@ def farm(tmp_path):
             started.append(WorkerClient([sys.executable, str(script)], {"cores": cores}, out, log, events))
             return started[-1]
 
-        stop = should_stop
+        stop, inbox = should_stop, queue.SimpleQueue()
         farm = LocalFarm(
             start,
             [[k] for k in range(workers)],
             heard.append,
             should_stop=lambda: stop(),
             settings=FarmSettings(**care),
+            first=(start([0], inbox), inbox) if running else None,
         )
         try:
             return farm.run(chunks_of(frames, size)), heard, started
@@ -93,6 +94,12 @@ def test_a_frame_that_kills_its_worker_once_is_tried_again(farm, kind):
     outcome, heard, started = farm(list(range(12)), {"5": (kind, 1)})
     assert sorted(heard) == list(range(12))
     assert outcome.deaths == 1 and not outcome.failed
+
+
+@pytest.mark.parametrize("orders", [{}, {"5": ("crash", 1)}])
+def test_a_worker_that_runs_already_takes_its_share_and_is_replaced_where_it_dies(farm, orders):
+    outcome, heard, started = farm(list(range(12)), orders, running=True)
+    assert sorted(heard) == list(range(12)) and outcome.deaths == len(orders) == len(started) - 2
 
 
 def test_a_frame_that_kills_three_workers_is_given_up_with_its_log_and_its_neighbours_are_not(farm):

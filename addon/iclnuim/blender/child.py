@@ -144,7 +144,8 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
             begun, stopped = time.perf_counter(), commands.stopped
             rendered, whole = 0, True
             if command.get("bake"):
-                emit(events.Baked(str(session.bake())))
+                folder, made = session.bake()
+                emit(events.Baked(str(folder), made))
             elif command.get("blend"):
                 session.save_blend(Path(command["blend"]))
             else:

@@ -50,8 +50,8 @@ _MAX_BOUNCES = 8
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
-def prepare(job: RenderJob, report: Callable[[str], None]) -> Path:
-    """The folder in the cache with the light map of the open scene, of the job's size, samples and seed, found or made.
+def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
+    """The folder in the cache with the light map of the open scene, of the job's size, samples and seed, and whether it had to be made.
 
     Leaves the scene as it was. The coarse map in between is never larger than the map itself.
     """
@@ -70,13 +70,13 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> Path:
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
         cache = cache_folder()
         folder = cache / "light" / name
-        if not is_whole(folder):
+        if lacking := not is_whole(folder):
             report(_beforehand(job))
             _make(folder, found, depsgraph, asked, key, report)
     with suppress(IclnuimError, OSError):  # a note for `find`; a cache that cannot be written stays without it
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
-    return folder
+    return folder, lacking
 
 
 def _beforehand(job: RenderJob) -> str:

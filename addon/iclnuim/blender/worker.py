@@ -81,10 +81,12 @@ class Session:
             self._ready, self._opened = True, False
             self.emit(events.Ready())
 
-    def bake(self) -> Path:
-        """Find or make the light map; leaves the scene to be built anew."""
+    def bake(self) -> tuple[Path, bool]:
+        """Find the light map or make it, and whether it was made: then the scene is to be built anew, in a process that needs less memory."""
         opened, self._ready, self._opened = self._opened, False, False
-        return bake_light(self.job, self.emit, self.threads, opened)
+        folder, made = bake_light(self.job, self.emit, self.threads, opened)
+        self._opened = not made
+        return folder, made
 
     def save_blend(self, file: Path) -> None:
         """A copy of the prepared scene, camera keyed, to be played in Blender."""
@@ -134,7 +136,8 @@ class Session:
             ground_truth.number_objects()
             table = ground_truth.objects_table()
         if job.light == "baked":
-            folder, cycles = light_map.prepare(job, lambda text: self.emit(events.Note(text))), bpy.context.scene.cycles
+            folder, _ = light_map.prepare(job, lambda text: self.emit(events.Note(text)))
+            cycles = bpy.context.scene.cycles
             # as path tracing clamps light that bounced; the built-in rooms keep their frames
             light_map.apply(folder, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect)
             settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
@@ -196,8 +199,8 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     return job
 
 
-def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False) -> Path:
-    """Open the job's scene, unless it is, and find or make its light map, in the folder that is returned.
+def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False) -> tuple[Path, bool]:
+    """Open the job's scene, unless it is, and find or make its light map: its folder, and whether it had to be made.
 
     Raises InputError for a scene that cannot be lit so.
     """
