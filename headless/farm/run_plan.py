@@ -47,7 +47,7 @@ class FarmSettings(Settings):
 
     engine: str = setting("local", "where it runs", choices={"local": "this machine", "slurm": "an existing Slurm"})
     workers: int | None = setting(
-        None, "processes that render, two cores or more for each; default: all cores, two each", low=1
+        None, "processes that render, at most one for each core; default: one for every two cores", low=1
     )
     worker_timeout_s: float = setting(
         120.0,
