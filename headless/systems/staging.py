@@ -15,13 +15,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.depth_units import depth16_from_metres, metres_from_depth16
-from iclnuim.dataset.frames import ImagePair, SequenceCamera, find_pairs, read_camera, read_truth
+from iclnuim.dataset.depth_units import depth16_from_metres
+from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.slam_settings import SLAM_SETTINGS
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import Associations, ImageList, write_associations, write_image_list
 from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, sha256
-from iclnuim.formats.png import read_depth16, write_png
+from iclnuim.formats.png import write_png
 from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz
 
 from .system import StageSettings
@@ -89,9 +90,13 @@ class StagedSequence:
         lists = {}
         for kind, folder in (("rgb", settings.rgb), ("depth", settings.depth)):
             make_folder(stage / folder)
-            files = [f"{folder}/{name}.png" for name in names]
-            for pair, file in zip(self.pairs, files, strict=True):
-                self._place(getattr(pair, kind), stage / file, settings if kind == "depth" else None)
+            images = [getattr(pair, kind) for pair in self.pairs]
+            endings = [image.suffix if kind == "rgb" else ".png" for image in images]
+            files = [f"{folder}/{name}{ending}" for name, ending in zip(names, endings, strict=True)]
+            own = self.camera.depth_units_per_metre
+            asked = self.units(settings) if kind == "depth" else own
+            for image, file in zip(images, files, strict=True):
+                _place(image, stage / file, own, asked)
             lists[kind] = ImageList(tuple(map(float, stamps)), tuple(files), tuple(stamps))
             write_image_list(stage / f"{kind}.txt", lists[kind])
         rgb, depth = lists["rgb"], lists["depth"]
@@ -101,13 +106,13 @@ class StagedSequence:
             text = SLAM_SETTINGS[settings.settings](self.camera.pinhole, self.rate_hz, self.units(settings))
             atomic_write_text(stage / settings.settings_file, text)
 
-    def _place(self, image: Path, file: Path, settings: StageSettings | None) -> None:
-        """A link to the image; depth in other units than those asked for is written anew."""
-        own = self.camera.depth_units_per_metre
-        if settings is None or self.units(settings) == own:
-            os.symlink(image.resolve(), file)
-            return
-        write_png(file, depth16_from_metres(metres_from_depth16(read_depth16(image), own), self.units(settings)))
+
+def _place(image: Path, file: Path, own: float, asked: float) -> None:
+    """A link to the image; depth in other units a metre than those asked for, or stored as an array, is written anew."""
+    if image.suffix == file.suffix and own == asked:
+        os.symlink(image.resolve(), file)
+    else:
+        write_png(file, depth16_from_metres(read_depth_m(image, own), asked))
 
 
 def unpacked(options: Mapping[str, str], folder: Path) -> dict[str, str]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from iclnuim.formats.associations import read_image_list
 from iclnuim.formats.png import read_depth16
+from iclnuim.headless import cli
 from iclnuim.headless.systems.system import built_in, read_system
 
 
@@ -37,6 +38,14 @@ def test_images_by_stamp_depth_first_in_other_units(run, fake, tmp_path):
     assert lines(stage / "associations.txt")[2] == "1.066667 depth_sync/1.066667.png 1.066667 rgb_sync/1.066667.png"
     assert not (stage / "depth_sync/1.000000.png").is_symlink()
     assert (read_depth16(stage / "depth_sync/1.000000.png") == 5000).all()
+
+
+def test_depth_that_is_no_png_is_written_as_one(run, fake, sequence, tmp_path):
+    assert cli.main(["convert", str(sequence), str(tmp_path / "kt2/air"), "--format", "tartanair", "--quiet"]) == 0
+    run(fake("good"), "--stage-only", "--first", "2", folder=tmp_path / "kt2/air")
+    stage = staged(tmp_path)
+    units = read_depth16(stage / "depth/000001.png")
+    assert (stage / "rgb/000001.png").is_symlink() and (units == units[0, 0]).all() and units[0, 0] in (1000, 5000)
 
 
 def test_placeholders_stand_for_camera_rate_units_and_files(run, fake, tmp_path):
