@@ -111,7 +111,8 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
         posed = frames_with_poses(source)
         if left_out := sorted(set(source.numbers) - set(posed.numbers)):
             first = ", ".join(map(str, left_out[:5])) + (" ..." if len(left_out) > 5 else "")
-            console.note(f"{needing[0]}: {len(left_out)} frames have no pose and are left out: {first}")
+            count = f"{len(left_out)} of {len(source.numbers)} frames"
+            console.note(f"{needing[0]}: {count} are left out, as they have no pose: {first}")
         source = posed if posed.numbers else source
     _write(source, options, args, console)
 

@@ -7,7 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
-from iclnuim.dataset.bags_and_logs import write_klg, write_rosbag
+from iclnuim.dataset.bags_and_logs import LogSettings, write_klg, write_rosbag
 from iclnuim.dataset.frames import run_frames
 from iclnuim.dataset.packing import pack
 from iclnuim.dataset.sequence import write_sequence
@@ -66,11 +66,14 @@ def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
     assert place == len(data)
 
 
-@pytest.mark.parametrize("ros", [1, 2])
-def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros):
+@pytest.mark.parametrize(
+    ("ros", "settings"),
+    [(1, {}), (2, {}), (1, {"compress_bags": True}), (2, {"compress_bags": True, "bag_storage": "mcap"})],
+)
+def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
     highlevel = pytest.importorskip("rosbags.highlevel")
     out = tmp_path / ("s.bag" if ros == 1 else "s_ros2")
-    assert write_rosbag(sequence, out, ros) == 4
+    assert write_rosbag(sequence, out, ros, LogSettings(**settings)) == 4
     with highlevel.AnyReader([out]) as reader:
         assert {c.topic: c.msgcount for c in reader.connections} == dict.fromkeys(
             (

@@ -57,9 +57,10 @@ def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(
 
 def test_bags_and_logs_come_with_it(raw, tmp_path, capsys):
     pytest.importorskip("rosbags")
-    command = ["dataset", str(raw), str(tmp_path / "out"), "--rosbag", "--quiet"]
-    assert main(command) == 0 and main(command) == 0
+    command = ["dataset", str(raw), str(tmp_path / "out"), "--rosbag", "--quiet", "--compress-bags"]
+    assert main([*command, "--bag-storage", "mcap"]) == 0 and main(command) == 0
     assert {"out.klg", "out.bag", "out_ros2"} <= {p.name for p in tmp_path.iterdir()}
+    assert (tmp_path / "out_ros2/out_ros2.mcap").is_file()
 
 
 def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_path, capsys):
@@ -131,6 +132,58 @@ def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_
     assert main(["noise", str(freiburg), str(tmp_path / "both"), *camera, *both]) == 0
     assert (tmp_path / f"both/tum/depth/{DEPTH_STAMPS[0]}.png").is_file()
     assert (tmp_path / "both/euroc/mav0/cam0/data/1305031102175304000.png").is_file()
+
+
+@pytest.mark.parametrize("through", ["tum", "eth3d", "rtabmap", "euroc", "vslam-lab"])
+def test_convert_keeps_stamps_to_the_character_through_every_format_that_has_them(freiburg, tmp_path, capsys, through):
+    camera = ["--camera", "64x48,48,48,31.5,23.5"]
+    assert main(["convert", str(freiburg), str(tmp_path / "a"), "--format", through, *camera]) == 0
+    assert main(["convert", str(tmp_path / "a"), str(tmp_path / "b"), "--format", "tum", "--quiet"]) == 0
+    stamps = [line.split()[0] for line in data(tmp_path / "b/rgb.txt")]
+    assert stamps == list(RGB_STAMPS)
+    if through not in ("euroc", "rtabmap"):  # one stamp for both images of a pair, or in the name of both
+        assert [line.split()[0] for line in data(tmp_path / "b/depth.txt")] == list(DEPTH_STAMPS)
+    if through in ("tum", "eth3d", "rtabmap"):
+        assert (tmp_path / "b/groundtruth.txt").read_text() == TRUTH
+    if through == "rtabmap":
+        assert sorted(p.name for p in (tmp_path / "a/rgb_sync").iterdir()) == [f"{stamp}.png" for stamp in RGB_STAMPS]
+    for number in range(3):  # files that are stored alike are copied
+        one, other = (sorted(folder.glob("rgb*/*"))[number] for folder in (freiburg, tmp_path / "b"))
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_convert_notes_what_a_format_does_not_hold(freiburg, tmp_path, capsys):
+    camera = ["--camera", "64x48,48,48,31.5,23.5"]
+    longer = {f"{stamp} ": f"{stamp}1234 " for stamp in RGB_STAMPS}
+    text = (freiburg / "rgb.txt").read_text()
+    for old, new in longer.items():
+        text = text.replace(old, new)
+    (freiburg / "rgb.txt").write_text(text)
+    everything = [word for name in ("euroc", "scannet", "tartanair") for word in ("--format", name)]
+    assert main(["convert", str(freiburg), str(tmp_path / "a"), *everything, *camera]) == 0
+    said = capsys.readouterr().err
+    assert "euroc: stamps have 9 digits after the point, those of the source up to 10" in said
+    assert "scannet: there are no stamps in this format" in said and "scannet: colour is stored as JPEG" in said
+    assert "scannet: depth is stored in 1000 units a metre; the source has 5000" in said
+    assert "tartanair: its programs know only the camera 640x480,320,320,319.5,239.5" in said
+
+
+def test_some_frames_carry_only_their_own_poses(freiburg, tmp_path, capsys):
+    dense = [f"{1305031102.0 + i / 200:.4f} {i / 1000} 0 0 0 0 0 1" for i in range(80)]
+    (freiburg / "groundtruth.txt").write_text("# mocap\n" + "\n".join(dense) + "\n")
+    camera = ["--camera", "64x48,48,48,31.5,23.5", "--quiet"]
+    assert main(["convert", str(freiburg), str(tmp_path / "a"), "--frames", "1:2", *camera]) == 0
+    kept = (tmp_path / "a/groundtruth.txt").read_text().splitlines()
+    assert kept[0] == "# mocap" and set(kept[1:]) < set(dense)
+    assert all(abs(float(line.split()[0]) - float(RGB_STAMPS[1])) < 0.02 for line in kept[1:]) and len(kept) > 5
+    # frames without a pose are left out where every frame needs one
+    (freiburg / "groundtruth.txt").write_text("\n".join(dense[30:45]) + "\n")
+    assert main(["convert", str(freiburg), str(tmp_path / "b"), "--format", "replica", *camera[:2]]) == 0
+    assert "replica: 1 of 3 frames are left out, as they have no pose: 2" in capsys.readouterr().err
+    assert len(data(tmp_path / "b/traj.txt")) == len(list((tmp_path / "b/results").glob("*.jpg"))) == 2
+    (freiburg / "groundtruth.txt").unlink()
+    assert main(["convert", str(freiburg), str(tmp_path / "c"), "--format", "replica", *camera[:2]]) == 2
+    assert "a pose for every frame for the format replica, found no ground truth" in capsys.readouterr().err
 
 
 def test_the_originals_poses_keep_every_character_in_their_own_format(raw, tmp_path, capsys):

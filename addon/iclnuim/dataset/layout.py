@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.associations import ImageList
-from ..formats.files import atomic_write, read_json
+from ..formats.files import atomic_write, make_folder, read_json
 from ..formats.images import ARRAY, JPEG, image_header
 from ..formats.trajectories import write_trajectory
 from ..formats.trajectory_file import stamp_text
@@ -214,10 +214,11 @@ def check_poses(name: str, contents: Contents) -> None:
 def write_truth(path: Path, contents: Contents, format: str) -> None:
     """A ground-truth file, where there is ground truth; one that is kept, byte for byte."""
     kept_format, data = contents.truth_file or ("", b"")
+    if contents.truth is not None:
+        make_folder(path.parent)
     if kept_format == format:
         atomic_write(path, lambda temporary: temporary.write_bytes(data))
     elif contents.truth is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_trajectory(path, contents.truth, format)
 
 
