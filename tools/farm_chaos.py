@@ -19,6 +19,7 @@ import numpy as np
 import psutil
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import WorkError
+from iclnuim.worker_events import CHILD
 
 #: Frames that must be finished anew before anything happens.
 FRAMES_BETWEEN = 3
@@ -177,9 +178,9 @@ def contents(out: Path) -> dict[str, bytes]:
 
 
 def children(parent: subprocess.Popen) -> list[psutil.Process]:
-    """The workers of a command; none where it is gone."""
+    """The workers of a command, not the processes that make its sequences' images; none where it is gone."""
     with contextlib.suppress(psutil.NoSuchProcess):
-        return psutil.Process(parent.pid).children()
+        return [p for p in psutil.Process(parent.pid).children() if str(CHILD) in p.cmdline()]
     return []
 
 

@@ -1,0 +1,286 @@
+"""Makes the measured tables and charts of the pages anew, each by the command that stands beside it here.
+
+    python tools/measured.py --list                    pages, marks, commands
+    python tools/measured.py --only light              one mark, or those of a page: docs/odometry
+    python tools/measured.py --only farm --keep out/measured    also keep what the commands printed; what is kept is not measured again
+
+In a page a table stands between `<!-- measured: MARK -->` and `<!-- end of MARK -->`; the script writes what is between them, and the
+pictures where the pages show them. Commands run in the checkout's top folder; sequences are those that `iclnuim make all` leaves in out/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+TOP = Path(__file__).resolve().parents[1]
+_KT2 = "out/living_room/kt2"
+_EIGHT = [
+    f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
+]
+_DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
+_FARM = "bench farm kt2 --plot docs/pictures/farm.png"
+_NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/pictures/noise.png"
+_SURFACES = {
+    "clean, `best`": ("clean", ""),
+    "clean, `--preset paper`": ("clean", "--preset paper"),
+    "noisy (`released`), `best --min-weight 3`": ("noisy", "--min-weight 3"),
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One table: its mark in a page, the commands (words after `iclnuim`; --json is added), and how what they print becomes the text."""
+
+    page: str
+    mark: str
+    commands: tuple[str, ...]
+    text: Callable[[Sequence[Any]], str]
+
+    @property
+    def begin(self) -> str:
+        return f"<!-- measured: {self.mark} -->\n"
+
+    @property
+    def end(self) -> str:
+        return f"<!-- end of {self.mark} -->\n"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """In Markdown."""
+    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (header, ["---"] * len(header), *rows))
+
+
+def _light(found: Sequence[Any]) -> str:
+    header = (
+        "light",
+        "samples",
+        "s/frame",
+        "PSNR dB",
+        "worst view",
+        "median error",
+        "median change from frame to frame (of 255)",
+    )
+    rows = []
+    for way in found[0]["ways"]:
+        psnr_db = way["error"]["psnr_db"]
+        name = (way["way"]["family"], way["way"]["label"], f"{way['seconds']:.3g}")
+        errors = (f"{sum(psnr_db) / len(psnr_db):.1f}", f"{min(psnr_db):.1f}", f"{way['error']['median']:.4f}")
+        rows.append((*name, *errors, f"{255 * way['flicker']:.2f}"))
+    return table(header, rows)
+
+
+def _levels(room: str) -> Callable[[Sequence[Any]], str]:
+    def text(found: Sequence[Any]) -> str:
+        header = (
+            "detail",
+            "triangles",
+            "mean depth error",
+            "99 %",
+            "off by more than 5 mm",
+            "colour, PSNR",
+            "build",
+            "frame",
+        )
+        rows, knee = [], found[0]["knee"][room]
+        for v in found[0]["levels"][room]:
+            level = f"{v['detail']:g}" + (", the knee" if v["detail"] == knee else "")
+            name = (f"**{level}**" if v["detail"] == 1 else level, f"{v['triangles']:,}")
+            times = (f"{v['build_s']:.1f} s", f"{v['frame_s']:.3f} s")
+            if v["psnr_db"] is None:  # the finest, which the others are held against
+                rows.append((*name, "", "", "", "", *times))
+                continue
+            depth = (f"{1e3 * v['mean_m']:.2g} mm", f"{1e3 * v['p99_m']:.2g} mm", f"{v['off_share']:.2%}")
+            rows.append((*name, *depth, f"{v['psnr_db']:.1f} dB", *times))
+        return table(header, rows)
+
+    return text
+
+
+def _maps(found: Sequence[Any]) -> str:
+    """Of both rooms, and what no shipped trajectory sees."""
+    rows = []
+    for room, sizes in found[0]["maps"].items():
+        for m in sizes:
+            error = ("", "") if m["psnr_db"] is None else (f"{m['psnr_db']:.1f} dB", f"{m['median_of_255']:.2f} of 255")
+            rows.append((room, m["size"], f"{m['bake_s']:.0f} s", *error, f"{m['frame_s']:.3f} s"))
+    return table(("room", "map", "bake", "PSNR against the largest", "median", "frame, 320 x 240"), rows)
+
+
+def _unseen(found: Sequence[Any]) -> str:
+    rows = []
+    for u in found[0]["unseen"]:
+        texels = "" if u["texels"] is None else f"{u['texels']:.1%}"
+        rows.append((u["room"], u["poses"], f"{u['triangles']:.1%}", f"{u['surface']:.1%}", texels))
+    return table(("room", "poses", "triangles never seen", "surface never seen", "texels in use never seen"), rows)
+
+
+def _speed(found: Sequence[Any]) -> str:
+    """Median and 95th percentile in ms a frame, ATE in mm."""
+    return _odometers(found, lambda r: f"{r['ms_median']:.1f}, {r['ms_95']:.1f}: {_mm(r)}")
+
+
+def _ate(found: Sequence[Any]) -> str:
+    return _odometers(found, _mm)
+
+
+def _odometers(found: Sequence[Any], cell: Callable[[dict], str]) -> str:
+    sequences = found[0]["races"]
+    names = list(dict.fromkeys(run["odometer"] for sequence in sequences for run in sequence["runs"]))
+    cells = [{run["odometer"]: cell(run) for run in sequence["runs"]} for sequence in sequences]
+    rows = [(f"`{name}`", *(column.get(name, "-") for column in cells)) for name in names]
+    return table(("", *(sequence["sequence"] for sequence in sequences)), rows)
+
+
+def _mm(run: dict) -> str:
+    ate_m = run["ate_rmse_m"]
+    return "-" if ate_m is None else f"{1e3 * ate_m:.3g}"
+
+
+def _splits(found: Sequence[Any]) -> str:
+    lights: dict[str, dict[str, tuple[str, str]]] = {}
+    for s in found[0]["splits"]:
+        split = f"{s['workers']} x {s['threads']}"
+        lights.setdefault(split, {})[s["light"]] = f"{s['frames_an_hour']:,.0f}", f"{s['busy_share']:.0%}"
+    rows = [(split, *by.get("baked", ("", "")), *by.get("path", ("", ""))) for split, by in lights.items()]
+    header = ("workers x threads", "baked, frames an hour", "cores busy", "path traced, frames an hour", "cores busy")
+    return table(header, rows)
+
+
+def _chaos(found: Sequence[Any]) -> str:
+    header = ("", "frames", "kill -9", "full disk", "stopped worker", "frames broken", "frames lost", "finished twice")
+    rows = []
+    for name, damage in found[0].items():
+        events = (damage["events"].get(kind, "") for kind in ("full", "stop"))
+        rows.append(
+            (name, damage["frames"], damage["kills"], *events, damage["broken"], damage["lost"], damage["twice"])
+        )
+    return table(header, rows)
+
+
+def _pairs(found: Sequence[Any]) -> str:
+    rows = [
+        (
+            f"{p['depth']} + {p['rgb']}",
+            f"{p['frames_per_s']:.0f}",
+            f"{p['ratio']:.2f}",
+            f"{p['cpu_ms']:.0f}",
+            f"{p['cpu_ratio']:.2f}",
+        )
+        for p in found[0]["pairs"]
+    ]
+    return table(("depth + RGB", "frames/s", "over files alone", "processor ms a frame", "over files alone"), rows)
+
+
+def _models(found: Sequence[Any]) -> str:
+    overlaps, rows = found[0]["overlap_with_official"] or {}, []
+    for kind, times_ms in found[0]["model_ms"].items():
+        for name, ms in times_ms.items():
+            overlap = overlaps.get(kind, {}).get(name)
+            rows.append((f"{kind} `{name}`", f"{ms:.1f}", "" if overlap is None else f"{overlap:.3f}"))
+    return table(("model", "ms a frame, one core", "overlap with the official noise"), rows)
+
+
+def _surface(found: Sequence[Any]) -> str:
+    """Of `fuse` and `evaluate surface` in turn."""
+    rows = []
+    for name, made, error in zip(_SURFACES, found[::2], found[1::2], strict=True):
+        distances = [f"{1e3 * error['distance_m'][key]:.3g}" for key in ("mean", "median", "std", "min", "max")]
+        rows.append((name, *distances, f"{made['memory_mb']:.0f} MB", made["parts_that_left"]))
+    header = ("kt2, ours", "mean", "median", "std", "min", "max", "memory", "parts that left the window")
+    return table(header, rows)
+
+
+def _surface_commands() -> tuple[str, ...]:
+    commands = []
+    for k, (kind, options) in enumerate(_SURFACES.values()):
+        mesh = f"out/measured-{k}.ply"
+        fuse = f"fuse {_KT2}/{kind} --poses {_KT2}/clean/groundtruth.txt {options} -o {mesh}"
+        commands += [" ".join(fuse.split()), f"evaluate surface {mesh} --model living_room"]
+    return tuple(commands)
+
+
+MEASURED = (
+    Measured("docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light),
+    Measured("docs/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
+    Measured("docs/detail.md", "detail-office", (_DETAIL,), _levels("office")),
+    Measured("docs/detail.md", "detail-unseen", (_DETAIL,), _unseen),
+    Measured("docs/detail.md", "detail-maps", (_DETAIL,), _maps),
+    Measured(
+        "docs/odometry.md",
+        "odometry-speed",
+        (
+            f"bench odometry ../shared/data/iclnuim/or_kt0 {_KT2}/clean {_KT2}/noisy --first 200 --plot docs/pictures/odometry.png",
+        ),
+        _speed,
+    ),
+    Measured("docs/odometry.md", "odometry-ate", (f"bench odometry {' '.join(_EIGHT)}",), _ate),
+    Measured("docs/farm.md", "farm-splits", (_FARM,), _splits),
+    Measured(
+        "docs/farm.md", "farm-chaos", ("bench chaos kt2 --camera 160x120 --plot docs/pictures/chaos.png",), _chaos
+    ),
+    Measured("docs/sensor.md", "noise-pairs", (_NOISE,), _pairs),
+    Measured("docs/sensor.md", "noise-models", (_NOISE,), _models),
+    Measured("docs/surface.md", "surface-error", _surface_commands(), _surface),
+)
+
+
+def replaced(page: str, measured: Measured, text: str) -> str:
+    """The page with another text between the marks. Raises ValueError where they are not in it once, in their order."""
+    before, begin, rest = page.partition(measured.begin)
+    _, end, after = rest.partition(measured.end)
+    if not (begin and end) or measured.begin in after or measured.end in before + after:
+        raise ValueError(f"{measured.page}: no {measured.begin.strip()} with {measured.end.strip()} after it, once")
+    return before + begin + text + end + after
+
+
+def output_of(command: str, keep: Path | None) -> Any:
+    """What the command prints with --json, measured now, or as it was kept."""
+    kept = keep / f"{re.sub('[^A-Za-z0-9]+', '_', command)[:150]}.json" if keep else None
+    if kept and kept.is_file():
+        return json.loads(kept.read_text())
+    print(f"iclnuim {command} --json", file=sys.stderr, flush=True)
+    words = [sys.executable, "-m", "iclnuim", *shlex.split(command), "--json"]
+    done = subprocess.run(words, cwd=TOP, stdout=subprocess.PIPE, text=True, check=True)
+    if kept:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(done.stdout)
+    return json.loads(done.stdout)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--list", action="store_true", help="show pages, marks and commands, measure nothing")
+    parser.add_argument("--only", metavar="TEXT", default="", help="tables whose page or mark begins with this")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FOLDER", help="of what the commands print; not run again if there"
+    )
+    args = parser.parse_args(arguments)
+    chosen = [m for m in MEASURED if m.mark.startswith(args.only) or m.page.startswith(args.only)]
+    if not chosen:
+        parser.error(f"--only: no page or mark begins with {args.only}")
+    outputs: dict[str, Any] = {}
+    for measured in chosen:
+        if args.list:
+            print(f"{measured.page} {measured.mark}", *(f"    iclnuim {c}" for c in measured.commands), sep="\n")
+            continue
+        for command in measured.commands:
+            if command not in outputs:
+                outputs[command] = output_of(command, args.keep)
+        page = TOP / measured.page
+        text = measured.text([outputs[command] for command in measured.commands])
+        page.write_text(replaced(page.read_text(), measured, text))
+        print(f"{measured.page}: {measured.mark}", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
