@@ -31,8 +31,10 @@ def size_for_seconds(seconds: float, seconds_a_frame: float) -> int:
 
 
 def local_size(frames: int, workers: int) -> int:
-    """Chunk size on one machine: small enough that all workers end together, at least eight chunks for each."""
-    return max(1, min(25, frames // (8 * max(1, workers))))
+    """Chunk size on one machine: small enough that all workers end together, at least eight chunks for each of several. At its end a chunk
+    waits until its last frame is closed.
+    """
+    return max(1, min(25, frames // (8 * workers) if workers > 1 else frames))
 
 
 def split(workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
