@@ -4,7 +4,8 @@ import json
 import shutil
 
 import pytest
-from iclnuim import __version__
+from iclnuim import __version__, shipped
+from iclnuim.formats.files import sha256
 from iclnuim.headless.cli import main
 from iclnuim.headless.farm.run_plan import find_run, read_plan
 
@@ -68,11 +69,14 @@ def test_a_folder_of_0_1_0_is_resumed_or_refused_in_a_line(begun, command, capsy
     before = {p: p.read_bytes() for p in folder.rglob("*.[ep][xn][rg]")}
     code = main(["resume", str(folder), "--quiet"])
     words = capsys.readouterr().err
-    here = json.loads((folder / ("raw" if command == "make" else "") / "sequence.json").read_text())["blender"]
-    if here == compat.version_line() and (command == "render" or __version__ == "0.1.0"):
+    begun = json.loads((folder / ("raw" if command == "make" else "") / "sequence.json").read_text())
+    stamped_so = begun["trajectory_sha256"] == sha256(shipped.trajectory_file("kt2").read_bytes())
+    if not stamped_so:  # its stamps began at 0 s
+        assert "other poses or stamps of the trajectory living_room/kt2" in words
+    if begun["blender"] == compat.version_line() and stamped_so and (command == "render" or __version__ == "0.1.0"):
         assert code == 0, words
         assert main(["status", str(folder), "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["missing"] == 0
-    else:  # another Blender's frames, or another version's noise
+    else:  # another Blender's frames, another version's noise, other stamps
         assert code == 2 and len(words.splitlines()) == 1 and "there" in words
     assert {p: p.read_bytes() for p in before} == before
