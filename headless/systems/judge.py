@@ -136,8 +136,8 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
         try:
             errors.append(measure(truth, found).translation_m.rmse)
         except InputError as error:
+            notes += [] if errors else [error.worded()]  # too short for pairs a second apart is nothing to be said
             errors.append(None)
-            notes.append(error.worded())
     if errors[0] is not None and (better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), errors[0])):
         shift = f"stamps are {-better.offset_s:+.9g} s off: {1e3 * better.rmse_m:.3f} mm there"
         notes.insert(0, shift)
