@@ -87,4 +87,5 @@ fi
 
 extras=$(echo "$*" | tr ' ' ',')
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
-"$venv/bin/python" -m pip install -q --editable ".${extras:+[$extras]}"
+# bytecode is written where a module is first imported: compiling all of it takes longer than unpacking
+"$venv/bin/python" -m pip install -q --no-compile --editable ".${extras:+[$extras]}"

@@ -25,7 +25,7 @@ from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read
 from ..options import Console
 from ..sequence_options import add_sensor_options, sequence_options
 
-#: Enough in a row for odometers and fusion. All eight trajectories start with furniture in view.
+#: Two seconds: enough in a row for odometers, fusion and errors over a second. From the start, so that stamps begin at 1 s.
 QUICK_FRAMES = ":60"
 _STAGES = {
     "light": "first: the run folder with its recipe, and the light in the cache",

@@ -66,7 +66,7 @@ def test_an_installed_python_is_found(machine, name):
     done = machine.setup("test", "dev")
     assert done.returncode == 0, done.stderr
     assert f"{path} -m venv .venv" in machine.done
-    assert f"{version} -m pip install -q --editable .[test,dev]" in machine.done
+    assert f"{version} -m pip install -q --no-compile --editable .[test,dev]" in machine.done
 
 
 def test_otherwise_uv_fetches_one(machine):
@@ -75,7 +75,7 @@ def test_otherwise_uv_fetches_one(machine):
     machine.has("uv", f'#!/bin/sh\n[ "$2" = install ] || echo {fetched}\n')
     done = machine.setup()
     assert done.returncode == 0, done.stderr
-    assert "3.11 -m pip install -q --editable .\n" in machine.done
+    assert "3.11 -m pip install -q --no-compile --editable .\n" in machine.done
 
 
 def test_otherwise_the_python_of_an_installed_blender_serves(machine):
