@@ -10,8 +10,10 @@ from iclnuim.dataset.frames import find_pairs, image_frames, run_frames
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
+from iclnuim.formats.png import read_depth16
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.sensor.models import depth_model
 
 
 @pytest.fixture
@@ -73,6 +75,119 @@ def test_nerf_poses_project_as_the_cv_camera_does(all_formats, truth):
         assert np.allclose([u - 0.5, v - 0.5], ours, atol=1e-6)
         assert (all_formats / "nerf" / frame["file_path"]).is_file()
         assert (all_formats / "nerf" / frame["depth_file_path"]).is_file()
+
+
+def depth_of(frame):
+    """Of the run's frames, metres."""
+    v, u = np.mgrid[0:48, 0:64]
+    return 1.0 + frame / 10 + v / 30 + u / 100
+
+
+def test_replica_as_nice_slam_reads_it(all_formats, truth):
+    """Images in the order of their names, a line of 16 numbers each, camera to world; scale and K from cam_params.json."""
+    folder = all_formats / "replica"
+    camera = json.loads((folder / "cam_params.json").read_text())["camera"]
+    assert [camera[key] for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")] == [64, 48, 48, 48, 31.5, 23.5, 6553.5]
+    lines = np.loadtxt(folder / "traj.txt").reshape(-1, 4, 4)
+    assert np.abs(lines - truth.T_world_camera.matrix).max() < 1e-9
+    for i, (image, depth) in enumerate(
+        zip(sorted(folder.glob("results/frame*.jpg")), sorted(folder.glob("results/depth*.png")), strict=True)
+    ):
+        assert image.name == f"frame{i:06}.jpg" and image.read_bytes()[:3] == b"\xff\xd8\xff"
+        assert np.abs(read_depth16(depth) / 6553.5 - depth_of(i)).max() <= 0.51 / 6553.5
+
+
+def test_scannet_as_its_exports_are_read(all_formats, truth):
+    folder = all_formats / "scannet/frames"
+    for i in range(4):
+        assert np.abs(np.loadtxt(folder / f"pose/{i}.txt") - truth.T_world_camera[i].matrix).max() < 1e-9
+        assert np.abs(read_depth16(folder / f"depth/{i}.png") / 1000 - depth_of(i)).max() <= 0.51 / 1000
+        assert (folder / f"color/{i}.jpg").is_file()
+    K = np.loadtxt(folder / "intrinsic/intrinsic_depth.txt")
+    assert np.array_equal(K, [[48, 0, 31.5, 0], [0, 48, 23.5, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def test_eth3d_as_bad_slam_reads_it(all_formats):
+    """One line fx fy cx cy, pixel centres at whole numbers; associated.txt: colour first; images named by stamps."""
+    folder = all_formats / "eth3d"
+    assert [float(value) for value in (folder / "calibration.txt").read_text().split()] == [48, 48, 31.5, 23.5]
+    line = (folder / "associated.txt").read_text().splitlines()[1]
+    assert line == "1.033333 rgb/1.033333.png 1.033333 depth/1.033333.png"
+
+
+def test_tartanair_has_metres_and_poses_in_ned_axes(all_formats, truth):
+    from scipy.spatial.transform import Rotation
+
+    folder = all_formats / "tartanair"
+    depth = np.load(folder / "depth_left/000002_left_depth.npy")
+    assert depth.dtype == np.float32 and np.abs(depth - depth_of(2)).max() < 1e-6
+    rows = np.loadtxt(folder / "pose_left.txt")
+    forward, right, down = Rotation.from_quat(rows[:, 3:]).as_matrix().transpose(2, 0, 1)
+    to_ned = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])  # our z up to their z down
+    R = truth.T_world_camera.rotation
+    for axis, column in ((right, 0), (down, 1), (forward, 2)):  # x right, y down, z forward of ours
+        assert np.abs(axis - R[:, :, column] @ to_ned.T).max() < 1e-9
+    assert np.abs(rows[:, :3] - truth.positions_m @ to_ned.T).max() < 1e-9
+
+
+def test_vslam_lab_has_nanoseconds_paths_and_a_calibration(all_formats, truth):
+    folder = all_formats / "vslam-lab"
+    rows = list(csv.DictReader((folder / "rgb.csv").open()))
+    assert [int(row["ts_rgb_0 (ns)"]) for row in rows] == [1000000000, 1033333000, 1066667000, 1100000000]
+    assert all((folder / row[f"path_{kind}_0"]).is_file() for row in rows for kind in ("rgb", "depth"))
+    text = (folder / "calibration.yaml").read_text()
+    for item in (
+        "focal_length: [48.0, 48.0]",
+        "depth_factor: 5000.0",
+        "image_dimension: [64, 48]",
+        "depth_name: depth_0",
+    ):
+        assert item in text
+    poses = list(csv.reader((folder / "groundtruth.csv").open()))
+    assert poses[0] == ["ts (ns)", "tx (m)", "ty (m)", "tz (m)", "qx", "qy", "qz", "qw"]
+    assert np.allclose(np.array(poses[1:], float)[:, 4:], truth.T_world_camera.quat_xyzw, atol=1e-9)
+
+
+def test_rtabmap_finds_a_stamp_in_every_name(all_formats):
+    for kind in ("rgb_sync", "depth_sync"):
+        names = sorted(path.stem for path in (all_formats / "rtabmap" / kind).iterdir())
+        assert names == ["1.000000", "1.033333", "1.066667", "1.100000"]
+
+
+def colmap_points(model):
+    """(n, 3) points of points3D.txt, and by COLMAP's own formulas the distance in pixels of each observation from its point."""
+    from scipy.spatial.transform import Rotation
+
+    lines = [line for line in (model / "images.txt").read_text().split("\n") if not line.startswith("#")]
+    fx, fy, cx, cy = map(float, (model / "cameras.txt").read_text().split()[-4:])
+    points = {int(row[0]): row[1:4] for row in np.loadtxt(model / "points3D.txt", usecols=range(4))}
+    found = []
+    for head, seen in zip(lines[0::2], lines[1::2], strict=False):
+        if not head:
+            break
+        w, x, y, z, *t = map(float, head.split()[1:8])
+        R = Rotation.from_quat([x, y, z, w]).as_matrix()
+        for u, v, number in np.array(seen.split(), float).reshape(-1, 3):
+            p = R @ points[int(number)] + t
+            found.append(np.hypot(fx * p[0] / p[2] + cx - u, fy * p[1] / p[2] + cy - v))
+    return np.array(list(points.values())), np.array(found)
+
+
+def test_colmap_points_lie_on_the_true_surface_also_of_a_noisy_sequence_and_are_seen_where_it_says(run, tmp_path):
+    poses = read_trajectory(run.path / "groundtruth.txt", "tum").trajectory
+    noisy = SequenceSettings(depth_model("kinect2012"), seed=1)
+    write_sequence(run_frames(run.path), tmp_path / "out", noisy, ["colmap"], workers=1)
+    model = tmp_path / "out/sparse/0"
+    points, distances_px = colmap_points(model)
+    assert len(points) > 1000 and distances_px.max() < 0.1
+    rows = [line.split() for line in (model / "points3D.txt").read_text().splitlines()[1:]]
+    first = [k for k, row in enumerate(rows) if row[8] == "3"]  # taken from the third image
+    camera = PinholeCamera(64, 48, 48, 48, 31.5, 23.5)
+    p = poses.T_world_camera[2].inverse().apply(points[first])
+    u, v = np.rint(camera.project(p)).astype(int).T
+    assert np.abs(p[:, 2] - depth_of(2)[v, u]).max() < 1e-5
+    held_out = (model / "test.txt").read_text().split()
+    assert held_out == ["000000.png"] and len(list((tmp_path / "out/images").glob("*.png"))) == 4
 
 
 def test_orb_slam3_settings_are_read_by_opencv(all_formats):

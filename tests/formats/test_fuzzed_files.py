@@ -4,6 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from iclnuim import frames_from
+from iclnuim.dataset.frames import find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.associations import (
     Associations,
@@ -13,7 +16,9 @@ from iclnuim.formats.associations import (
     write_associations,
     write_image_list,
 )
+from iclnuim.formats.images import read_colour8
 from iclnuim.formats.trajectories import FORMATS, read_trajectory, trajectory_text
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -126,8 +131,10 @@ def damaged(data: bytes, seed: list[int], files: int):
         yield changed
 
 
-def read_all(path, data: bytes, seed: list[int], files: int, read, check) -> tuple[int, int]:
-    """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts as a failure."""
+def read_all(path, data: bytes, seed: list[int], files: int, read, check, folder=None) -> tuple[int, int]:
+    """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts as a failure. An error names the file, or
+    one in its `folder`.
+    """
     taken = refused = 0
     for changed in damaged(data, seed, files):
         path.unlink(missing_ok=True)  # overwriting a file makes some file systems wait for the disk
@@ -136,7 +143,7 @@ def read_all(path, data: bytes, seed: list[int], files: int, read, check) -> tup
             result = read()
         except InputError as error:
             refused += 1
-            assert "\n" not in str(error) and str(path.parent) in str(error)
+            assert "\n" not in str(error) and str(folder or path.parent) in str(error)
         except Exception as error:
             raise AssertionError(f"{changed!r} raised {error!r}") from error
         else:
@@ -223,3 +230,57 @@ def test_damaged_image_lists_are_read_or_refused(tmp_path, files):
 
     taken, refused = read_all(path, path.read_bytes(), [3], files, lambda: read_image_list(path), check)
     assert taken > files / 40 and refused > files / 4
+
+
+#: Files of the sequence formats that are damaged in turn.
+SEQUENCES = {
+    "replica": ("traj.txt", "cam_params.json", "results/frame000001.jpg"),
+    "scannet": ("frames/pose/1.txt", "frames/intrinsic/intrinsic_depth.txt"),
+    "colmap": ("sparse/0/images.txt", "sparse/0/cameras.txt", "camera.json"),
+    "eth3d": ("associated.txt", "calibration.txt", "groundtruth.txt"),
+    "vslam-lab": ("rgb.csv", "calibration.yaml", "groundtruth.csv"),
+    "tartanair": ("pose_left.txt", "depth_left/000001_left_depth.npy", "camera.json"),
+    "rtabmap": ("associations.txt", "camera.json"),
+    "euroc": ("mav0/cam0/data.csv", "mav0/depth0/sensor.yaml"),
+    "nerf": ("transforms.json",),
+}
+
+
+@pytest.fixture(scope="module")
+def sequences(tmp_path_factory):
+    """Three frames of 8 x 6 pixels in every format."""
+    out = tmp_path_factory.mktemp("sequences")
+    camera = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
+    light, depth_z_m = np.full((6, 8, 3), 0.5, np.float32), np.full((6, 8), 2.0, np.float32)
+    source = frames_from(camera, WALK[:3], lambda number: (light, depth_z_m))
+    write_sequence(source, out / "all", formats=tuple(SEQUENCES), workers=1)
+    return out / "all"
+
+
+def read_sequence(folder):
+    """All that the commands read."""
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    images = [(read_colour8(p.rgb), read_depth_m(p.depth, camera.depth_units_per_metre)) for p in pairs]
+    return pairs, camera, images, read_truth(folder)
+
+
+def check_sequence(found) -> None:
+    pairs, camera, images, truth = found
+    assert len(pairs) > 0 and np.isfinite([p.stamp_s for p in pairs]).all()
+    assert np.isfinite(camera.pinhole.K).all() and 1 <= camera.depth_units_per_metre <= 1e6
+    assert all(rgb.dtype == np.uint8 and rgb.ndim == 3 and depth.dtype == np.float32 for rgb, depth in images)
+    assert truth is None or np.isfinite(truth.positions_m).all()
+
+
+@pytest.mark.parametrize("files", [24, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("format", SEQUENCES)
+def test_damaged_sequences_are_read_or_refused(sequences, format, files):
+    folder, taken, refused = sequences / format, 0, 0
+    for name in SEQUENCES[format]:
+        whole, count = (folder / name).read_bytes(), -(-files // len(SEQUENCES[format]))
+        found = read_all(folder / name, whole, [4], count, lambda: read_sequence(folder), check_sequence, folder)
+        (folder / name).write_bytes(whole)
+        taken, refused = taken + found[0], refused + found[1]
+    assert refused and (taken or files < 100)
+    read_sequence(folder)

@@ -102,7 +102,11 @@ def read_truth(folder: Path) -> Trajectory | None:
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
     """The camera that the sequence's format has; else the benchmark's where the image has its 640 x 480 pixels."""
-    if (there := format_of(folder).reader.camera(folder, image)) is not None:
+    try:
+        there = format_of(folder).reader.camera(folder, image)
+    except InputError as error:
+        raise error if error.path else error.at(folder) from None
+    if there is not None:
         return there
     header = image_header(image)
     if (header.width, header.height) != (640, 480):

@@ -94,6 +94,14 @@ def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
         raise InputError(what, path=path, found=found) from None
 
 
+def is_file(path: str | os.PathLike[str]) -> bool:
+    """Whether there is such a file; of a name that cannot be one, there is not."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
     """UTF-8 text. Raises InputError for what is missing, unreadable, empty or binary, and for a saved web page."""
     data = read_bytes(path, what)

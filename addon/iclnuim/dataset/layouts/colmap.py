@@ -12,14 +12,14 @@ import numpy as np
 
 from ...errors import InputError
 from ...formats import colmap
-from ...formats.files import atomic_write_text, data_lines, make_folder, read_text
+from ...formats.files import atomic_write_text, data_lines, is_file, make_folder, read_text
 from ...geometry.camera import PinholeCamera
 from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
-#: Images that points are taken from and seen in, and points in all, at most.
-_VIEWS, _POINTS = 40, 40_000
+#: Images that points are taken from, those of them in which all points are looked for, and points in all, at most.
+_VIEWS, _WITNESSES, _POINTS = 40, 8, 20_000
 #: Depth in another image may differ so far where it is the same surface.
 _SAME_SURFACE = 0.01
 _HELD_OUT = 8
@@ -74,7 +74,7 @@ def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
         world = poses[row].apply(camera.unproject(depth_z_m.astype(float))[v, u])
         first = len(tracks)
         tracks += [[(row, float(a), float(b))] for a, b in zip(u, v, strict=True)]
-        for other, (_, there) in zip(rows, views, strict=True):
+        for other, (_, there) in list(zip(rows, views, strict=True))[:: math.ceil(len(rows) / _WITNESSES)]:
             if other != row:
                 for k, a, b in _seen(poses[other].inverse().apply(world), there, camera):
                     tracks[first + k].append((other, a, b))
@@ -116,7 +116,7 @@ def _rows(folder: Path) -> list[Row]:
     file, found = model / "images.txt", []
     for stamp_s, name in colmap.stamps_and_names(file):
         depth = folder / DEPTH / Path(name).with_suffix(".png")
-        if not depth.is_file():
+        if not is_file(depth):
             raise InputError(
                 f"depth/{depth.name} beside COLMAP's images, which have no depth", path=folder, found="none"
             )

@@ -12,7 +12,7 @@ from ...formats.associations import (
     write_associations,
     write_image_list,
 )
-from ...formats.files import read_text, write_json
+from ...formats.files import is_file, read_text, write_json
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
     CAMERA,
@@ -66,7 +66,7 @@ def found(folder: Path) -> bool:
     for line in read_text(files[0]).splitlines():
         fields = line.split("#", 1)[0].split()
         if len(fields) > 1:
-            return (folder / fields[1]).is_file()
+            return is_file(folder / fields[1])
     return False
 
 
