@@ -6,11 +6,12 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, image_frames, run_frames
+from iclnuim.dataset.frames import find_pairs, image_frames, read_camera, read_images, run_frames
+from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
-from iclnuim.formats.png import read_depth16
+from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.models import depth_model
@@ -105,6 +106,23 @@ def test_scannet_as_its_exports_are_read(all_formats, truth):
         assert (folder / f"color/{i}.jpg").is_file()
     K = np.loadtxt(folder / "intrinsic/intrinsic_depth.txt")
     assert np.array_equal(K, [[48, 0, 31.5, 0], [0, 48, 23.5, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_formats, tmp_path):
+    shutil.copytree(all_formats / "scannet", tmp_path / "s")
+    top = tmp_path / "s/frames"
+    (top / "intrinsic/intrinsic_color.txt").write_text("100 0 66 0\n0 100 50 0\n0 0 1 0\n0 0 0 1\n")
+    v, u = np.mgrid[0:100, 0:132]  # the ramp as a camera of twice the resolution and another K sees it
+    for i in range(4):
+        (top / f"color/{i}.jpg").unlink()
+        write_png(top / f"color/{i}.png", np.stack([u, v, u * 0], -1).astype(np.uint8))
+    pairs, camera = find_pairs(tmp_path / "s"), read_camera(tmp_path / "s", top / "color/0.png")
+    colour, depth_z_m = read_images(pairs[2], camera)
+    assert colour.shape == (48, 64, 3) and np.abs(depth_z_m - depth_of(2)).max() < 6e-4
+    x, y = (np.mgrid[0:48, 0:64][::-1].reshape(2, -1).T - (31.5, 23.5)).T / 48  # rays of the depth camera
+    expected = np.stack([100 * x + 66, 100 * y + 50], -1).reshape(48, 64, 2)
+    assert np.abs(colour[1:-1, 1:-1, :2] - expected[1:-1, 1:-1]).max() <= 1
+    assert inspect_sequence(tmp_path / "s").wrong[0].endswith("do not belong together")
 
 
 def test_eth3d_as_bad_slam_reads_it(all_formats):

@@ -17,11 +17,10 @@ import numpy as np
 
 from ..errors import InputError, WorkError
 from ..formats.files import atomic_write, atomic_write_text
-from ..formats.images import read_colour8
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
-from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from .frames import ImagePair, find_pairs, read_camera, read_images, read_truth
 from .layout import SequenceCamera
 
 FRAME, WORLD = "camera_rgb_optical_frame", "world"
@@ -121,9 +120,8 @@ class _Bag:
 
     def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
         """Both images and their camera."""
-        depth = read_depth_m(pair.depth, camera.depth_units_per_metre)
+        rgb, depth = read_images(pair, camera)
         depth = np.where(depth > 0, depth, np.nan).astype("<f4")
-        rgb = read_colour8(pair.rgb)
         for name, encoding, pixels in (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth)):
             data, size = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8), self._size(pair.stamp_s, pixels.shape)
             layout = {"encoding": encoding, "is_bigendian": 0, "step": data.size // pixels.shape[0], "data": data}
@@ -186,16 +184,15 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
     """
     pairs = find_pairs(Path(folder))
     camera = read_camera(Path(folder), pairs[0].rgb)
-    per_metre, c = camera.depth_units_per_metre, camera.pinhole
+    c = camera.pinhole
 
     def write(temporary: Path) -> None:
         with open(temporary, "wb") as log:
             log.write(struct.pack("<i", len(pairs)))
             for pair in pairs:
-                millimetres = (
-                    np.rint(read_depth_m(pair.depth, per_metre).astype(float) * 1000).clip(0, 65535).astype("<u2")
-                )
-                depth, colour = zlib.compress(millimetres.tobytes(), 1), read_colour8(pair.rgb).tobytes()
+                rgb, depth_z_m = read_images(pair, camera)
+                millimetres = np.rint(depth_z_m.astype(float) * 1000).clip(0, 65535).astype("<u2")
+                depth, colour = zlib.compress(millimetres.tobytes(), 1), rgb.tobytes()
                 log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)) + depth + colour)
                 on_frame(pair.number)
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..formats.exr import read_exr
 from ..formats.files import data_lines, read_bytes, read_json, sha256
-from ..formats.images import ARRAY, image_header, read_array, read_colour8
+from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
 from ..formats.trajectories import read_trajectory
 from ..geometry.camera import PinholeCamera
@@ -122,6 +122,19 @@ def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
     return metres_from_depth16(read_depth16(path), units_per_metre)
 
 
+def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:
+    """Colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the camera's size. Raises InputError."""
+    colour, depth_z_m = read_colour8(pair.rgb), read_depth_m(pair.depth, camera.depth_units_per_metre)
+    c = camera.pinhole
+    for path, image, of in ((pair.rgb, colour, camera.colour or c), (pair.depth, depth_z_m, c)):
+        if image.shape[:2] != (of.height, of.width):
+            expected, found = f"{of.width} x {of.height} as the camera has it", f"{image.shape[1]} x {image.shape[0]}"
+            raise InputError(expected, path=path, found=found, hint="{camera}")
+    if camera.colour is not None:
+        colour = seen_by(colour, camera.colour.K, c.K, c.width, c.height)
+    return colour, depth_z_m
+
+
 def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
@@ -201,13 +214,8 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     truth = _TruthOfSome(folder, {p.number: p.stamp_s for p in pairs})
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
-        pair, pinhole = by_number[number], camera.pinhole
-        image, depth_z_m = read_colour8(pair.rgb), read_depth_m(pair.depth, camera.depth_units_per_metre)
-        for path, (height, width) in ((pair.rgb, image.shape[:2]), (pair.depth, depth_z_m.shape)):
-            if (height, width) != (pinhole.height, pinhole.width):
-                expected = f"{pinhole.width} x {pinhole.height} as the camera has it"
-                raise InputError(expected, path=path, found=f"{width} x {height}", hint="{camera}")
-        return light_from_srgb8(image), depth_z_m
+        colour, depth_z_m = read_images(by_number[number], camera)
+        return light_from_srgb8(colour), depth_z_m
 
     names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
     paths = _kept_paths(folder, pairs)

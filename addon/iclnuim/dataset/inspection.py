@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.associate import nearest
+from ..formats.files import is_file
 from ..formats.images import ARRAY, image_header
 from ..formats.png import PngHeader
 from ..geometry import axes
@@ -109,7 +110,7 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
 
 def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
     """Headers of all images that are whole; every file is read and its checksums compared."""
-    kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if path.is_file()]
+    kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if is_file(path)]
     with ThreadPoolExecutor(4) as pool:
         checked = [(kind, pool.submit(image_header, path, True)) for kind, path in kinds]
     broken = [str(work.exception()) for _, work in checked if work.exception()]
@@ -131,7 +132,8 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
     result.figures["camera"] = c.to_dict()
     if camera.assumed:
         result.odd.append("no camera.json: the benchmark's own camera is taken")
-    if others := {(h.width, h.height) for h in headers} - {(c.width, c.height)}:
+    known = {(c.width, c.height), *([(camera.colour.width, camera.colour.height)] if camera.colour else [])}
+    if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
         result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
     if (c.cx, c.cy) == (c.width / 2, c.height / 2):

@@ -64,11 +64,14 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class SequenceCamera:
-    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where no file gives it."""
+    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where no file gives it. colour: that of the colour
+    images where theirs is another one at the same place.
+    """
 
     pinhole: PinholeCamera
     depth_units_per_metre: float = UNITS_PER_METRE
     assumed: bool = False
+    colour: PinholeCamera | None = None
 
     def to_dict(self) -> dict:
         """The content of camera.json."""

@@ -52,6 +52,18 @@ def read_colour8(path: str | os.PathLike[str]) -> np.ndarray:
     return image
 
 
+def seen_by(image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, height: int) -> np.ndarray:
+    """The image (h, w, 3) uint8 of a camera K as another one at the same place sees it, (height, width, 3); black beyond its border. Needs OpenCV."""
+    _, cv2 = first_library("colour of another size than depth", "cv2")
+    scale = K[[0, 1], [0, 1]] / K_new[[0, 1], [0, 1]]
+    if (scale > 1).any():  # pixels that fall together are averaged
+        image = cv2.blur(image, tuple(max(1, round(s)) for s in scale.tolist()))
+    u = (np.arange(width) - K_new[0, 2]) * scale[0] + K[0, 2]
+    v = (np.arange(height) - K_new[1, 2]) * scale[1] + K[1, 2]
+    places = (np.broadcast_to(a, (height, width)).astype(np.float32) for a in (u, v[:, None]))
+    return cv2.remap(image, *places, cv2.INTER_LINEAR)
+
+
 def read_array(path: str | os.PathLike[str]) -> np.ndarray:
     """(height, width) float32 of a NumPy file. Raises InputError for another array, and for Python objects, which are never loaded."""
     expected, data = "a NumPy array of depth, height x width, in metres", read_bytes(path, "an image")

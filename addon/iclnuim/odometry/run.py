@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from ..dataset.frames import ImagePair, find_pairs, read_camera, read_images, read_truth
 from ..dataset.layout import SequenceCamera
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import absolute_error
 from ..evaluation.relative_error import RelativeErrorSettings, relative_error
-from ..formats.images import read_colour8
+from ..formats.files import is_file
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -38,7 +38,7 @@ class Sequence:
             raise InputError(f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset)
         self.folder, self.depth_offset = Path(folder), depth_offset
         self.pairs: list[ImagePair] = find_pairs(self.folder)
-        present = next((p.rgb for p in self.pairs if p.rgb.is_file()), None)
+        present = next((p.rgb for p in self.pairs if is_file(p.rgb)), None)
         if present is None:
             raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
         self.camera: SequenceCamera = camera or read_camera(self.folder, present)
@@ -59,7 +59,7 @@ class Sequence:
 
     def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
         """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres as they are in the files. Raises InputError."""
-        return read_colour8(pair.rgb), read_depth_m(pair.depth, self.camera.depth_units_per_metre)
+        return read_images(pair, self.camera)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,11 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from ..dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images, read_truth
 from ..dataset.inspection import carried_residual
 from ..dataset.layout import SequenceCamera
 from ..errors import InputError
 from ..formats.files import atomic_write, make_folder
-from ..formats.images import read_colour8
 from ..formats.png import write_png
 from ..geometry.trajectory import sample
 
@@ -67,10 +66,10 @@ def _metres(pair: ImagePair, camera: SequenceCamera) -> np.ndarray:
 
 def _tiles(pair: ImagePair, camera: SequenceCamera, reach_m: tuple[float, float]) -> np.ndarray:
     """Colour, and depth in colour: near red, far blue, missing black."""
-    depth_z_m, (near, far) = _metres(pair, camera), reach_m
+    (rgb, depth_z_m), (near, far) = read_images(pair, camera), reach_m
     image = _colours(1 - (depth_z_m - near) / max(far - near, 1e-6), "turbo")
     image[depth_z_m == 0] = 0
-    return np.hstack([_halved(read_colour8(pair.rgb)), _halved(image)])
+    return np.hstack([_halved(rgb), _halved(image)])
 
 
 def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera) -> list[np.ndarray]:

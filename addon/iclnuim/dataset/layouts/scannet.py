@@ -47,14 +47,19 @@ def _rows(folder: Path) -> list[Row]:
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """That of the depth images; `image` is one of colour, which has its size unless it is refused."""
+    """That of the depth images, and that of the colour images where these are of another size, as ScanNet's own are."""
     if there := camera_file(folder):
         return there
-    file = _top(folder) / "intrinsic/intrinsic_depth.txt"
-    if not file.is_file():
-        return None
-    k = numbers_in(file, read_text(file).split(), 16, "the sixteen numbers of a 4 x 4 matrix")
-    return SequenceCamera(pinhole_of(image, k[0], k[5], k[2], k[6]), UNITS)
+    depth = _top(folder) / f"depth/{image.stem}.png"
+    cameras = []
+    for kind, path in (("depth", depth), ("color", image)):
+        file = _top(folder) / f"intrinsic/intrinsic_{kind}.txt"
+        if not file.is_file():
+            return None
+        k = numbers_in(file, read_text(file).split(), 16, "the sixteen numbers of a 4 x 4 matrix")
+        cameras.append(pinhole_of(path, k[0], k[5], k[2], k[6]))
+    same_size = (cameras[0].width, cameras[0].height) == (cameras[1].width, cameras[1].height)
+    return SequenceCamera(cameras[0], UNITS, colour=None if same_size else cameras[1])
 
 
 FORMAT = SequenceFormat(
