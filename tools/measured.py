@@ -26,6 +26,7 @@ _KT2 = "out/living_room/kt2"
 _EIGHT = [
     f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
 ]
+_NOISY_KT = ("kt0", "kt1", "kt2", "kt3")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/pictures/noise.png"
@@ -199,12 +200,29 @@ def _surface(found: Sequence[Any]) -> str:
     return table(header, rows)
 
 
+def _references(found: Sequence[Any]) -> str:
+    """ATE in mm of the same odometers against their own reference and against the model."""
+    own, model = ({run["odometer"]: _mm(run) for run in one["runs"]} for one in found)
+    return table(("", "own reference", "model"), [(f"`{name}`", own[name], model[name]) for name in own])
+
+
+def _offsets(found: Sequence[Any]) -> str:
+    """ATE in mm, a column for each of _NOISY_KT."""
+    columns = [{run["odometer"]: _mm(run) for run in one["runs"]} for one in found]
+    rows = [(f"`{name}`", *(column[name] for column in columns)) for name in columns[0]]
+    return table(("", *(f"{kt} noisy" for kt in _NOISY_KT)), rows)
+
+
 def _surface_commands() -> tuple[str, ...]:
     commands = []
     for k, (kind, options) in enumerate(_SURFACES.values()):
         mesh = f"out/measured-{k}.ply"
         fuse = f"fuse {_KT2}/{kind} --poses {_KT2}/clean/groundtruth.txt {options} -o {mesh}"
-        commands += [" ".join(fuse.split()), f"evaluate surface {mesh} --model living_room"]
+        fuse, judge = " ".join(fuse.split()), f"evaluate surface {mesh} --model living_room"
+        if k == 0:
+            fuse += " --plot docs/pictures/surface.jpg"
+            judge += " --plot docs/pictures/surface_error.png"
+        commands += [fuse, judge]
     return tuple(commands)
 
 
@@ -230,6 +248,20 @@ MEASURED = (
     Measured("docs/sensor.md", "noise-pairs", (_NOISE,), _pairs),
     Measured("docs/sensor.md", "noise-models", (_NOISE,), _models),
     Measured("docs/surface.md", "surface-error", _surface_commands(), _surface),
+    Measured(
+        "docs/surface.md",
+        "surface-model",
+        tuple(f"odometry --all {_KT2}/clean --reference {to} -o out/measured-{to}" for to in ("default", "model")),
+        _references,
+    ),
+    Measured(
+        "docs/odometry.md",
+        "odometry-bias",
+        tuple(
+            f"odometry --all out/living_room/{kt}/noisy --depth-offset 0.00155 -o out/measured-{kt}" for kt in _NOISY_KT
+        ),
+        _offsets,
+    ),
 )
 
 

@@ -132,7 +132,7 @@ def sha256(data: bytes) -> str:
 
 
 #: Endings of pictures that can be drawn.
-PICTURES = (".png", ".pdf", ".svg")
+PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 
 def check_picture(path: str | os.PathLike[str]) -> None:
