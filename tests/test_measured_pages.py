@@ -30,6 +30,44 @@ def test_its_commands_are_understood(words):
     assert cli.parsed(command, [*rest, "--json"]).json
 
 
+LEVEL = dict.fromkeys(("triangles", "build_s", "mean_m", "p99_m", "off_share", "frame_s", "median_of_255"), 1.0)
+LEVELS = [{**LEVEL, "detail": 1.0, "psnr_db": 40.0}, {**LEVEL, "detail": 2.0, "psnr_db": None}]
+MAP = {"size": 512, "bake_s": 9.0, "frame_s": 0.1, "psnr_db": None, "median_of_255": None}
+RUN = {"odometer": "icp", "ms_median": 12.0, "ms_95": 15.0, "ate_rmse_m": 0.0123}
+PAIR = {"depth": "none", "rgb": "none", "frames_per_s": 57.0, "ratio": 1.1, "cpu_ms": 66.0, "cpu_ratio": 1.1}
+DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events": {"full": 1}}
+UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
+ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
+#: What a command prints, as far as it is used, by the command's first words.
+PRINTED = {
+    "bench render": {
+        "ways": [{"way": {"family": "baked", "label": "1"}, "seconds": 0.1, "error": ERROR, "flicker": 0.004}]
+    },
+    "bench detail": {
+        "levels": dict.fromkeys(("living_room", "office"), LEVELS),
+        "knee": dict.fromkeys(("living_room", "office"), 1.0),
+        "maps": {"office": [MAP, {**MAP, "psnr_db": 41.0, "median_of_255": 0.3}]},
+        "unseen": [UNSEEN],
+    },
+    "bench odometry": {"races": [{"sequence": "kt2/clean", "runs": [RUN]}, {"sequence": "kt2/noisy", "runs": []}]},
+    "bench farm": {
+        "splits": [{"light": "path", "workers": 1, "threads": 2, "frames_an_hour": 905.0, "busy_share": 1.0}]
+    },
+    "bench chaos": {"this farm": DAMAGE, "plain Blender": {**DAMAGE, "events": {}}},
+    "bench noise": {"pairs": [PAIR], "model_ms": {"depth": {"paper": 12.9}}, "overlap_with_official": None},
+    "fuse out": {"memory_mb": 280.0, "parts_that_left": 0},
+    "evaluate surface": {"distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)},
+    "odometry --all": {"runs": [RUN]},
+}
+
+
+@pytest.mark.parametrize("one", MEASURED, ids=lambda one: one.mark)
+def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
+    found = [next(value for words, value in PRINTED.items() if command.startswith(words)) for command in one.commands]
+    rows = one.text(found).splitlines()
+    assert len(rows) >= 3 and len({row.count("|") for row in rows}) == 1
+
+
 def test_what_is_kept_is_not_measured_again_and_becomes_the_table(tmp_path, monkeypatch):
     page = tmp_path / "docs/farm.md"
     page.parent.mkdir()
