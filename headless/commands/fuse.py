@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("folder", type=Path, metavar="DIR", help="a sequence in TUM format, or in the original's")
+    add("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
     add("--poses", type=Path, metavar="FILE", help="trajectory in any known format; default: DIR's ground truth")
     help = "the surface as a PLY with colour; its recipe beside it"
     add("-o", "--out", type=Path, metavar="MESH", required=True, help=help)

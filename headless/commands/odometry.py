@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/odometry.md)"
     add("method", nargs="?", metavar="METHOD", help=methods)
-    add("folder", type=Path, metavar="DIR", help="a sequence in TUM format, or in the original's")
+    add("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
     add(
         "-o", "--out", type=Path, metavar="EST", help="write a TUM trajectory; with --all a folder, METHOD.txt for each"
     )

@@ -34,13 +34,13 @@ def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader
     return png.check_png(path) if whole else png.png_header(path)
 
 
-def read_colour8(path: str | os.PathLike[str]) -> np.ndarray:
+def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
     """(height, width, 3) uint8 in the order R, G, B of a PNG or JPEG. Raises InputError for anything else."""
     if not _start(path).startswith(_JPEG):
-        return png.read_rgb8(path)
+        return png.read_rgb8(path, backend)
     data = read_bytes(path, "an image")
     header = _jpeg_header(path, data)
-    name, module = first_library("JPEG", *png.BACKENDS)
+    name, module = first_library("JPEG", *([backend] if backend else png.BACKENDS))
     if name == "cv2":
         image = module.imdecode(np.frombuffer(data, np.uint8), module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION)
         image = None if image is None else module.cvtColor(image, module.COLOR_BGR2RGB)
@@ -83,9 +83,9 @@ def read_array(path: str | os.PathLike[str]) -> np.ndarray:
         return np.frombuffer(body, kind).reshape(shape, order="F" if by_columns else "C").astype(np.float32)
 
 
-def write_jpeg(path: str | os.PathLike[str], image: np.ndarray) -> None:
+def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
     """(h, w, 3) uint8 RGB, whole or absent. Raises WorkError where it cannot be written."""
-    name, module = first_library("JPEG", *png.BACKENDS)
+    name, module = first_library("JPEG", *([backend] if backend else png.BACKENDS))
     if name == "cv2":
         settings = [module.IMWRITE_JPEG_QUALITY, _QUALITY]
         settings += [module.IMWRITE_JPEG_SAMPLING_FACTOR, module.IMWRITE_JPEG_SAMPLING_FACTOR_444]
