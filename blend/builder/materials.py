@@ -107,6 +107,13 @@ def glossy(name: str, colour: Colour, roughness: float, ior: float = 1.45) -> bp
     return _finish(material, _mix(tree, below, _shader(tree, "ShaderNodeBsdfGlossy", roughness=roughness), ior=ior))
 
 
+def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
+    """Diffuse that mirrors the same share of light at every angle, as polished aluminium profiles do."""
+    material, tree = _new(name)
+    below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
+    return _finish(material, _mix(tree, below, _shader(tree, "ShaderNodeBsdfGlossy", roughness=0.0), share=share))
+
+
 def metal(name: str, colour: tuple[float, float, float], roughness: float) -> bpy.types.Material:
     material, tree = _new(name)
     return _finish(material, _shader(tree, "ShaderNodeBsdfGlossy", colour, roughness))

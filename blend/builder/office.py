@@ -62,7 +62,7 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), *skins)
         fitting.visible_diffuse = False  # its light is the rectangle's beneath it; what glows is for the eye
     for k, (x, y) in enumerate(VENTS, 1):
-        stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1 - 0.003), "rail", "dark")
+        stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1 - 0.003), "vent", "dark")
 
 
 def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
