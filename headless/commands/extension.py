@@ -59,6 +59,8 @@ def contents(package: Path) -> Iterator[tuple[str, Path]]:
             yield str(name), path
     for path in sorted(shipped.folder("blend").glob("*.blend")):
         yield f"blend/{path.name}", path
+    for path in sorted(shipped.folder("blend").glob("light/*/*")):
+        yield f"blend/light/{path.parent.name}/{path.name}", path
     trajectories = shipped.folder("trajectories")
     for path in sorted(trajectories.glob("*/*")):
         if path.suffix in (".txt", ".json"):

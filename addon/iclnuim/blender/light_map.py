@@ -5,7 +5,7 @@ by gathering: rays that end at the first surface and read the light there from a
 and lights the last gathering, for the fine map. So no ray is longer than one bounce, and none of them finds its lamp by chance.
 
 On disk a map is one folder in the cache, whole or not there at all; notes say which one belongs to which scene file, so that a window
-can tell without opening the scene.
+can tell without opening the scene. The light of the built-in rooms at the default size travels with them, in blend/light.
 """
 
 import functools
@@ -51,10 +51,12 @@ _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
-    """The folder in the cache with the light map of the open scene, of the job's size, samples and seed, and whether it had to be made.
+    """The folder with the light map of the open scene, of the job's size, samples and seed, shipped or in the cache, and whether it had to be made.
 
     Leaves the scene as it was. The coarse map in between is never larger than the map itself.
     """
+    if (own := shipped_map(job)) is not None:
+        return own, False
     with surfaces.rendered_parts() as (found, depsgraph):
         if not found:
             raise InputError("a scene with surfaces to bake light on", found="none")
@@ -77,6 +79,18 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder, lacking
+
+
+def shipped_map(job: RenderJob) -> Path | None:
+    """The folder of the light that travels with the job's room, whatever the seed; None for other scenes, files and settings of maps."""
+    if not scene.is_shipped(job.scene) or job.lambertian:
+        return None
+    path = scene.shipped_file(job.scene)
+    own = path.parent / "light" / job.scene
+    if not is_whole(own):
+        return None
+    fits = {"scene_sha256": _file_hash(path, path.stat().st_mtime_ns), "size": job.map_size, "samples": job.map_samples}
+    return own if read_recipe(own).get("fits") == fits else None
 
 
 def _beforehand(job: RenderJob) -> str:
@@ -301,9 +315,9 @@ def read_recipe(folder: Path) -> dict:
 
 
 def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
-    """(folder, size in bytes, age in seconds) of the map noted for the job's scene, settings and Blender; None where none is."""
+    """(folder, size in bytes, age in seconds) of the map shipped or noted for the job's scene, settings and Blender; None where none is."""
     try:
-        folder = cache / "light" / str(read_json(_note_file(cache, job))["map"])
+        folder = shipped_map(job) or cache / "light" / str(read_json(_note_file(cache, job))["map"])
         if not is_whole(folder):
             return None
         files = [path.stat() for path in folder.iterdir()]
