@@ -1,0 +1,69 @@
+"""The light that travels with the built-in rooms: baked, made small, put into blend/light. `python -m iclnuim.tools.ship_light [ROOM]...`
+
+A lossy EXR codec (DWAB) at the strongest level that keeps the map within 50 dB; PSNR over lit texels as a screen shows them.
+"""
+
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from iclnuim import shipped
+from iclnuim.blender import light_map, scene, worker
+from iclnuim.formats.exr import read_exr
+from iclnuim.formats.files import write_json
+from iclnuim.job import shipped_job
+from iclnuim.sensor.transfer import srgb_from_light
+from iclnuim.worker_events import Note
+
+LEVELS = (400, 200, 100, 45, 20, 10, 5, 2)
+LEAST_DB = 50.0
+
+
+def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> float:
+    """Of two maps {"R", "G", "B": (rows, columns)}, over the texels that are lit in the first; of 1, as sRGB."""
+    a, b = (np.stack([channels[name].astype(np.float64) for name in "RGB"], -1) for channels in (first, second))
+    lit = a.max(-1) > 0
+    shown = [srgb_from_light(values[lit]) for values in (a, b)]
+    return float(-10 * np.log10(np.mean((shown[0] - shown[1]) ** 2)))
+
+
+def ship(room: str) -> str:
+    """Bake, or take from the cache, the map of `room` at the default settings; write blend/light/ROOM. A line about it."""
+    job, target = shipped_job(f"{room}/kt0"), shipped.folder("blend") / "light" / room
+    shutil.rmtree(target, ignore_errors=True)
+    made = worker.bake_light(job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None)
+    target.mkdir(parents=True)
+    light = read_exr(made / light_map.MAP)
+    for level in LEVELS:
+        write(target / light_map.MAP, light, level)
+        quality_db = psnr_db(light, read_exr(target / light_map.MAP))
+        if quality_db >= LEAST_DB:
+            break
+    shutil.copyfile(made / light_map.LAYOUT, target / light_map.LAYOUT)
+    fits = {"scene_sha256": scene.scene_sha256(room), "size": job.map_size, "samples": job.map_samples}
+    recipe = {**light_map.read_recipe(made), "fits": fits, "codec": f"DWAB {level}", "psnr_db": round(quality_db, 2)}
+    write_json(target / light_map.RECIPE, recipe)
+    size = sum(file.stat().st_size for file in target.iterdir())
+    return json.dumps({"room": room, "bytes": size, "level": level, "psnr_db": round(quality_db, 2)})
+
+
+def write(path: Path, channels: dict[str, np.ndarray], level: float) -> None:
+    """The same pixels, lossy; the strength of the codec as OpenEXR counts it."""
+    header = {
+        "type": OpenEXR.scanlineimage,
+        "compression": OpenEXR.DWAB_COMPRESSION,
+        "dwaCompressionLevel": float(level),
+    }
+    with OpenEXR.File(header, dict(channels)) as file:
+        file.write(os.fspath(path))
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or shipped.SCENE_NAMES:
+        print(ship(name), flush=True)
+    os._exit(0)  # Blender as a module may wait at the end for threads of its own
