@@ -36,7 +36,7 @@ def ship(room: str) -> str:
     """Bake, or take from the cache, the map of `room` at the default settings; write blend/light/ROOM. A line about it."""
     job, target = shipped_job(f"{room}/kt0"), shipped.folder("blend") / "light" / room
     shutil.rmtree(target, ignore_errors=True)
-    made = worker.bake_light(job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None)
+    made, _ = worker.bake_light(job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None)
     target.mkdir(parents=True)
     light = read_exr(made / light_map.MAP)
     for level in LEVELS:
