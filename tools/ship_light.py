@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-
 from iclnuim import shipped
 from iclnuim.blender import light_map, scene, worker
 from iclnuim.formats.exr import read_exr

@@ -97,8 +97,11 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
     if known is None or known[0] != asked or time.monotonic() - known[1] > _FRESH_S:
         line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
         try:
-            if found := light_map.find(state.cache_folder(), settings.to_job(name, "kt2")):
-                folder, size_bytes, age_s = found
+            job = settings.to_job(name, "kt2")
+            if light_map.shipped_map(job):
+                line = "this room's light comes with the extension: nothing to bake"
+            elif found := light_map.find(state.cache_folder(), job):
+                _, size_bytes, age_s = found
                 units = (("day", 86400), ("hour", 3600), ("minute", 60))
                 ages = ((int(age_s // seconds), unit) for unit, seconds in units)
                 age = next((f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n), "less than a minute")
