@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from . import shipped
 from .errors import InputError
-from .formats.files import read_json
+from .formats.files import read_bytes, read_json, sha256
 from .geometry.camera import PinholeCamera
 from .geometry.scene_axes import SceneReading
 from .sensor.exposure import Exposure
@@ -120,6 +120,20 @@ def bake_core_s(job: RenderJob) -> float:
     return (
         _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
     )  # lamps and one bounce, and three more
+
+
+def shipped_light(job: RenderJob) -> Path | None:
+    """The folder of the light that travels with the job's room, whatever the seed; None for other scenes and settings of maps, and where the
+    room's file is another than that which was baked.
+    """
+    if job.scene not in shipped.SCENE_NAMES or job.lambertian:
+        return None
+    room = shipped.folder("blend") / f"{job.scene}.blend"
+    folder = room.parent / "light" / job.scene
+    if not (room.is_file() and (folder / "recipe.json").is_file()):
+        return None
+    fits = {"scene_sha256": sha256(read_bytes(room)), "size": job.map_size, "samples": job.map_samples}
+    return folder if read_json(folder / "recipe.json").get("fits") == fits else None
 
 
 def shipped_job(sequence: str) -> RenderJob:

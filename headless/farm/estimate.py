@@ -11,7 +11,7 @@ from statistics import fmean, median
 from iclnuim import shipped
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import sha256, write_json
-from iclnuim.job import RenderJob, bake_core_s
+from iclnuim.job import RenderJob, bake_core_s, shipped_light
 
 from .run_plan import RunPlan
 
@@ -107,7 +107,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
     pixels = plan.job.camera.width * plan.job.camera.height
     pairs = len(plan.numbers) if plan.sequences is not None else 0
-    bake_s = bake_core_s(plan.job) if plan.job.light != "path" and chunks else 0.0
+    bake_s = bake_core_s(plan.job) if plan.job.light != "path" and chunks and not shipped_light(plan.job) else 0.0
     pairs_s = PAIR_CORE_S * pixels / (640 * 480) * pairs
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus

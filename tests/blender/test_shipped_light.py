@@ -6,17 +6,19 @@ import pytest
 from iclnuim import shipped
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json, write_json
-from iclnuim.job import shipped_job
+from iclnuim.job import shipped_job, shipped_light
 
 pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim.blender import light_map, scene, worker  # noqa: E402
 
+ROOMS = sorted(folder.name for folder in (shipped.folder("blend") / "light").iterdir())
 
-@pytest.mark.parametrize("room", shipped.SCENE_NAMES)
+
+@pytest.mark.parametrize("room", ROOMS)
 def test_it_fits_the_room_as_it_is(room):
     """Where this fails, the room was built anew: `python tools/ship_light.py ROOM` bakes its light again."""
-    folder = light_map.shipped_map(shipped_job(f"{room}/kt0"))
+    folder = shipped_light(shipped_job(f"{room}/kt0"))
     assert folder == shipped.folder("blend") / "light" / room
     recipe, layout = light_map.read_recipe(folder), light_map.load_layout(folder)
     assert recipe["psnr_db"] >= 55
@@ -37,26 +39,26 @@ def test_nothing_is_baked_where_it_serves(monkeypatch, tmp_path):
     job = shipped_job("living_room/kt2")
     for seed in (0, 5):
         folder, made = worker.bake_light(job.changed(seed=seed), lambda event: None)
-        assert not made and folder == light_map.shipped_map(job)
+        assert not made and folder == shipped_light(job)
     assert not (tmp_path / "cache").exists()
 
 
 def test_it_is_left_aside_for_other_maps_rooms_and_scenes(monkeypatch, tmp_path, repository):
-    job = shipped_job("office/kt1")
+    job, room = shipped_job(f"{ROOMS[0]}/kt1"), ROOMS[0]
     others = (
         {"map_size": 512},
         {"map_samples": 64},
         {"lambertian": True},
         {"scene": str(repository / "tests/room.obj")},
     )
-    assert [light_map.shipped_map(job.changed(**other)) for other in others] == [None] * 4
+    assert [shipped_light(job.changed(**other)) for other in others] == [None] * 4
     blend = shutil.copytree(shipped.folder("blend"), tmp_path / "blend", ignore=shutil.ignore_patterns("builder"))
     monkeypatch.setattr(shipped, "folder", lambda name: blend)
-    assert light_map.shipped_map(job) == blend / "light/office"
-    recipe = blend / "light/office" / light_map.RECIPE
+    assert shipped_light(job) == blend / "light" / room
+    recipe = blend / "light" / room / light_map.RECIPE
     changed = read_json(recipe)
     changed["fits"]["scene_sha256"] = "0" * 64
     write_json(recipe, changed)
-    assert light_map.shipped_map(job) is None
-    (blend / "light/office" / light_map.MAP).unlink()
-    assert light_map.shipped_map(job) is None
+    assert shipped_light(job) is None
+    (blend / "light" / room / light_map.MAP).unlink()
+    assert shipped_light(job) is None

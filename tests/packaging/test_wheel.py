@@ -56,7 +56,8 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
     names = set(zipfile.ZipFile(wheel).namelist())
     shipped = {"py.typed", "blender_manifest.toml", "headless/benchmark/paper_table_1.json"}
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
-    shipped |= {f"blend/{path.name}" for path in (repository / "blend").glob("*.blend")}
+    shipped |= {f"blend/{path.relative_to(repository / 'blend')}" for path in (repository / "blend").glob("*.blend")}
+    shipped |= {str(path.relative_to(repository)) for path in (repository / "blend/light").glob("*/*")}
     shipped |= {f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)}
     for source, name in (("addon/iclnuim", ""), ("headless", "headless/")):
         shipped |= {name + str(path.relative_to(repository / source)) for path in (repository / source).rglob("*.py")}

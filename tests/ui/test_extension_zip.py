@@ -52,7 +52,9 @@ def driven(archive, estimate, tmp_path_factory) -> dict:
 
 def test_scenes_trajectories_and_code_are_in_the_zip(archive, repository):
     names = set(zipfile.ZipFile(archive).namelist())
-    scenes = {f"blend/{p.name}" for p in (repository / "blend").glob("*.blend")}
+    scenes = {
+        str(p.relative_to(repository)) for kind in ("*.blend", "light/*/*") for p in (repository / "blend").glob(kind)
+    }
     paths = {f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)}
     package = repository / "addon/iclnuim"
     left_out = {"__pycache__", "odometry", "fusion", "raycast", "report", "checkout.py", "__main__.py"}

@@ -27,7 +27,7 @@ from .. import __version__
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats.exr import write_exr
 from ..formats.files import read_bytes, read_json, sha256, write_json
-from ..job import RenderJob, bake_core_s
+from ..job import RenderJob, bake_core_s, shipped_light
 from ..lightmap.denoise import beside_known, contrast, denoise, fill
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
@@ -55,7 +55,7 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
 
     Leaves the scene as it was. The coarse map in between is never larger than the map itself.
     """
-    if (own := shipped_map(job)) is not None:
+    if (own := shipped_light(job)) is not None:
         return own, False
     with surfaces.rendered_parts() as (found, depsgraph):
         if not found:
@@ -79,18 +79,6 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder, lacking
-
-
-def shipped_map(job: RenderJob) -> Path | None:
-    """The folder of the light that travels with the job's room, whatever the seed; None for other scenes, files and settings of maps."""
-    if not scene.is_shipped(job.scene) or job.lambertian:
-        return None
-    path = scene.shipped_file(job.scene)
-    own = path.parent / "light" / job.scene
-    if not is_whole(own):
-        return None
-    fits = {"scene_sha256": _file_hash(path, path.stat().st_mtime_ns), "size": job.map_size, "samples": job.map_samples}
-    return own if read_recipe(own).get("fits") == fits else None
 
 
 def _beforehand(job: RenderJob) -> str:
@@ -317,7 +305,7 @@ def read_recipe(folder: Path) -> dict:
 def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
     """(folder, size in bytes, age in seconds) of the map shipped or noted for the job's scene, settings and Blender; None where none is."""
     try:
-        folder = shipped_map(job) or cache / "light" / str(read_json(_note_file(cache, job))["map"])
+        folder = shipped_light(job) or cache / "light" / str(read_json(_note_file(cache, job))["map"])
         if not is_whole(folder):
             return None
         files = [path.stat() for path in folder.iterdir()]

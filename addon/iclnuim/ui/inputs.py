@@ -19,7 +19,7 @@ from ..formats.trajectories import read_trajectory, trajectory_text, write_traje
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, adopt
-from ..job import RenderJob
+from ..job import RenderJob, shipped_light
 from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
@@ -98,7 +98,7 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
         line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
         try:
             job = settings.to_job(name, "kt2")
-            if light_map.shipped_map(job):
+            if shipped_light(job):
                 line = "this room's light comes with the extension: nothing to bake"
             elif found := light_map.find(state.cache_folder(), job):
                 _, size_bytes, age_s = found
