@@ -56,6 +56,9 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
     names = set(zipfile.ZipFile(wheel).namelist())
     shipped = {"py.typed", "blender_manifest.toml", "headless/benchmark/paper_table_1.json"}
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
+    systems = repository / "headless/systems"
+    data = [path for ending in ("*.toml", "drivers/*") for path in systems.glob(ending)]
+    shipped |= {f"headless/systems/{path.relative_to(systems)}" for path in data}
     shipped |= {f"blend/{path.relative_to(repository / 'blend')}" for path in (repository / "blend").glob("*.blend")}
     shipped |= {str(path.relative_to(repository)) for path in (repository / "blend/light").glob("*/*")}
     shipped |= {f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)}
