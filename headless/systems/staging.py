@@ -59,7 +59,11 @@ class StagedSequence:
     @property
     def list_sha256(self) -> str:
         """Stands for which images at which stamps."""
-        return sha256("\n".join(f"{p.stamp_s:.6f} {p.rgb.resolve()} {p.depth.resolve()}" for p in self.pairs).encode())
+        return sha256(
+            "\n".join(
+                f"{p.stamp_s:.6f} {os.path.abspath(p.rgb)} {os.path.abspath(p.depth)}" for p in self.pairs
+            ).encode()
+        )
 
     def offset_s(self, settings: StageSettings) -> float:
         """Whole seconds that the view's stamps are later."""
@@ -110,7 +114,7 @@ class StagedSequence:
 def _place(image: Path, file: Path, own: float, asked: float) -> None:
     """A link to the image; depth in other units a metre than those asked for, or stored as an array, is written anew."""
     if image.suffix == file.suffix and own == asked:
-        os.symlink(image.resolve(), file)
+        os.symlink(os.path.abspath(image), file)
     else:
         write_png(file, depth16_from_metres(read_depth_m(image, own), asked))
 

@@ -43,7 +43,11 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("mode", CASES)
+#: Cases of which others show the same by default.
+SLOW = ("exit 3", "says why", "90 Hz", "twice", "nanoseconds", "stops at zero", "words")
+
+
+@pytest.mark.parametrize("mode", [pytest.param(m, marks=pytest.mark.slow) if m in SLOW else m for m in CASES])
 def test_a_row_says_what_was_written(run, fake, mode):
     covered, right, pieces = CASES[mode]
     rows, _ = run(fake(mode))
