@@ -247,23 +247,33 @@ def timers() -> list[str]:
     return sorted({f.__qualname__ for f in ours if bpy.app.timers.is_registered(f)})
 
 
+def panels() -> list[type[bpy.types.Panel]]:
+    """All panels of the extension."""
+    members = vars(importlib.import_module(MODULE + ".ui.panels")).values()
+    return [member for member in members if isinstance(member, type) and issubclass(member, bpy.types.Panel)]
+
+
 def open_every_panel() -> None:
-    panels = importlib.import_module(MODULE + ".ui.panels")
-    for panel in panels._SubPanel.__subclasses__():
+    for panel in panels():
         panel.bl_options = set()
 
 
-def measure() -> None:
-    """Time what the panels and the viewport draw."""
-    panels, viewport = (importlib.import_module(f"{MODULE}.ui.{name}") for name in ("panels", "trajectory_view"))
-    content = panels._SubPanel.draw
+def time_draw(panel: type[bpy.types.Panel]) -> None:
+    content = panel.draw
 
     def timed(self, context):
         begun = time.perf_counter()
         content(self, context)
-        found["panels_ms"].append((type(self).__name__, (time.perf_counter() - begun) * 1e3))
+        found["panels_ms"].append((panel.__name__, (time.perf_counter() - begun) * 1e3))
 
-    panels._SubPanel.draw = timed
+    panel.draw = timed
+
+
+def measure() -> None:
+    """Time what the panels and the viewport draw."""
+    for panel in panels():
+        time_draw(panel)
+    viewport = importlib.import_module(MODULE + ".ui.trajectory_view")
     drawn = viewport.draw
 
     def timed_view():

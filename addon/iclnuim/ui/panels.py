@@ -125,7 +125,10 @@ def output(layout, settings, context):
     row = layout.row(align=True)
     row.prop(settings, "write_clean", toggle=True)
     row.prop(settings, "write_noisy", toggle=True)
-    layout.column(align=True).prop(settings, "formats")
+    layout.label(text="Formats")
+    columns = layout.grid_flow(columns=2, row_major=True, even_columns=True, align=True)
+    for kind in settings.bl_rna.properties["formats"].enum_items:
+        columns.prop_enum(settings, "formats", kind.identifier)
     _props(layout, settings, _OUTPUT)
 
 
