@@ -127,6 +127,7 @@ def output(layout, settings, context):
     row.prop(settings, "write_noisy", toggle=True)
     layout.label(text="Formats")
     columns = layout.grid_flow(columns=2, row_major=True, even_columns=True, align=True)
+    columns.use_property_split = False
     for kind in settings.bl_rna.properties["formats"].enum_items:
         columns.prop_enum(settings, "formats", kind.identifier)
     _props(layout, settings, _OUTPUT)
