@@ -115,7 +115,7 @@ def every_plan(args: argparse.Namespace) -> list[RunPlan]:
     """Those of `make all`: a folder ROOM/KT below --out each. Raises InputError."""
     if args.scene or args.trajectory:
         raise InputError("all without {scene} and {trajectory}: they are the built-in ones")
-    every = [{"sequence": name, "out": (args.out or Path("out")) / name} for name in shipped.sequence_names()]
+    every = [{"sequence": name, "out": (args.out or Path("out")) / name} for name in shipped.paper_sequences()]
     each = [argparse.Namespace(**{**vars(args), **one}) for one in every]
     return [with_farm_options(plan_from(one), one) for one in each]
 

@@ -28,7 +28,7 @@ from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, 
 
 #: Routes round obstacles are searched this far beyond the viewpoints.
 _DETOUR_M = 2.0
-NAMES = [f"{scene}/{kt}" for scene in shipped.SCENE_NAMES for kt in shipped.TRAJECTORY_NAMES]
+NAMES = [*shipped.paper_sequences(), *shipped.HARD_SEQUENCES]
 _FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 
