@@ -8,7 +8,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.headless.commands.runs import configure_make, every_plan
 from iclnuim.headless.farm.all_sequences import make_all
 from iclnuim.headless.options import Console
-from iclnuim.shipped import sequence_names
+from iclnuim.shipped import paper_sequences
 
 
 def plans(*words):
@@ -19,9 +19,9 @@ def plans(*words):
 
 def test_all_are_both_rooms_clean_and_noisy_in_folders_of_their_own(tmp_path):
     every = plans("--out", str(tmp_path), "--quick", "--seed", "3")
-    assert [plan.job.sequence for plan in every] == sequence_names() and len(every) == 8
+    assert [plan.job.sequence for plan in every] == paper_sequences() and len(every) == 8
     folders = [folder.relative_to(tmp_path).as_posix() for plan in every for folder in plan.variants()]
-    assert folders == [f"{name}/{kind}" for name in sequence_names() for kind in ("clean", "noisy")]
+    assert folders == [f"{name}/{kind}" for name in paper_sequences() for kind in ("clean", "noisy")]
     assert all(plan.numbers == tuple(range(60)) and plan.job.seed == 3 for plan in every)
     assert sum(len(plan.numbers) for plan in plans()) == 9202
     with pytest.raises(InputError, match="all without"):
@@ -57,8 +57,8 @@ def test_what_fails_leaves_the_others_their_turn_and_a_stop_ends_all(tmp_path, c
 
     with pytest.raises(WorkError, match="^living_room/kt1 failed, for the reasons above; 7 of 8 are done$"):
         make_all(every, execute, Console())
-    assert begun == sequence_names()
+    assert begun == paper_sequences()
     assert "living_room/kt1: expected another folder; try another --out" in capsys.readouterr().err
     begun.clear()
     assert make_all(every, lambda plan, console: execute(plan, console, 130), Console()) == 130
-    assert begun == sequence_names()[:4]
+    assert begun == paper_sequences()[:4]
