@@ -15,6 +15,7 @@ import numpy as np
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
 from iclnuim.dataset.frames import FrameSource, frames_with_poses, image_frames, original_frames, run_frames
+from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.packing import LICENCES, check_packable, pack, packed_names
 from iclnuim.dataset.sequence import SequenceWriter
@@ -114,6 +115,8 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
             count = f"{len(left_out)} of {len(source.numbers)} frames"
             console.note(f"{needing[0]}: {count} are left out, as they have no pose: {first}")
         source = posed if posed.numbers else source
+    if left := [f"{kind}/" for kind in KINDS if (args.source / kind).is_dir()]:
+        console.note(f"{', '.join(left)} of {args.source} are not converted: only colour, depth and poses are")
     _write(source, options, args, console)
 
 

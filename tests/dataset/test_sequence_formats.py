@@ -1,6 +1,8 @@
 """Every sequence format against an independent reading of it."""
 
+import argparse
 import csv
+import dataclasses
 import json
 import shutil
 
@@ -8,12 +10,15 @@ import numpy as np
 import pytest
 from iclnuim.dataset.frames import find_pairs, image_frames, read_camera, read_images, run_frames
 from iclnuim.dataset.inspection import inspect_sequence
+from iclnuim.dataset.layout import Row
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.options import add_settings
 from iclnuim.sensor.models import depth_model
 
 
@@ -253,6 +258,30 @@ def test_damaged_lists_of_other_forms_are_one_line(all_formats, tmp_path, file, 
     with pytest.raises(InputError, match=message) as error:
         image_frames(tmp_path / file.split("/")[0])
     assert "\n" not in str(error.value)
+
+
+def test_a_new_format_is_one_entry_of_the_registry(run, tmp_path, monkeypatch):
+    """Here with names and a marker of its own; all else is TUM's."""
+    own = dataclasses.replace(
+        FORMATS["tum"],
+        name="own",
+        image=lambda frame, kind: f"{kind}_{frame.number}.png",
+        write_texts=lambda folder, contents, format: (folder / "own.txt").write_text(str(len(contents.frames))),
+        reader=dataclasses.replace(
+            FORMATS["tum"].reader,
+            found=lambda folder: (folder / "own.txt").is_file(),
+            rows=lambda folder: [
+                Row(1 + i / 30, folder / f"rgb_{i}.png", folder / f"depth_{i}.png", number=i)
+                for i in range(int((folder / "own.txt").read_text()))
+            ],
+        ),
+    )
+    monkeypatch.setitem(FORMATS, "own", own)
+    write_sequence(run_frames(run.path), tmp_path / "out", formats=("own",), workers=1)
+    assert [pair.rgb.name for pair in find_pairs(tmp_path / "out")] == [f"rgb_{i}.png" for i in range(4)]
+    parser = argparse.ArgumentParser()
+    add_settings(parser, SequenceOptions, ("formats",))
+    assert "own" in parser.format_help()
 
 
 def test_one_format_lies_in_the_folder_itself_and_another_is_added_by_a_second_call(run, tmp_path):

@@ -34,4 +34,4 @@ def sequence_format(name: str) -> SequenceFormat:
 
 def format_of(folder: Path) -> SequenceFormat:
     """The format that a folder is in; the first where none is recognised, whose reader words what is missing."""
-    return next((format for format in _ALL if format.reader.found(folder)), _ALL[0])
+    return next((format for format in FORMATS.values() if format.reader.found(folder)), tum.FORMAT)
