@@ -17,7 +17,7 @@ def results(capsys, system, folder, out, *options):
     return {row["odometer"]: row for row in race["runs"]}
 
 
-@pytest.mark.parametrize("system", ["ours:icp_rgbd", "ours:fovis", "baseline:opencv-rgbd", "baseline:open3d-intensity"])
+@pytest.mark.parametrize("system", ["ours:icp_rgbd", "ours:fovis", "baseline:opencv-rgbd", "baseline:opencv-icp"])
 def test_odometers_as_systems_have_the_errors_that_they_have_in_bench_odometry(samples, tmp_path, capsys, system):
     row = results(capsys, system, samples / "or_kt0", tmp_path, "--first", 10)[system]
     only = system.removeprefix("ours:")
