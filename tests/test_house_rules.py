@@ -272,7 +272,7 @@ def test_the_library_does_not_speak_of_command_line_options():
 
 
 def test_import_is_quick_and_light():
-    heavy = ("bpy", "scipy", "matplotlib", "cv2", "open3d", "numpy", "numba")
+    heavy = ("bpy", "scipy", "matplotlib", "cv2", "open3d", "igl", "numpy", "numba")
     program = f"import sys, iclnuim; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -9,7 +9,7 @@ import sys
 import iclnuim
 import pytest
 
-HEAVY = ("bpy", "numba", "scipy", "matplotlib", "numpy", "cv2", "open3d")
+HEAVY = ("bpy", "numba", "scipy", "matplotlib", "numpy", "cv2", "open3d", "igl")
 
 
 @pytest.mark.parametrize("name", iclnuim.__all__)

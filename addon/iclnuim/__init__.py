@@ -30,6 +30,7 @@ __all__ = [
     "odometer", "Odometer", "Frame", "OdometryResult", "OdometryStatus", "track", "Tracked", "Tracker", "run_odometers", "OdometryRun", "odometry_table",
     # surfaces
     "fuse_sequence", "FuseSettings", "VolumeSettings", "FusedSurface", "Mesh", "read_mesh", "read_model", "write_ply", "TrueSurface", "SurfaceError",
+    "surface_quality", "SurfaceQuality", "QualitySettings", "SeenBy",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ if TYPE_CHECKING:
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .fusion.mesh import Mesh, fuse_sequence
     from .fusion.mesh import Surface as FusedSurface
-    from .fusion.settings import FuseSettings, VolumeSettings
+    from .fusion.quality import SeenBy, SurfaceQuality, surface_quality
+    from .fusion.settings import FuseSettings, QualitySettings, VolumeSettings
     from .fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3

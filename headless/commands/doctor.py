@@ -35,6 +35,7 @@ PACKAGES = (
     ("scipy", "scipy", False, "surfaces and odometers", "scipy"),
     ("numba", "numba", False, "odometry, fusion and surface error", "numba"),
     ("opencv-contrib-python-headless", "cv2", False, "odometry and fast PNG", "opencv-contrib-python-headless==4.11.*"),
+    ("libigl", "igl", False, "distances to surfaces", "libigl"),
     ("open3d-cpu", "open3d", False, "check-depth, surfaces and Open3D's odometers", "open3d-cpu"),
     ("matplotlib", "matplotlib", False, "plots", "matplotlib"),
     ("submitit", "submitit", False, "Slurm", "iclnuim[slurm]"),

@@ -3,22 +3,29 @@ and of a reconstructed surface (surface). iclnuim.report.trajectory_report says 
 """
 
 import argparse
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iclnuim.errors import InputError, named
-from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, ErrorStatistics
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.fusion.settings import QualitySettings
+from iclnuim.geometry import so3
 from iclnuim.report.trajectory_report import Report, Source, error_text
 
 from ..options import Console, action, add_settings, option_name, renamed, settings_from, subcommands
+from .surface import poses_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from iclnuim.fusion.quality import SeenBy
+    from iclnuim.fusion.surface_error import Reconstruction, TrueSurface
     from iclnuim.geometry.se3 import SE3
 
 
@@ -47,8 +54,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     poses = "trajectory that MESH was fused along; with --truth, its first pose is laid on the true one"
     add("--poses", type=Path, metavar="EST", help=poses)
     add("--truth", type=Path, metavar="GT", help="ground truth of that trajectory, in the model's world")
+    fit = "origin (default): by the first pose; yaw or se3: by the whole trajectory"
+    add("--fit-poses", choices=("origin", "yaw", "se3"), default="origin", help=fit)
+    pairs = "points picked on both: x y z on MESH, in its unit, and x y z on the model, a pair a line"
+    add("--pairs", type=Path, metavar="FILE", help=pairs)
     align = "none (default), or icp: then fitted to the model, as the paper did"
     add("--align", choices=("none", "icp"), default="none", help=align)
+    seen_by = "completion over what was seen along it: kt2, office/kt0 or a file; or all; default: GT of --truth"
+    add("--seen-by", metavar="TRAJECTORY", help=seen_by)
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="of --seen-by; default: 640x480 and the paper's K")
+    add_settings(surface, QualitySettings)
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
     renamed(surface, "--most", "--max-error", type=float)
@@ -117,33 +132,103 @@ def _report(
 
 
 def run_surface(args: argparse.Namespace, console: Console) -> None:
-    from iclnuim.fusion.surface_error import TrueSurface, read_model, read_points
+    from iclnuim.fusion.surface_error import TrueSurface, read_model, read_reconstruction
     from iclnuim.geometry.scene_axes import parse_unit
 
-    unit_m = parse_unit(args.unit)
-    points, triangles, _ = read_points(args.mesh)
-    points = points if unit_m == 1 else points * unit_m
-    T_model_mesh = _given_transform(args)
+    settings, unit_m = settings_from(args, QualitySettings()), parse_unit(args.unit)
+    seen_by, whole = _seen_by(args)
+    mesh = read_reconstruction(args.mesh, unit_m)
+    for note in mesh.notes:
+        console.note(f"note: {args.mesh}: {note}")
+    given = _given_transform(args)
+    picked = _fitted_transform(args, given, unit_m, console)
     surface = TrueSurface(*read_model(args.model))
-    if args.align == "icp":
-        T_model_mesh = surface.aligned(points, T_model_mesh)
-    error = surface.error(points, T_model_mesh)
+    T_model_mesh = surface.aligned(mesh.points, picked) if args.align == "icp" else picked
+    error = surface.error(mesh.points, T_model_mesh)
     if args.plot:
         from iclnuim.fusion.pictures import error_figure
         from iclnuim.report.charts import save
 
-        save(error_figure(T_model_mesh.apply(points), triangles, error, args.max_error), args.plot, 100)
+        save(error_figure(T_model_mesh.apply(mesh.points), mesh.triangles, error, args.max_error), args.plot, 100)
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     values["warnings"] = [named(text, option_name) for text in error.warnings]
-    d = {name: f"{1e3 * value:.3f}" for name, value in values["distance_m"].items()}
+    values["notes"] = list(mesh.notes)
+    if T_model_mesh is not given:
+        values["as_given"] = _as_given(surface, mesh.points, given, T_model_mesh)
+    quality = _quality(surface, mesh, T_model_mesh, seen_by, whole, settings, console)
+    values["quality"] = quality
+    console.result(values, _surface_text(values))
+
+
+def _seen_by(args: argparse.Namespace) -> "tuple[SeenBy | None, bool]":
+    """What decides which part of the model completion is measured over; and whether that is all of it."""
+    from iclnuim.fusion.quality import SeenBy
+    from iclnuim.geometry.camera import PinholeCamera
+
+    camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
+    if args.seen_by == "all":
+        return None, True
+    if args.seen_by:
+        return SeenBy(camera, poses_of(args.seen_by, args.model)), False
+    if args.truth:
+        return SeenBy(camera, read_trajectory(args.truth).trajectory.T_world_camera), False
+    return None, False
+
+
+def _as_given(surface: "TrueSurface", points: "np.ndarray", given: "SE3", fitted: "SE3") -> dict:
+    """The figures without the fit, and how far the fit moved the middle of the reconstruction, and turned it."""
+    T, middle = fitted @ given.inverse(), given.apply(points.mean(0))
+    return {
+        "distance_m": ErrorStatistics.of(surface.distance(given.apply(points))).to_dict(),
+        "moved_m": math.dist(T.apply(middle), middle),
+        "turned_deg": math.degrees(so3.angle(T.rotation)),
+        "T_fitted_given": T.matrix.tolist(),
+    }
+
+
+def _quality(
+    surface: "TrueSurface",
+    mesh: "Reconstruction",
+    T_model_mesh: "SE3",
+    seen_by: "SeenBy | None",
+    whole: bool,
+    settings: QualitySettings,
+    console: Console,
+) -> dict:
+    from iclnuim.fusion.quality import surface_quality
+
+    poses = 2 * len(seen_by.T_world_camera[:: settings.every]) if seen_by else 0
+    on_pose = console.progress(poses, "evaluate", "poses").advance if poses else lambda: None
+    found = surface_quality(surface, mesh.points, mesh.triangles, T_model_mesh, seen_by, whole, settings, on_pose)
+    return {**settings.to_dict(), **found.to_dict()}
+
+
+def _surface_text(values: dict) -> str:
+    d, quality = {name: f"{1e3 * value:.3f}" for name, value in values["distance_m"].items()}, values["quality"]
     lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
     lines += [f"  {name:<8}{d[name]:>10}" for name in ("mean", "median", "std", "min", "max", "rmse")]
     lines.append("  " + ", ".join(f"{share:.1%} within {w}" for w, share in values["within"].items()))
-    console.result(values, "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])]))
+    if given := values.get("as_given"):
+        moved = f"the fit moved it by {1e3 * given['moved_m']:.3f} mm and {given['turned_deg']:.4f} degrees"
+        lines.append(f"  as given: mean {1e3 * given['distance_m']['mean']:.3f}; {moved}")
+    lines.append(f"{quality['samples']} samples by area")
+    for name in ("accuracy", "completion", "depth_l1"):
+        if f"{name}_m" in quality:
+            lines.append(f"  {name.replace('_l1', ' L1'):<11}{1e3 * quality[f'{name}_m']:>10.3f} mm")
+    for name in ("precision", "recall", "f_score"):
+        if name in quality:
+            shares = ", ".join(f"{share:.2%} within {w}" for w, share in quality[name].items())
+            lines.append(f"  {name.replace('_', ' '):<11} {shares}")
+    if "completion_m" in quality:
+        seen = f", {quality['seen_m2']:.2f} m2" if "seen_m2" in quality else ""
+        lines.append(f"  over {quality['model_samples']} samples of the model{seen}")
+    else:
+        lines.append("  no completion: --seen-by names the trajectory that says what was seen")
+    return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])
 
 
 def _given_transform(args: argparse.Namespace) -> "SE3":
-    """T_model_mesh as far as the options give it."""
+    """T_model_mesh as far as the options give it, without a fit."""
     from iclnuim.fusion.surface_error import first_poses_transform, read_transform
     from iclnuim.geometry.se3 import SE3
 
@@ -155,3 +240,20 @@ def _given_transform(args: argparse.Namespace) -> "SE3":
         return SE3.identity()
     poses, truth = (read_trajectory(path).trajectory for path in (args.poses, args.truth))
     return first_poses_transform(poses, truth)
+
+
+def _fitted_transform(args: argparse.Namespace, given: "SE3", unit_m: float, console: Console) -> "SE3":
+    """By picked pairs or the whole trajectory; what was given where neither is asked for."""
+    from iclnuim.fusion.surface_error import pairs_transform, read_pairs, trajectories_transform
+
+    if args.fit_poses != "origin" and (args.pairs or not args.poses):
+        raise InputError("--fit-poses with --poses and --truth, and without --pairs", found=args.fit_poses)
+    if args.pairs:
+        on_mesh, on_model = read_pairs(args.pairs)
+        T, rms_m = pairs_transform(on_mesh * unit_m, on_model)
+        console.note(f"{len(on_mesh)} pairs, {1e3 * rms_m:.3f} mm RMS apart")
+        return T
+    if args.fit_poses == "origin":
+        return given
+    poses, truth = (read_trajectory(path).trajectory for path in (args.poses, args.truth))
+    return trajectories_transform(poses, truth, args.fit_poses)

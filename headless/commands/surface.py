@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         raise InputError("a model's name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
     if args.every < 1 or not args.cell > 0:
         raise InputError("--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}")
-    poses = [_poses(name, args.scene)[:: args.every] for name in args.seen_by or ()]
+    poses = [poses_of(name, args.scene)[:: args.every] for name in args.seen_by or ()]
     camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
     model = _model(args)
     if not len(model):
@@ -66,7 +66,8 @@ def run(args: argparse.Namespace, console: Console) -> None:
     console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))
 
 
-def _poses(name: str, scene: str) -> SE3:
+def poses_of(name: str, scene: str) -> SE3:
+    """The poses (k,) of a shipped trajectory (of that room where it has no other) or of a file."""
     own = name if "/" in name or scene not in shipped.SCENE_NAMES else f"{scene}/{name}"
     path = shipped.trajectory_file(own) if own in shipped.sequence_names() else Path(name)
     return read_trajectory(path).trajectory.T_world_camera

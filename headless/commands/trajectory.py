@@ -22,6 +22,7 @@ from iclnuim.geometry.scene_axes import SceneReading, is_plausible, parse_unit, 
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster, viewpoints
+from iclnuim.raycast.distance import TriangleDistance
 
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
@@ -303,7 +304,7 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
         console.note(f"note: {note}")
     if not len(found.triangles):
         raise InputError("a scene with surfaces", path=args.scene, found="none")
-    caster = RayCaster(found.vertices, found.triangles)
+    clearance = TriangleDistance(found.vertices, found.triangles).distance
     texts = args.viewpoints
     if len(texts) == 1 and (auto := re.fullmatch(r"auto(?::(\d+))?", texts[0])):
         shape = shape_of(found.vertices, found.triangles)
@@ -312,15 +313,21 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
             hint = "another {unit_m}, or places of your own"
             raise InputError("a scene of the size of a room or building", found=f"{size} m", hint=hint)
         low, high = np.maximum(shape.low - 0.5, found.vertices.min(0)), shape.low + shape.extent + 0.5
-        space = FreeSpace.between(low, np.minimum(high, found.vertices.max(0)), caster.distance)
-        waypoints = viewpoints(space, caster, int(auto.group(1) or 6), settings.clearance_m, settings.seed)
+        space = FreeSpace.between(low, np.minimum(high, found.vertices.max(0)), clearance)
+        waypoints = viewpoints(
+            space,
+            RayCaster(found.vertices, found.triangles),
+            int(auto.group(1) or 6),
+            settings.clearance_m,
+            settings.seed,
+        )
         for waypoint in waypoints:
             points = (waypoint.position_m, waypoint.look_at_m or ())
             console.note("viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points))
     else:
         waypoints = _waypoints(texts)
         places = np.array([w.position_m for w in waypoints])
-        space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, caster.distance)
+        space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, clearance)
     made = plan(waypoints, space, Path(args.scene).name, settings)
     name = (args.out or Path()) / Path(args.scene).stem
     name.parent.mkdir(parents=True, exist_ok=True)

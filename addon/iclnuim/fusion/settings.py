@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from ..errors import InputError
-from ..settings import Settings, setting
+from ..settings import Settings, same_as, setting
 
 
 @dataclass(frozen=True)
@@ -56,3 +56,23 @@ class FuseSettings(Settings):
     )
     frames: str = setting("::", "only these images, as a Python slice A:B:S")
     max_difference_s: float = setting(0.02, "of an image's stamp from a pose's", unit="s", low=1e-9, option="")
+
+
+#: What a distance from a sample is taken to -> what that means.
+NEAREST = {
+    "triangle": "of the other surface: no figure depends on the number of samples",
+    "sample": "of the other surface's samples, as NICE-SLAM's and Co-SLAM's scripts do: their spacing is in every figure",
+}
+
+
+@dataclass(frozen=True)
+class QualitySettings(Settings):
+    """How accuracy, completion and Depth L1 of a reconstruction are measured."""
+
+    group = "settings of accuracy and completion"
+
+    samples: int = setting(200_000, "points on each of the two surfaces, spread by area", low=1000, high=50_000_000)
+    seed: int = setting(0, "where the samples begin", low=0, high=2**31 - 1)
+    nearest: str = setting("triangle", "what distances are taken to", choices=NEAREST)
+    every: int = setting(10, "of the trajectory that decides what was seen: every Nth pose", low=1)
+    far_m: float = same_as(VolumeSettings, "far_m")

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations, product
 from pathlib import Path
 
@@ -9,12 +10,16 @@ import numpy as np
 
 from ..errors import InputError, WorkError, blender_missing, named
 from ..evaluation.absolute_error import ErrorStatistics
+from ..evaluation.align import MIN_EXTENT_SHARE, AlignmentSettings, align, principal_extents, umeyama
+from ..evaluation.associate import associate
 from ..formats.files import read_text
 from ..formats.ply import read_ply
 from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..raycast.caster import RayCaster
+from ..raycast.distance import TriangleDistance
+from .samples import areas_m2
 
 MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 #: Shares of the vertices within these distances are reported.
@@ -63,16 +68,35 @@ class SurfaceError:
 class TrueSurface:
     """What reconstructions are compared with: points (n, 3) in metres and triangles (m, 3).
 
-    Raises InputError for no triangles, WorkError where open3d is missing.
+    Raises InputError for no triangles, WorkError where libigl is missing.
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray) -> None:
-        self._caster, self._corners = RayCaster(points, triangles), points[np.unique(triangles)]
+        self._to, self._corners = TriangleDistance(points, triangles), points[np.unique(triangles)]
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(n, 3) in metres."""
+        return self._to.vertices
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """(m, 3) int64."""
+        return self._to.triangles
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Rays at it. Raises WorkError where open3d is missing."""
+        return RayCaster(self.vertices, self.triangles)
+
+    def distance(self, points_m: np.ndarray) -> np.ndarray:
+        """(n,) metres from points (n, 3) in its world to the nearest triangle."""
+        return self._to.distance(points_m)
 
     def error(self, points: np.ndarray, T_model_mesh: SE3 | None = None) -> SurfaceError:
         """Of a reconstruction's vertices (n, 3) in metres, with warnings where its unit or handedness seems to be another."""
         T = SE3.identity() if T_model_mesh is None else T_model_mesh
-        distances_m = self._distances_m(T.apply(points))
+        distances_m = self.distance(T.apply(points))
         return SurfaceError(distances_m, T, self._warnings(points, T, float(distances_m.mean())))
 
     def aligned(self, points: np.ndarray, T_model_mesh: SE3, rounds: int = 30) -> SE3:
@@ -83,9 +107,9 @@ class TrueSurface:
         T, some = T_model_mesh, points[:: max(1, len(points) // 50_000)]
         for _ in range(rounds):
             moved = T.apply(some)
-            near, normals = self._caster.closest(moved)
-            away_m = ((moved - near) * normals).sum(axis=1)
-            distance_m = np.linalg.norm(moved - near, axis=1)
+            near = self._to.nearest(moved)
+            normals, distance_m = self._to.normals(near.triangle), near.distance_m
+            away_m = ((moved - near.point_m) * normals).sum(axis=1)
             use = distance_m <= max(5e-4, 3 * np.median(distance_m))
             J = np.hstack([normals[use], np.cross(moved[use], normals[use])])
             A = J.T @ J
@@ -98,13 +122,8 @@ class TrueSurface:
                 break
         return T
 
-    def _distances_m(self, moved: np.ndarray) -> np.ndarray:
-        # float32, as the nearest points are: what lies on the surface is then 0 and not half a micrometre
-        moved = moved.astype(np.float32)
-        return np.linalg.norm(moved - self._caster.closest(moved)[0], axis=1).astype(float)
-
     def _mean_m(self, moved: np.ndarray) -> float:
-        return float(self._distances_m(moved).mean())
+        return float(self.distance(moved).mean())
 
     def _warnings(self, points: np.ndarray, T: SE3, mean_m: float) -> tuple[str, ...]:
         low, high = _reach(self._corners)
@@ -189,6 +208,30 @@ def first_poses_transform(poses: Trajectory, truth: Trajectory, max_difference_s
     return truth.T_world_camera[nearest] @ poses.T_world_camera[0].inverse()
 
 
+def trajectories_transform(poses: Trajectory, truth: Trajectory, method: str = "se3") -> SE3:
+    """T_model_mesh of a mesh fused along `poses`, by aligning all of them with `truth` (`evaluation.align.METHODS`).
+
+    Raises InputError where no stamps agree, or the trajectories do not determine it.
+    """
+    pairs = associate(truth.stamps_s, poses.stamps_s)
+    reference, estimate = truth.T_world_camera[pairs.first], poses.T_world_camera[pairs.second]
+    return align(reference, estimate, AlignmentSettings(method)).T_reference_estimate
+
+
+def pairs_transform(mesh_points: np.ndarray, model_points: np.ndarray) -> tuple[SE3, float]:
+    """T_model_mesh by points (n, 3) picked on the mesh and on the model, both in metres, and the RMS distance in metres that it leaves.
+
+    Raises InputError for fewer than three pairs, or pairs on a line.
+    """
+    for picked in (mesh_points, model_points):
+        if len(picked) < 3 or not principal_extents(picked)[1] > MIN_EXTENT_SHARE * principal_extents(picked)[0]:
+            found = f"{len(picked)} that leave a rotation open"
+            raise InputError("three or more pairs of points that are not on a line", found=found)
+    T, _ = umeyama(mesh_points, model_points)
+    left_m = np.linalg.norm(T.apply(mesh_points) - model_points, axis=1)
+    return T, float(np.sqrt((left_m**2).mean()))
+
+
 def _reach(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(3,) and (3,): the box of nearly all points."""
     low, high = np.percentile(points, (1, 99), axis=0)
@@ -198,12 +241,56 @@ def _reach(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # -- surfaces from files
 
 
-def read_points(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """points (n, 3), triangles (m, 3), colours (n, 3) uint8 or (n, 0) of a mesh or a point cloud, which has m = 0; polygons become triangles.
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """points (n, 3) in metres, triangles (m, 3), m = 0 for a cloud; notes: what was left out of the file, as sentences."""
 
-    Raises InputError for a file that is neither, is empty or has coordinates that are not finite, WorkError where open3d is missing.
+    points: np.ndarray
+    triangles: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
+    """Of a mesh or a point cloud in units of unit_m. Points that are not finite are left out, with the triangles that have one.
+
+    Raises InputError for a file that is neither or has no finite point, WorkError where open3d is missing.
     """
-    path = Path(path)
+    points, triangles, _ = _read(Path(path))
+    finite = np.isfinite(points).all(axis=1)
+    bad, notes = int((~finite).sum()), []
+    if bad == len(points):
+        raise InputError("points of finite coordinates", path=path, found=f"NaN or infinity in {bad} of {bad}")
+    if bad:
+        whole = finite[triangles].all(axis=1)
+        number = np.cumsum(finite) - 1
+        notes.append(
+            f"{bad} of {len(points)} points with NaN or infinity are left out, and {int((~whole).sum())} triangles"
+        )
+        points, triangles = points[finite], number[triangles[whole]]
+    if not len(triangles):
+        notes.append("without faces: a point cloud")
+    elif not any(areas_m2(points, part).any() for part in np.array_split(triangles, len(triangles) // 1_000_000 + 1)):
+        notes.append(f"none of {len(triangles)} triangles has an area: taken as a point cloud")
+        triangles = triangles[:0]
+    return Reconstruction(points if unit_m == 1 else points * unit_m, triangles, tuple(notes))
+
+
+def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """points (n, 3), triangles (m, 3), colours (n, 3) uint8 or (n, 0); polygons become triangles.
+
+    Raises InputError for a file that is no mesh, is empty, has no triangle, or has coordinates that are not finite, WorkError where open3d is missing.
+    """
+    points, triangles, colours = _read(Path(path))
+    bad = int((~np.isfinite(points).all(axis=1)).sum())
+    if bad:
+        found = f"NaN or infinity in {bad} of {len(points)}"
+        raise InputError("points of finite coordinates", path=path, found=found, hint="removing them")
+    if not len(triangles):
+        raise InputError("a mesh with triangles", path=path, found=f"{len(points)} points and no triangle")
+    return points, triangles, colours
+
+
+def _read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if path.suffix.lower() not in MESH_ENDINGS:
         raise InputError(f"a mesh ({', '.join(MESH_ENDINGS)})", path=path, found=path.suffix or "no ending")
     if not path.is_file():
@@ -225,18 +312,6 @@ def read_points(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         colours = colours if len(colours) else np.zeros((len(points), 0), np.uint8)
     if not len(points):
         raise InputError("a mesh or a point cloud with points", path=path, found="none")
-    bad = int((~np.isfinite(points).all(axis=1)).sum())
-    if bad:
-        found = f"NaN or infinity in {bad} of {len(points)}"
-        raise InputError("points of finite coordinates", path=path, found=found, hint="removing them")
-    return points, triangles, colours
-
-
-def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of a mesh. Raises InputError also where there is no triangle."""
-    points, triangles, colours = read_points(path)
-    if not len(triangles):
-        raise InputError("a mesh with triangles", path=path, found=f"{len(points)} points and no triangle")
     return points, triangles, colours
 
 
@@ -275,3 +350,19 @@ def read_transform(path: Path) -> SE3:
     if not rigid or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
         raise InputError("a rigid motion, last row 0 0 0 1", path=path)
     return SE3(T[:3, :3], T[:3, 3])
+
+
+def read_pairs(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) on the mesh and (n, 3) on the model of a text file with six numbers a line; `#` begins a comment. Raises InputError."""
+    rows = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        words = line.split("#")[0].replace(",", " ").replace(";", " ").split()
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = [np.nan]
+        if row and (len(row) != 6 or not np.isfinite(row).all()):
+            raise InputError("six numbers: x y z on the mesh, x y z on the model", path=path, line=number, found=line)
+        rows += [row] if row else []
+    picked = np.array(rows).reshape(-1, 6)
+    return picked[:, :3], picked[:, 3:]

@@ -1,4 +1,4 @@
-"""Rays against triangles, distances to them, which a camera saw, and viewpoints in their free space: Embree, by way of open3d. Nothing else asks it for rays."""
+"""Rays against triangles, what a camera saw of them, and viewpoints in their free space: Embree, by way of open3d. Nothing else asks it for rays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -71,17 +71,6 @@ class RayCaster:
         triangle = np.where(np.isfinite(distance), hit["primitive_ids"].numpy().astype(np.int64), -1)
         return Hits(distance, triangle, hit["primitive_uvs"].numpy(), hit["primitive_normals"].numpy())
 
-    def closest(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3) nearest points of the surface to points (n, 3), and the unit normals (n, 3) of their triangles; float32."""
-        found = self._scene.compute_closest_points(self._packed(points_m))
-        return found["points"].numpy(), found["primitive_normals"].numpy()
-
-    def distance(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) metres from points (n, 3) to the surface."""
-        if not len(points_m):
-            return np.zeros(0)
-        return self._scene.compute_distance(self._packed(points_m)).numpy().astype(float)
-
     def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
         """(h, w) planar Z in metres, 0 where a ray meets nothing. Rays have z = 1, so the distance along them is Z itself."""
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
@@ -123,16 +112,41 @@ class Visibility:
         """(k,) triangles whose visible side was not seen yet and whose centroid projects into the image."""
         towards = np.einsum("ij,ij->i", self._centroid - T_world_camera.translation, self._normal) < 0
         rows = np.flatnonzero(~np.where(towards, self.seen[:, FRONT], self.seen[:, BACK]))
-        points = T_world_camera.inverse().apply(self._centroid[rows])
-        in_front = points[:, 2] > 1e-3
-        rows, points = rows[in_front], points[in_front]
-        u, v = camera.project(points).T
-        inside = (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
-        return rows[inside]
+        return rows[_in_image(self._centroid[rows], camera, T_world_camera)]
 
     def _mark(self, rows: np.ndarray, rays: np.ndarray) -> None:
         side = np.where(np.einsum("ij,ij->i", rays, self._normal[rows]) < 0, FRONT, BACK)
         self.seen[rows, side] = True
+
+
+def seen_points(
+    caster: RayCaster,
+    points_m: np.ndarray,
+    camera: PinholeCamera,
+    T_world_camera: SE3,
+    far_m: float,
+    on_pose: Callable[[], object],
+) -> np.ndarray:
+    """(n,) which points (n, 3) on the surface some pose (k,) saw: inside its image, before it, at no more depth than far_m, and with
+    nothing between.
+    """
+    seen = np.zeros(len(points_m), bool)
+    for k in range(len(T_world_camera)):
+        rows = np.flatnonzero(~seen)
+        rows = rows[_in_image(points_m[rows], camera, T_world_camera[k], far_m)]
+        rays = points_m[rows] - T_world_camera[k].translation
+        seen[rows] = caster.cast(T_world_camera[k].translation, rays).distance > _ARRIVED
+        on_pose()
+    return seen
+
+
+def _in_image(points_m: np.ndarray, camera: PinholeCamera, T_world_camera: SE3, far_m: float = np.inf) -> np.ndarray:
+    """(n,) bool: before the camera, not beyond far_m, and on one of its pixels; points (n, 3) in the world."""
+    points = T_world_camera.inverse().apply(points_m)
+    inside = (points[:, 2] > 1e-3) & (points[:, 2] <= far_m)
+    u, v = camera.project(points[inside]).T
+    inside[inside] = (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
+    return inside
 
 
 def viewpoints(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int) -> list[Waypoint]:

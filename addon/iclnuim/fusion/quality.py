@@ -1,0 +1,173 @@
+"""Accuracy and completion of a reconstruction over samples by area, F, and Depth L1; of what a trajectory saw.
+
+As NICE-SLAM (Zhu et al., CVPR 2022) and Co-SLAM's evaluation (Wang et al., CVPR 2023) define accuracy, completion, completion ratio and
+Depth L1, and as Tanks and Temples (Knapitsch et al., SIGGRAPH 2017) defines precision, recall and F.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from ..raycast.caster import RayCaster, seen_points
+from ..raycast.distance import TriangleDistance, slabs
+from .samples import areas_m2, sampled, thinned, within_reach
+from .settings import QualitySettings
+from .surface_error import TrueSurface
+
+#: Precision, recall and F are reported within these distances.
+NEAR_M = (0.01, 0.02, 0.05)
+#: Of points spread over the model so many have to be seen, or more are spread, at most so many times as many.
+_ENOUGH, _MOST = 0.9, 20
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBy:
+    """A camera and its poses (k,) in the model's world: what they saw is what a reconstruction can be asked for."""
+
+    camera: PinholeCamera
+    T_world_camera: SE3
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceQuality:
+    """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m (m,): of each sample of the model, where
+    a trajectory is known of each that it saw, to the reconstruction. seen_m2: area of the model that these stand for. depth_l1_m: None
+    without a trajectory or faces.
+    """
+
+    reconstruction_m: np.ndarray
+    model_m: np.ndarray | None = None
+    seen_m2: float | None = None
+    depth_l1_m: float | None = None
+
+    @property
+    def accuracy_m(self) -> float:
+        """Mean distance from the reconstruction to the model."""
+        return float(self.reconstruction_m.mean())
+
+    @property
+    def completion_m(self) -> float | None:
+        """Mean distance from the model to the reconstruction."""
+        return None if self.model_m is None else float(self.model_m.mean())
+
+    def precision(self, near_m: float) -> float:
+        """Share of the reconstruction within near_m of the model."""
+        return float((self.reconstruction_m <= near_m).mean())
+
+    def recall(self, near_m: float) -> float | None:
+        """Share of the model within near_m of the reconstruction: the completion ratio."""
+        return None if self.model_m is None else float((self.model_m <= near_m).mean())
+
+    def f_score(self, near_m: float) -> float | None:
+        """Harmonic mean of precision and recall."""
+        precision, recall = self.precision(near_m), self.recall(near_m)
+        return None if recall is None else 2 * precision * recall / max(precision + recall, 1e-300)
+
+    def to_dict(self) -> dict:
+        """Of what is not known nothing."""
+        shares = {
+            name: {f"{100 * d:g}cm": share(d) for d in NEAR_M}
+            for name, share in (("precision", self.precision), ("recall", self.recall), ("f_score", self.f_score))
+            if name == "precision" or self.model_m is not None
+        }
+        lengths = {name: getattr(self, name) for name in ("accuracy_m", "completion_m", "depth_l1_m", "seen_m2")}
+        samples = {
+            "samples": len(self.reconstruction_m),
+            "model_samples": 0 if self.model_m is None else len(self.model_m),
+        }
+        return {name: value for name, value in lengths.items() if value is not None} | shares | samples
+
+
+def surface_quality(
+    surface: TrueSurface,
+    points: np.ndarray,
+    triangles: np.ndarray,
+    T_model_mesh: SE3 | None = None,
+    seen_by: SeenBy | None = None,
+    whole: bool = False,
+    settings: QualitySettings | None = None,
+    on_pose: Callable[[], object] = lambda: None,
+) -> SurfaceQuality:
+    """Of a reconstruction's points (n, 3) in metres and triangles (m, 3), m = 0 for a cloud.
+
+    Accuracy is measured to the whole model, so that nothing is gained by surfaces that no pose saw. Completion is measured over what
+    `seen_by` saw, or over all of the model (whole), else not at all. Raises InputError where no pose sees any of the model, or no triangle
+    has an area; WorkError where open3d or libigl is missing.
+    """
+    settings = settings or QualitySettings()
+    moved, cloud = points if T_model_mesh is None else T_model_mesh.apply(points), not len(triangles)
+    spread = thinned if cloud else partial(sampled, triangles=triangles)
+    own, to_samples = spread(moved, count=settings.samples, seed=settings.seed), settings.nearest == "sample"
+    truth, seen_m2, depth_l1_m = (
+        sampled(surface.vertices, surface.triangles, settings.samples, settings.seed),
+        None,
+        None,
+    )
+    accuracy_m = _to_points(own, truth) if to_samples else surface.distance(own)
+    if seen_by is None and not whole:
+        return SurfaceQuality(accuracy_m)
+    if seen_by is not None:
+        views = SeenBy(seen_by.camera, seen_by.T_world_camera[:: settings.every])
+        truth, seen_m2 = _seen(surface, views, settings, on_pose)
+        depth_l1_m = None if cloud else _depth_l1_m(surface.caster, moved, triangles, views, settings.far_m)
+    if cloud or to_samples:
+        completion_m = _to_points(truth, moved if cloud else own)
+    else:
+        completion_m = TriangleDistance(moved, triangles).distance(truth)
+    return SurfaceQuality(accuracy_m, completion_m, seen_m2, depth_l1_m)
+
+
+def _seen(
+    surface: TrueSurface, views: SeenBy, settings: QualitySettings, on_pose: Callable[[], object]
+) -> tuple[np.ndarray, float]:
+    """About settings.samples points (n, 3) spread evenly over what the views saw of the model, and its area.
+
+    A first lot finds the share that is seen, the second is as large as that asks for.
+    """
+    camera, T = views.camera, views.T_world_camera
+    # the corner of an image is this much farther away than its depth
+    slant = float(np.linalg.norm(camera.rays(), axis=2).max())
+    corners = within_reach(surface.vertices[surface.triangles], T.translation, slant * settings.far_m)
+    places, rows, count = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), settings.samples
+    for lot in range(2):
+        points = sampled(places, rows, count, settings.seed) if len(rows) else places
+        seen = seen_points(surface.caster, points, camera, T, settings.far_m, on_pose)
+        if not seen.any():
+            hint = "a trajectory in the model's world"
+            raise InputError("a trajectory that sees something of the model", found="nothing seen", hint=hint)
+        if lot or seen.mean() > _ENOUGH:
+            break
+        count = int(min(count / seen.mean(), _MOST * count))
+    return points[seen], float(seen.mean() * areas_m2(places, rows).sum())
+
+
+def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(n,) distance of each of the points to the nearest of the others."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(others).query(points, workers=-1)[0]
+
+
+def _depth_l1_m(
+    model: RayCaster, points: np.ndarray, triangles: np.ndarray, views: SeenBy, far_m: float
+) -> float | None:
+    """Mean over the views of the mean |depth of the model - depth of the reconstruction| over pixels with the former; a hole has depth 0."""
+    camera, T = views.camera.halved().halved(), views.T_world_camera
+    own = np.full((len(T), camera.height, camera.width), np.inf, np.float32)
+    for rows in slabs(points, triangles):
+        part = RayCaster(points, triangles[rows])
+        for k in range(len(T)):
+            depth = part.depth(camera, T[k])
+            own[k] = np.minimum(own[k], np.where(depth > 0, depth, np.inf))
+    errors_m = []
+    for k in range(len(T)):
+        truth = model.depth(camera, T[k])
+        valid = (truth > 0) & (truth <= far_m)
+        if valid.any():
+            errors_m.append(np.abs(truth - np.where(np.isfinite(own[k]), own[k], 0))[valid].mean())
+    return float(np.mean(errors_m)) if errors_m else None
