@@ -120,7 +120,8 @@ def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path)
     assert "expected the experiment that was begun there" in err and len(err.splitlines()) == 1
 
 
-def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run, fake, tmp_path, capsys):
+@pytest.mark.parametrize("charts", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run, fake, tmp_path, capsys, charts):
     from iclnuim.headless import cli
 
     run(fake("good"))
@@ -130,11 +131,12 @@ def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run
     race = {"sequence": "kt2/clean", "preset": "best", "runs": [ours]}
     (tmp_path / "ours.json").write_text(json.dumps({"races": [race]}))
     files = [str(tmp_path / "out/results.json"), str(tmp_path / "ours.json")]
-    assert cli.main(["bench", "odometry", *files, "--plot", str(tmp_path / "chart.png")]) == 0
+    plot = ["--plot", str(tmp_path / "chart.png")] if charts else []
+    assert cli.main(["bench", "odometry", *files, *plot]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "kt2/clean, preset best of ours"
     assert [line.split()[0] for line in lines[2:6]] == ["icp", "good", "good", "nothing"]
-    assert "wrote nothing" in lines[6] and (tmp_path / "chart.png").stat().st_size > 5000
+    assert "wrote nothing" in lines[6] and (not charts or (tmp_path / "chart.png").stat().st_size > 5000)
 
 
 def test_an_interrupted_run_leaves_no_process_and_no_half_run(fake, sequence, tmp_path):

@@ -93,11 +93,12 @@ def _refined(reference: Trajectory, estimate: Trajectory, offset_s: float, step_
 
 
 def _rounded(reference: Trajectory, estimate: Trajectory, offset_s: float) -> tuple[float, float]:
-    """The shortest number of seconds that fits as well, to a hundredth, and its RMS."""
+    """The shortest number of seconds that fits as well, to what the noise of n poses leaves open, and its RMS."""
     best_m = _rms(reference, estimate, offset_s)
+    limit_m = best_m * (1 + 2 / len(estimate)) + 1e-6
     for digits in range(7):
         short_s = round(offset_s, digits) + 0.0
         rms_m = _rms(reference, estimate, short_s)
-        if rms_m <= 1.01 * best_m + 1e-6:
+        if rms_m <= limit_m:
             return short_s, rms_m
     return offset_s, best_m
