@@ -44,16 +44,16 @@ def run(args: argparse.Namespace, console: Console) -> int:
     spread = np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)
     picked = sorted({numbers[i] for i in spread})
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
-    caster, truth_caster = _casters(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, console)
+    casters = _casters(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, picked, console)
     progress, errors, truths = console.progress(len(picked), "check-depth"), [], []
-    for number in picked:
+    for number, (caster, truth_caster) in zip(picked, casters, strict=True):
         channels = read_exr(frames.frame_file(number))
         errors.append(compare_depth(channels["Z"], caster, frames.camera, poses[number]))
         if truth_caster is not None:
             truths.append(truth_caster.compare(channels, frames.camera, poses[number]))
         progress.advance()
     result = depth_summary(errors)
-    truth = truth_summary(truths) if truth_caster is not None else None
+    truth = truth_summary(truths) if truths else None
     failed = _failed(result, truth)
     values = {"frames": picked, **asdict(result), **(asdict(truth) if truth else {}), "failed": failed}
     console.result(values, "\n".join([_text(len(picked), result, truth), *(f"failed: {text}" for text in failed)]))
@@ -78,20 +78,36 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
     return failed
 
 
-def _casters(job: RenderJob, recipe: dict, console: Console) -> tuple[RayCaster, TruthCaster | None]:
-    """For depth, and for ground truth where the run has it."""
+def _casters(
+    job: RenderJob, recipe: dict, picked: list[int], console: Console
+) -> list[tuple[RayCaster, TruthCaster | None]]:
+    """For depth, and for ground truth where the run has it, of each frame: one and the same unless things move."""
     with opened_scene("check-depth", job.scene, job.reading):
-        from iclnuim.blender import model, preflight, scene, surfaces
+        from iclnuim.blender import preflight, scene
 
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
-        if strands := preflight.strand_names(scene.bpy.context.scene):
+        opened = scene.bpy.context.scene
+        if strands := preflight.strand_names(opened):
             console.note(
                 f"note: rays pass through hair, curves and points ({', '.join(strands)[:120]}): pixels on them fail"
             )
-        found = surfaces.triangles()
-        behind = surfaces.triangles(panes=False) if job.glass != "surface" else found
-        truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
+        if not preflight.moving_names(opened):
+            return [_caster(job, console)] * len(picked)
+        found = []
+        for number in picked:
+            opened.frame_set(number)  # as frames are rendered
+            found.append(_caster(job, console))
+        return found
+
+
+def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | None]:
+    """Of the open scene as it is now."""
+    from iclnuim.blender import model, surfaces
+
+    found = surfaces.triangles()
+    behind = surfaces.triangles(panes=False) if job.glass != "surface" else found
+    truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
     caster = RayCaster(found.vertices, found.triangles)
     if behind is not found:

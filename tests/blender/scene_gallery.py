@@ -451,6 +451,16 @@ def flush_rug(folder: Path) -> None:
     mesh("poster", [(-1, 2, 0.8), (0, 2, 0.8), (0, 2, 1.6), (-1, 2, 1.6)], [(0, 1, 2, 3)], rug)
 
 
+@scene(note="overlap larger ones")
+def overlapping_faces(folder: Path) -> None:
+    """Faces of one object that overlap in one plane, as a cross; a box let into another, flush with its sides."""
+    room()
+    blue = material("blue", (0.2, 0.3, 0.7))
+    bars = [(-1.5, 0.2), (0, 0.2), (0, 0.5), (-1.5, 0.5), (-0.9, -0.3), (-0.6, -0.3), (-0.6, 0.9), (-0.9, 0.9)]
+    mesh("cross", [(x, y, 0.4) for x, y in bars], [(0, 1, 2, 3), (4, 5, 6, 7)], blue)
+    box("flush", (0.3, 0.5, 0.2), (1.3, 0.9, 0.7), blue)
+
+
 @scene()
 def bent_quads(folder: Path) -> None:
     """Quads whose corners are not in one plane, shaded flat."""
@@ -576,6 +586,160 @@ def holdout_and_catcher(folder: Path) -> None:
     """A shadow catcher, as compositors use them."""
     room()
     bpy.data.objects["box"].is_shadow_catcher = True
+
+
+@scene(map_samples=16)
+def levels_for_rendering(folder: Path) -> None:
+    """A curve, a metaball, a screw and an instanced subdivision that are coarser in the viewport than in renders."""
+    room(furnished=False)
+    blue = material("blue", (0.2, 0.3, 0.7))
+    curve = bpy.data.curves.new("curve", "CURVE")
+    curve.dimensions, curve.bevel_depth, curve.resolution_u, curve.render_resolution_u = "3D", 0.15, 1, 12
+    spline = curve.splines.new("BEZIER")
+    spline.bezier_points.add(1)
+    for point, place in zip(spline.bezier_points, ((-1.2, 0.2, 0.3), (-0.2, 0.8, 1.2)), strict=True):
+        point.co, point.handle_left_type, point.handle_right_type = place, "FREE", "FREE"
+        point.handle_left, point.handle_right = (place[0] - 0.6, *place[1:]), (place[0] + 0.6, *place[1:])
+    ball = bpy.data.metaballs.new("ball")
+    ball.resolution, ball.render_resolution = 0.5, 0.1
+    ball.elements.new().co = (0.6, 0.6, 1.4)
+    screw = mesh("screw", [(0.35, 0, 0), (0.35, 0, 0.6)], [], blue)
+    screw.data.edges.add(1)
+    screw.data.edges[0].vertices = (0, 1)
+    screw.location = (-1.2, 1.2, 0.1)
+    screw.modifiers.new("screw", "SCREW").steps = 3
+    screw.modifiers[0].render_steps = 24
+    for data in (curve, ball):
+        data.materials.append(blue)
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(data.name, data))
+    piece = box("piece", (-0.3, -0.3, 0), (0.3, 0.3, 0.6), blue)
+    subdivision = piece.modifiers.new("subdivision", "SUBSURF")
+    subdivision.levels, subdivision.render_levels = 0, 2
+    instanced(piece, (0.9, 0.2, 0))
+
+
+def instanced(piece: bpy.types.Object, place: tuple) -> None:
+    """A thing that only an instance of its collection shows."""
+    library = bpy.data.collections.new("library")
+    moved(piece, library)
+    carrier = bpy.data.objects.new("stand", None)
+    carrier.instance_type, carrier.instance_collection, carrier.location = "COLLECTION", library, place
+    bpy.context.scene.collection.objects.link(carrier)
+
+
+def nodes_that_shift(thing: bpy.types.Object) -> tuple:
+    """Geometry Nodes with a Transform; the tree, it, and the group's input and output."""
+    tree = bpy.data.node_groups.new("shift", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    nodes = [tree.nodes.new(kind) for kind in ("GeometryNodeTransform", "NodeGroupInput", "NodeGroupOutput")]
+    tree.links.new(nodes[1].outputs[0], nodes[0].inputs[0])
+    tree.links.new(nodes[0].outputs[0], nodes[2].inputs[0])
+    thing.modifiers.new("shift", "NODES").node_group = tree
+    return tree, *nodes
+
+
+@scene()
+def is_viewport(folder: Path) -> None:
+    """Geometry Nodes that show something else in the viewport."""
+    room()
+    tree, shift, start, end = nodes_that_shift(bpy.data.objects["box"])
+    shift.inputs["Translation"].default_value = (-1, 0, 0)
+    asks, switch = tree.nodes.new("GeometryNodeIsViewport"), tree.nodes.new("GeometryNodeSwitch")
+    for source, target in ((asks, "Switch"), (start, "False"), (shift, "True")):
+        tree.links.new(source.outputs[0], switch.inputs[target])
+    tree.links.new(switch.outputs[0], end.inputs[0])
+
+
+@scene(light="path", note="move")
+def scene_time(folder: Path) -> None:
+    """Geometry Nodes that follow the frame, without any animation."""
+    room()
+    tree, shift, _, _ = nodes_that_shift(bpy.data.objects["box"])
+    time = tree.nodes.new("GeometryNodeInputSceneTime")
+    tree.links.new(time.outputs["Seconds"], shift.inputs["Translation"])
+    bpy.context.scene.frame_set(40)
+
+
+@scene(light="path", note="move")
+def appears_later(folder: Path) -> None:
+    """A box that is hidden at the frame the file was saved at."""
+    room()
+    thing = bpy.data.objects["box"]
+    for hidden, frame in ((False, 0), (True, 20)):
+        thing.hide_render = hidden
+        thing.keyframe_insert("hide_render", frame=frame)
+    bpy.context.scene.frame_set(20)
+
+
+@scene(light="path", note="move")
+def colour_changes_in_a_group(folder: Path) -> None:
+    """An animated colour inside a node group of a material."""
+    room()
+    group = bpy.data.node_groups.new("group", "ShaderNodeTree")
+    group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    colour, end = group.nodes.new("ShaderNodeRGB"), group.nodes.new("NodeGroupOutput")
+    group.links.new(colour.outputs[0], end.inputs[0])
+    for value, frame in (((1, 0, 0, 1), 0), ((0, 0, 1, 1), 20)):
+        colour.outputs[0].default_value = value
+        colour.outputs[0].keyframe_insert("default_value", frame=frame)
+    tree = bpy.data.materials["red"].node_tree
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    tree.links.new(node.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+
+
+@scene(note="displaced")
+def displaced_instances(folder: Path) -> None:
+    """A displaced thing that only an instance shows, one in a collection that is excluded, and a file that simplifies."""
+    room(furnished=False)
+    bumpy = material("bumpy", (0.2, 0.5, 0.2))
+    bumpy.displacement_method = "DISPLACEMENT"
+    tree = bumpy.node_tree
+    noise, moves = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+    noise.inputs["Scale"].default_value, moves.inputs["Scale"].default_value = 3.0, 0.3
+    tree.links.new(noise.outputs[0], moves.inputs["Height"])
+    tree.links.new(moves.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
+    pieces = [box(name, (-0.4, -0.4, 0), (0.4, 0.4, 0.5), bumpy) for name in ("piece", "excluded")]
+    for piece in pieces:
+        piece.modifiers.new("subdivision", "SUBSURF").render_levels = 4
+    instanced(pieces[0], (0.6, 0.4, 0.2))
+    moved(pieces[1], collection("out"))
+    bpy.context.view_layer.layer_collection.children["out"].exclude = True
+    bpy.context.scene.render.use_simplify, bpy.context.scene.render.simplify_subdivision = True, 0
+
+
+@scene(light="path", note="toon")
+def toon(folder: Path) -> None:
+    """A diffuse shader that is neither of those that light maps replace."""
+    room()
+    tree = bpy.data.materials["red"].node_tree
+    shader = tree.nodes.new("ShaderNodeBsdfToon")
+    tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+
+
+@scene(light="path", note="UV maps")
+def eight_uv_maps(folder: Path) -> None:
+    """As many as Blender allows."""
+    room()
+    for number in range(8):
+        bpy.data.objects["box"].data.uv_layers.new(name=f"map {number}")
+
+
+@scene(light="path", note="differ by instance")
+def random_colour_of_instances(folder: Path) -> None:
+    """A material that gives each instance a colour of its own."""
+    collection_instances(folder)
+    tree = bpy.data.materials["blue"].node_tree
+    info = tree.nodes.new("ShaderNodeObjectInfo")
+    tree.links.new(info.outputs["Random"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+
+
+@scene(refused=True, note="surface")
+def edges_alone(folder: Path) -> None:
+    """A mesh without a face."""
+    mesh("edges", [(-1, 0, 0.5), (0, 0, 0.9)], []).data.edges.add(1)
+    lamp()
 
 
 def gltf(path: Path) -> Path:

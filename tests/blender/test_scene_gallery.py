@@ -145,3 +145,18 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
     twins = [scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin")]
     assert "twin" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert [len(box.data.polygons) for box in twins] == [6, 0]
+
+
+def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_named():
+    from iclnuim.blender import sanitize
+
+    scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
+    corners = [(x, y, 0) for y in range(9) for x in range(9)]
+    tiles = [(k, k + 1, k + 10, k + 9) for k in range(71) if k % 9 < 8]
+    floor = scene_gallery.mesh("floor", corners, tiles)
+    rug = scene_gallery.mesh("rug", [(1.3, 1, 0), (5, 1, 0), (5, 5, 0), (1.3, 5, 0)], [(0, 1, 2, 3)])
+    assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    assert rug.location.z > 0 and floor.location.z == 0
+    rug.location.z = 0
+    rug.data.flip_normals()
+    assert "back of others in one plane (rug)" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]

@@ -1,5 +1,7 @@
 """What in the open scene would spoil depth or colour, named before a frame is rendered."""
 
+import math
+
 import bpy
 import numpy as np
 
@@ -11,6 +13,8 @@ FAR_M = 1000.0
 _SIMULATED = {
     "CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE", "BUILD", "WAVE",
 }  # fmt: skip
+#: Diffuse shaders that baked light does not replace; UV maps that leave room for the light map's two.
+_NO_LIGHT_MAP, _MAX_UV_MAPS = {"BSDF_TOON", "BSDF_SHEEN"}, 6
 
 
 def findings(baked: bool) -> list[str]:
@@ -65,18 +69,57 @@ def _used(node: bpy.types.Node, socket: str, neutral: float) -> bool:
 
 def moving_names(scene: bpy.types.Scene) -> list[str]:
     """Of objects and lights that move or change, in order; cameras left out, the world as `the sky`."""
-    shown = [o for o in scene.objects if o.type != "CAMERA" and not o.hide_render]
+    shown = [o for o in scene.objects if o.type != "CAMERA" and (not o.hide_render or _varies(o))]
     moving = {o.name for o in shown if (o.type != "EMPTY" or o.instance_collection) and _moves(o, set())}
     materials = [m for m in bpy.data.materials if m.users and m.node_tree]
     films = {
         m
         for m in materials
-        for n in m.node_tree.nodes
+        for n in compat.nodes_of(m.node_tree)
         if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image and n.image.source in ("MOVIE", "SEQUENCE")
     }
-    changing = {m.name for m in materials if _varies(m) or _varies(m.node_tree) or m in films}
-    sky = scene.world is not None and (_varies(scene.world) or _varies(scene.world.node_tree))
-    return [*sorted(moving | changing), *(["the sky"] if sky else [])]
+    changing = {m.name for m in materials if _varies(m) or _varies_inside(m.node_tree) or m in films}
+    sky = scene.world is not None and (_varies(scene.world) or _varies_inside(scene.world.node_tree))
+    return [*sorted(moving | changing | _timed_names(scene)), *(["the sky"] if sky else [])]
+
+
+def _timed_names(scene: bpy.types.Scene) -> set[str]:
+    """Objects whose geometry depends on the frame though nothing of their own is animated, as by Scene Time in Geometry Nodes.
+
+    Simulations are not asked: they would lose their state.
+    """
+    if scene.rigidbody_world or any(m.type in _SIMULATED for o in bpy.data.objects for m in o.modifiers):
+        return set()
+    found: set[bpy.types.Object] = set()
+
+    def note(_: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        found.update(u.id.original for u in depsgraph.updates if u.is_updated_geometry)
+
+    before = scene.frame_current_final
+    with surfaces.as_rendered(scene):
+        bpy.app.handlers.frame_change_post.append(note)
+        try:
+            scene.frame_set(scene.frame_current + 1)
+        finally:
+            bpy.app.handlers.frame_change_post.remove(note)
+            scene.frame_set(math.floor(before), subframe=before % 1)
+    return {o.name for o in found if isinstance(o, bpy.types.Object) and not any(map(_is_animated, _blocks(o)))}
+
+
+def _blocks(thing: bpy.types.Object) -> list[bpy.types.ID | None]:
+    """What may give an object another shape."""
+    bones = [m.object for m in thing.modifiers if m.type == "ARMATURE"]
+    return [thing, thing.data, getattr(thing.data, "shape_keys", None), *bones]
+
+
+def _is_animated(block: bpy.types.ID | None) -> bool:
+    return getattr(block, "animation_data", None) is not None
+
+
+def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
+    """A tree of nodes, or one of its groups."""
+    groups = {n.node_tree for n in compat.nodes_of(tree) if n.type == "GROUP" and n.node_tree} if tree else set()
+    return any(map(_varies, (tree, *groups)))
 
 
 def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
@@ -84,11 +127,10 @@ def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
     if thing in seen:
         return False
     seen.add(thing)
-    data = [thing, thing.data, getattr(thing.data, "shape_keys", None), getattr(thing.data, "node_tree", None)]
-    if any(_varies(block) for block in data) or thing.rigid_body is not None:
-        return thing.rigid_body is None or thing.rigid_body.type == "ACTIVE" or any(_varies(b) for b in data)
-    bones = [m.object for m in thing.modifiers if m.type == "ARMATURE" and m.object]
-    if any(m.type in _SIMULATED for m in thing.modifiers) or any(map(_varies, bones)):
+    blocks = _blocks(thing)
+    if any(map(_varies, blocks)) or _varies_inside(getattr(thing.data, "node_tree", None)):
+        return True
+    if any(m.type in _SIMULATED for m in thing.modifiers) or (thing.rigid_body and thing.rigid_body.type == "ACTIVE"):
         return True
     others = [thing.parent, *(getattr(c, "target", None) for c in thing.constraints if not c.mute)]
     others += [getattr(m, "object", None) for m in thing.modifiers]
@@ -152,3 +194,33 @@ def light_linking_names(scene: bpy.types.Scene) -> list[str]:
     """Lamps and glowing things that light, or are shadowed by, some objects only."""
     linked = [(o.name, getattr(o, "light_linking", None)) for o in scene.objects]
     return sorted(name for name, link in linked if link and (link.receiver_collection or link.blocker_collection))
+
+
+def unmappable_names(scene: bpy.types.Scene) -> list[str]:
+    """Objects that no light map fits: by shaders that it does not follow, without room for two more UV maps, or by materials that tell
+    one instance from another.
+    """
+    found: dict[tuple[str, str, bool], bool] = {}
+    with surfaces.as_rendered(scene) as depsgraph:
+        for instance in depsgraph.object_instances:
+            thing = instance.object
+            if instance.show_self and thing.type in surfaces.SURFACE_TYPES:
+                key = (thing.name, thing.data.name, instance.is_instance)
+                if key not in found:
+                    found[key] = _is_unmappable(thing, instance.is_instance)
+    return sorted({name for (name, _, _), is_so in found.items() if is_so})
+
+
+def _is_unmappable(evaluated: bpy.types.Object, is_instance: bool) -> bool:
+    slots = [slot.material for slot in evaluated.material_slots]
+    shown = {m for m in (*slots, *getattr(evaluated.data, "materials", ())) if m and m.use_nodes and m.node_tree}
+    nodes = [node for material in shown for node in compat.nodes_of(material.node_tree)]
+    unlike = any(node.type in _NO_LIGHT_MAP or (is_instance and _tells_instances(node)) for node in nodes)
+    return unlike or len(getattr(evaluated.data, "uv_layers", ())) > _MAX_UV_MAPS
+
+
+def _tells_instances(node: bpy.types.Node) -> bool:
+    """Whether a node gives instances of one thing different values."""
+    if node.type == "OBJECT_INFO":
+        return bool(node.outputs["Random"].is_linked)
+    return getattr(node, "from_instancer", False) or getattr(node, "attribute_type", "") == "INSTANCER"

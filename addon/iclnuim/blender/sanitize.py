@@ -7,13 +7,13 @@ All in memory. Functions that return sentences say what was found and done.
 import os
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import bmesh
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
+from mathutils import Matrix, Vector, geometry
 
 from . import compat, lit_scene, preflight
 from .compat import temporarily
@@ -29,6 +29,8 @@ _SAME_PLACE_M, _PROBES = 1e-5, 64
 #: What lies in the plane of another object with this share of its surface goes so far in front of it. Less area, and more pairs than
 #: these, are not looked at.
 _LARGE, _RAISED_M, _SMALLEST_M2, _PAIRS = 0.1, 5e-5, 1e-4, 2000
+#: As many of the largest faces that share a plane with others are looked at.
+_OVERLAPS = 1000
 
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
@@ -146,15 +148,16 @@ def _names(things: Iterable) -> str:
 
 
 def displace_meshes(scene: bpy.types.Scene) -> list[str]:
-    """Every object of the scene whose materials displace gets a mesh of its own, evaluated and displaced."""
+    """Every object whose materials displace gets a mesh of its own, evaluated and displaced; those that are only instanced, too."""
     materials = {m for m in bpy.data.materials if _displaces(m)}
-    adaptive = _without_adaptive_subdivision(scene)
-    shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render]
-    moved = [o for o in shown if {s.material for s in o.material_slots} & materials]
+    adaptive = _without_adaptive_subdivision()
+    things = [o for o in bpy.data.objects if o.type == "MESH" and o.users]
+    moved = [o for o in things if {s.material for s in o.material_slots} & materials]
     if moved:
-        _as_rendered_meshes(scene, moved)
-        for thing in moved:
-            _displace(scene, thing)
+        with _in_view(scene, moved):
+            _as_rendered_meshes(scene, moved)
+            for thing in moved:
+                _displace(scene, thing)
     for material in materials:
         # what the meshes hold now, the material no longer does; where it displaces things that have no own mesh it becomes a bump
         material.displacement_method = "BUMP"
@@ -164,6 +167,18 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
     return [*([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []), *adaptive]
 
 
+@contextmanager
+def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator[None]:
+    """All things rendered as objects of the scene for a while: what an instance, or nothing, shows of them is evaluated and baked, too."""
+    with ExitStack() as stack:
+        for thing in things:
+            stack.enter_context(temporarily(thing, hide_render=False, hide_viewport=False))
+            if bpy.context.view_layer.objects.get(thing.name) != thing:
+                scene.collection.objects.link(thing)
+                stack.callback(scene.collection.objects.unlink, thing)
+        yield
+
+
 def _displaces(material: bpy.types.Material) -> bool:
     if material.node_tree is None or material.displacement_method == "BUMP":
         return False
@@ -171,15 +186,15 @@ def _displaces(material: bpy.types.Material) -> bool:
     return output is not None and output.inputs["Displacement"].is_linked
 
 
-def _without_adaptive_subdivision(scene: bpy.types.Scene) -> list[str]:
+def _without_adaptive_subdivision() -> list[str]:
     """Dicing by the camera would give every frame another surface."""
     found = []
-    for thing in scene.objects:
+    for thing in bpy.data.objects:
         for owner in (*thing.modifiers, getattr(thing, "cycles", None)):
             if getattr(owner, "use_adaptive_subdivision", False):
                 owner.use_adaptive_subdivision = False
                 found.append(thing.name)
-    compat.leave_out_experiments(scene)
+    compat.leave_out_experiments(bpy.context.scene)
     names = ", ".join(sorted(found))[:120]
     return [f"adaptive subdivision ({names}): the levels for rendering are used"] if found else []
 
@@ -199,7 +214,6 @@ def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object])
 
 def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
     """Vertices go where Cycles' position pass has them; loose ones stay."""
-    thing.hide_viewport = False
     thing.hide_set(False)
     mesh = thing.data
     mesh.color_attributes.active_color = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
@@ -218,86 +232,225 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
 
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
-    """Of equal faces in one place, the first stays, and objects that overlap larger ones in one plane are moved in front of them: each
-    face would shade the other, and Cycles shows both black. What moves is left alone, as are glass, volumes, instances, and faces that
-    nobody sees, between boxes that touch.
+    """Of equal faces in one place, the first stays; objects that overlap larger ones in one plane, and other faces that overlap larger
+    ones, are moved in front of them: each face would shade the other, and Cycles shows both black. What moves is left alone, as are
+    glass, volumes, instances, and faces that nobody sees, between boxes that touch.
     """
     moving = set(preflight.moving_names(scene))
     with as_rendered(scene) as depsgraph:
         shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
         things = [t for t in shown if t.type == "MESH" and t.name not in moving and _is_opaque(t.original)]
-        faces = [_faces_in_world(thing) for thing in things]
-        if not faces:
+        if not any(len(thing.data.polygons) for thing in things):
             return []
-        keys, centres_m, normals, area_m2 = (np.concatenate([f[k] for f in faces]) for k in range(4))
-        again = np.setdiff1d(np.flatnonzero(keys), np.unique(keys, return_index=True)[1])
-        starts = np.cumsum([0, *(len(f[0]) for f in faces)])
-        owner = np.repeat(np.arange(len(things)), np.diff(starts))
-        again = again[np.bincount(owner[again], area_m2[again], len(things))[owner[again]] > _SMALLEST_M2]
-        _, first, group = np.unique(keys, return_index=True, return_inverse=True)
-        turned = keys[again[(normals[again] * normals[first][group[again]]).sum(1) < 0]]
-
-        def is_seen(row: int, way: np.ndarray) -> bool:
-            """Whether the way from a face leads out of the two objects that share it, not through one of them to a back."""
-            for k in (owner[row], owner[first[group[row]]]):
-                hit = _cast(depsgraph, things[k], centres_m[row] + 10 * _SAME_PLACE_M * way, way, 1e4)
-                if hit is not None and (hit[1].dot(Vector(way)) > 0 or keys[starts[k] + hit[2]] in turned):
-                    return False
-            return True
-
-        picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
-        if not any(is_seen(k, sign * normals[k]) for k in picked for sign in (1, -1)):
-            again = again[:0]
-        rows = {
-            t.original: again[(again >= a) & (again < b)] - a
-            for t, a, b in zip(things, starts[:-1], starts[1:], strict=True)
-        }
-        raised: dict[bpy.types.Object, Vector] = {}
-        for face, over in _in_one_plane(owner, centres_m, normals, area_m2):
-            one, other = things[owner[face]].original, things[over]
-            if one in raised or other.original in raised or face in again:
-                continue
-            place_m, way, reach_m = centres_m[face], normals[face], 10 * _SAME_PLACE_M
-            hit = _cast(depsgraph, other, place_m + reach_m * way, -way, 2 * reach_m)
-            if hit is None or hit[1].dot(Vector(way)) < 0.999 or np.linalg.norm(hit[0] - place_m) > _SAME_PLACE_M:
-                continue
-            # a box on the floor is no sheet: one of the ways leads through it
-            ways = (sign * way for sign in (1, -1))
-            if all(_cast(depsgraph, things[owner[face]], place_m + reach_m * w, w, 1e4) is None for w in ways):
-                raised[one] = hit[1] * _RAISED_M
+        faces = _Faces(depsgraph, things)
+        again = faces.equal()
+        raised = faces.sheets(again)
+        lifted, turned = faces.overlapping(again, raised)
+        left_out, lifted_of = faces.by_object(again), faces.by_object(lifted)
+        ways = {t.original: faces.normals[rows] for t, rows in zip(things, faces.rows_of(lifted), strict=True)}
     for thing, way in raised.items():
         thing.matrix_world = Matrix.Translation(way) @ thing.matrix_world
-    rows = {thing: found for thing, found in rows.items() if len(found)}
-    _as_rendered_meshes(scene, list(rows))
-    for thing, found in rows.items():
-        edited = bmesh.new()
-        edited.from_mesh(thing.data)
-        edited.faces.ensure_lookup_table()
-        bmesh.ops.delete(edited, geom=[edited.faces[int(k)] for k in found], context="FACES_ONLY")
-        edited.to_mesh(thing.data)
-        edited.free()
+    _as_rendered_meshes(scene, list({**left_out, **lifted_of}))
+    for thing in {**left_out, **lifted_of}:
+        _edit_faces(thing, left_out.get(thing, ()), lifted_of.get(thing, ()), ways[thing])
     black = "for Cycles shows both black"
+    millimetres = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
     notes = {
-        f"faces that lie exactly on others ({len(again)}, of {_names(rows)}): left out, {black}": rows,
-        f"sheets that lie in the plane of others ({_names(raised)}): moved by {_RAISED_M * 1e3:g} mm, {black}": raised,
+        f"faces that lie exactly on others ({len(again)}, of {_names(left_out)}): left out, {black}": left_out,
+        f"sheets that lie in the plane of others ({_names(raised)}): {millimetres}": raised,
+        f"faces that overlap larger ones in one plane ({len(lifted)}, of {_names(lifted_of)}): {millimetres}": lifted_of,
+        f"sheets that overlap the back of others in one plane ({_names(turned)}): black or flicker in path tracing; "
+        "turn them round, or move them apart by 0.1 mm": turned,
     }
     return [sentence for sentence, is_so in notes.items() if is_so]
 
 
-def _in_one_plane(
-    owner: np.ndarray, centres_m: np.ndarray, normals: np.ndarray, area_m2: np.ndarray
-) -> Iterator[tuple[int, int]]:
-    """Faces, the largest of its object (F,) in its plane, and other objects with larger faces in that plane; not all of very many."""
+def _edit_faces(thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterable[int], ways: np.ndarray) -> None:
+    """Remove faces of a mesh, and move others by themselves along the ways (n, 3), unit vectors in the world."""
+    to_object = thing.matrix_world.inverted_safe().to_3x3()
+    edited = bmesh.new()
+    edited.from_mesh(thing.data)
+    edited.faces.ensure_lookup_table()
+    gone, moved = ([edited.faces[int(k)] for k in rows] for rows in (left_out, lifted))
+    for face, way in zip(moved, ways, strict=True):
+        alone = bmesh.ops.split(edited, geom=[face])["geom"]
+        corners = [v for v in alone if isinstance(v, bmesh.types.BMVert)]
+        bmesh.ops.translate(edited, verts=corners, vec=to_object @ Vector(way * _RAISED_M))
+    bmesh.ops.delete(edited, geom=gone, context="FACES_ONLY")
+    edited.to_mesh(thing.data)
+    edited.free()
+
+
+class _Faces:
+    """The faces of evaluated meshes in the world, numbered through: keys (F,), centres_m (F, 3), normals (F, 3), area_m2 (F,), as
+    _faces_in_world has them; owner (F,) among the things; plane (F,), equal where they lie in one; spread_m2 (F,): of all faces of its
+    owner in its plane.
+    """
+
+    def __init__(self, depsgraph: bpy.types.Depsgraph, things: list[bpy.types.Object]) -> None:
+        self.depsgraph, self.things = depsgraph, things
+        faces = [_faces_in_world(thing) for thing in things]
+        self.keys, self.centres_m, self.normals, self.area_m2 = (
+            np.concatenate([f[k] for f in faces]) for k in range(4)
+        )
+        self.starts = np.cumsum([0, *(len(f[0]) for f in faces)])
+        self.owner = np.repeat(np.arange(len(things)), np.diff(self.starts))
+        self.plane = np.unique(_planes(self.centres_m, self.normals), return_inverse=True)[1].reshape(-1)
+        own = np.unique(self.plane * len(things) + self.owner, return_inverse=True)[1].reshape(-1)
+        self.spread_m2 = np.bincount(own, self.area_m2)[own]
+
+    def rows_of(self, rows: np.ndarray) -> list[np.ndarray]:
+        """For each thing those of the rows that are its own."""
+        return [rows[(rows >= a) & (rows < b)] for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
+
+    def by_object(self, rows: np.ndarray) -> dict[bpy.types.Object, np.ndarray]:
+        """Objects that have some of the rows, and the indices of these faces in their meshes."""
+        own = zip(self.things, self.rows_of(rows), self.starts, strict=False)
+        return {thing.original: found - start for thing, found, start in own if len(found)}
+
+    def cast(
+        self, k: int, start_m: np.ndarray, way: np.ndarray, reach_m: float
+    ) -> tuple[np.ndarray, Vector, int] | None:
+        """As _cast, at thing k; the face is a row."""
+        hit = _cast(self.depsgraph, self.things[k], start_m, way, reach_m)
+        return hit and (hit[0], hit[1], hit[2] + int(self.starts[k]))
+
+    def equal(self) -> np.ndarray:
+        """Rows of faces that an earlier one equals, unless nobody sees them."""
+        again = np.setdiff1d(np.flatnonzero(self.keys), np.unique(self.keys, return_index=True)[1])
+        owner = self.owner
+        again = again[np.bincount(owner[again], self.area_m2[again], len(self.things))[owner[again]] > _SMALLEST_M2]
+        _, first, group = np.unique(self.keys, return_index=True, return_inverse=True)
+        turned = self.keys[again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]]
+
+        def is_seen(row: int, way: np.ndarray) -> bool:
+            """Whether the way from a face leads out of the two objects that share it, not through one of them to a back."""
+            for k in (owner[row], owner[first[group[row]]]):
+                hit = self.cast(k, self.centres_m[row] + 10 * _SAME_PLACE_M * way, way, 1e4)
+                if hit is not None and (hit[1].dot(Vector(way)) > 0 or self.keys[hit[2]] in turned):
+                    return False
+            return True
+
+        picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
+        return again if any(is_seen(k, sign * self.normals[k]) for k in picked for sign in (1, -1)) else again[:0]
+
+    def sheets(self, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
+        """Objects of one face or a few that lie in the plane of larger ones and look the same way; where they go, in metres."""
+        raised: dict[bpy.types.Object, Vector] = {}
+        for face, over in self._sharing_planes():
+            one, other = self.things[self.owner[face]].original, self.things[over].original
+            if one in raised or other in raised or face in again:
+                continue
+            hit = self._on(over, self.centres_m[face], self.normals[face])
+            if hit is not None and hit[1].dot(Vector(self.normals[face])) > 0.999 and self._is_sheet(face):
+                raised[one] = hit[1] * _RAISED_M
+        return raised
+
+    def _sharing_planes(self) -> Iterator[tuple[int, int]]:
+        """Faces, the largest of its object in its plane, and other objects with more in that plane; not all of very many."""
+        order = np.lexsort((-self.area_m2, self.owner, self.plane))
+        large = self.spread_m2 > _LARGE * np.bincount(self.owner, self.area_m2)[self.owner]
+        order = order[((self.area_m2 > _SMALLEST_M2) & large)[order]]
+        new = np.any([np.diff(a[order], prepend=a[order][:1] + 1) != 0 for a in (self.plane, self.owner)], axis=0)
+        largest = order[new]  # of each object in each plane
+        groups = [
+            g for g in np.split(largest, np.flatnonzero(np.diff(self.plane[largest])) + 1) if 1 < len(g) <= _PROBES
+        ]
+        pairs = [(a, self.owner[b]) for g in groups for a in g for b in g if a != b and a == self._smaller(a, b)]
+        yield from pairs[:: 1 + len(pairs) // _PAIRS]
+
+    def _smaller(self, a: int, b: int) -> int:
+        """Which of two faces in one plane belongs in front: that of which there is less, a rug on a floor of many tiles."""
+        area = self.area_m2 if self.owner[a] == self.owner[b] else self.spread_m2
+        return int(min(a, b, key=lambda row: (round(float(area[row]), 6), self.area_m2[row], -row)))
+
+    def _on(self, k: int, place_m: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, Vector, int] | None:
+        """The face of thing k that lies at the place in the plane square to the normal."""
+        reach_m = 10 * _SAME_PLACE_M
+        hit = self.cast(k, place_m + reach_m * normal, -normal, 2 * reach_m)
+        at = (
+            hit is not None
+            and abs(hit[1].dot(Vector(normal))) > 0.999
+            and np.linalg.norm(hit[0] - place_m) <= _SAME_PLACE_M
+        )
+        return hit if at else None
+
+    def _is_sheet(self, face: int) -> bool:
+        """A box on the floor is none: one of the ways from its face leads through it."""
+        ways, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
+        return all(self.cast(self.owner[face], self.centres_m[face] + reach_m * w, w, 1e4) is None for w in ways)
+
+    def overlapping(self, again: np.ndarray, raised: Iterable[bpy.types.Object]) -> tuple[np.ndarray, set[str]]:
+        """Rows of faces that overlap larger ones that look the same way, and names of sheets that overlap others that look the other
+        way; of the largest faces that share a plane with others, _OVERLAPS of them.
+        """
+        shared = (np.bincount(self.plane)[self.plane] > 1) & (self.area_m2 > _SMALLEST_M2)
+        shared &= np.array([thing.original not in raised for thing in self.things])[self.owner]
+        shared[again] = False
+        rows = np.flatnonzero(shared)
+        rows = rows[np.argsort(-self.area_m2[rows], kind="stable")][:_OVERLAPS]
+        lifted: set[int] = set()
+        turned: set[str] = set()
+        for row, other in (
+            pair for plane in np.unique(self.plane[rows]) for pair in self._pairs(rows[self.plane[rows] == plane])
+        ):
+            small = self._smaller(row, other)
+            if (self.normals[row] * self.normals[other]).sum() > 0:
+                lifted |= {small} if self._may_be_seen(small, row + other - small) else set()
+            elif self.owner[row] != self.owner[other] and self._is_sheet(small):
+                turned.add(self.things[self.owner[small]].name)
+        return np.array(sorted(lifted), int), turned
+
+    def _may_be_seen(self, small: int, large: int) -> bool:
+        """False for a box that stands on a floor whose front is below, with nothing there."""
+        if self.owner[small] == self.owner[large] or not self._is_sheet(large):
+            return True
+        start = Vector(self.centres_m[small] + 10 * _SAME_PLACE_M * self.normals[small])
+        return bool(self.depsgraph.scene.ray_cast(self.depsgraph, start, Vector(self.normals[small]))[0])
+
+    def _pairs(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
+        """Of faces in one plane, those that overlap: a place in one lies in the other."""
+        flat = np.delete(np.arange(3), np.abs(self.normals[rows[0]]).argmax())
+        outlines = [self._outline(int(row))[:, flat] for row in rows]
+        low, high = (np.array([extreme(outline, axis=0) for outline in outlines]) for extreme in (np.min, np.max))
+        for row, outline in zip(rows, outlines, strict=True):
+            places = _places_in(outline)
+            near = ((places[:, None] > low) & (places[:, None] < high)).all(-1).any(0)
+            for k in np.flatnonzero(near & (rows != row)):
+                if _within(outlines[k], places).any():
+                    yield int(row), int(rows[k])
+
+    def _outline(self, row: int) -> np.ndarray:
+        """(n, 3) corners of a face in metres."""
+        thing, face = self.things[self.owner[row]], row - self.starts[self.owner[row]]
+        return np.array(
+            [thing.matrix_world @ thing.data.vertices[k].co for k in thing.data.polygons[int(face)].vertices]
+        )
+
+
+def _places_in(outline: np.ndarray) -> np.ndarray:
+    """(n, 2) in a polygon (k, 2): near its corners, at the centres of its first and last triangle, and its own centre."""
+    ears = geometry.tessellate_polygon([[Vector((*corner, 0.0)) for corner in outline]])
+    picked = np.array([outline[list(ear)] for ear in (*ears[:1], *ears[1:][-1:])]).reshape(-1, 3, 2)
+    centres = picked.mean(1, keepdims=True)
+    places = np.concatenate([0.96 * picked + 0.04 * centres, centres], 1).reshape(-1, 2)
+    return np.vstack([places, outline.mean(0)]) if len(outline) <= 4 else places
+
+
+def _within(outline: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n,) places (n, 2) inside a polygon (k, 2): a ray along x crosses it an odd number of times."""
+    (x0, y0), (x1, y1) = outline.T[:, :, None], np.roll(outline, -1, 0).T[:, :, None]
+    x, y = places.T[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+    return (((y0 > y) != (y1 > y)) & (x < crossing)).sum(0) % 2 == 1
+
+
+def _planes(centres_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(F,) uint64, equal for faces in one plane, whichever way they look."""
     sign = np.sign(np.take_along_axis(normals, np.abs(normals).argmax(1)[:, None], 1))
     offset_m = (sign * normals * centres_m).sum(1)
-    plane = _mixed(np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)]))
-    order = np.lexsort((-area_m2, owner, plane))
-    order = order[(area_m2 > _SMALLEST_M2)[order] & (area_m2 > _LARGE * np.bincount(owner, area_m2)[owner])[order]]
-    new = np.any([np.diff(a[order], prepend=a[order][:1] + 1) != 0 for a in (plane, owner)], axis=0)
-    largest = order[new]  # of each object in each plane
-    groups = np.split(largest, np.flatnonzero(np.diff(plane[largest])) + 1)
-    pairs = [(a, owner[b]) for g in groups if 1 < len(g) <= _PROBES for a in g for b in g if area_m2[a] < area_m2[b]]
-    yield from pairs[:: 1 + len(pairs) // _PAIRS]
+    return _mixed(np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)]))
 
 
 def _cast(

@@ -94,31 +94,45 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     load(path)
     scene_paths.check_open(path, reading)
     scene = bpy.context.scene
-    scene.cycles.shading_system = False  # shaders in OSL are scripts, which may read files
-    if path.suffix.lower() != ".blend":
-        scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
-        ranges = [tuple(action.frame_range) for action in bpy.data.actions]
-        if ranges:  # readers leave the timeline as it was: as long as what moves
-            scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
-            scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
-    false_glass = sanitize.without_false_glass(path) if path.suffix.lower() == ".obj" else []
-    notes = [*missing, *sanitize.sanitize(scene), *false_glass]
+    _neutral_settings(path, scene)
+    notes = [*missing, *sanitize.sanitize(scene)]
+    if path.suffix.lower() == ".obj":
+        notes += sanitize.without_false_glass(path)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found=missing[0] if missing else "none")
     sentence, worth_telling = orient.orient(path, reading, list(scene.objects))
     notes = [*([sentence] if worth_telling else []), *notes]
     bpy.context.view_layer.update()
     notes += sanitize.displace_meshes(scene)
-    if surfaces.triangle_count() <= MAX_BAKED:
+    triangles = surfaces.triangle_count()
+    if not triangles and not len(surfaces.triangles().triangles):
+        raise InputError("a scene with at least one surface", path=path, found="points and edges without a face")
+    if triangles <= MAX_BAKED:
         notes += sanitize.remove_coincident_faces(scene)
+    return [*notes, *_light_passes_glass(), *_light_up(scene)]
+
+
+def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
+    """Of the scene in the file at `path`: what would change or hide surfaces, and what its reader left as it was."""
+    scene.cycles.shading_system = False  # shaders in OSL are scripts, which may read files
+    scene.render.use_simplify = False
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if scene.camera is None and len(cameras) == 1:
         scene.camera = cameras[0]  # formats without an active camera: their only one is
+    if path.suffix.lower() == ".blend":
+        return
+    scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
+    ranges = [tuple(action.frame_range) for action in bpy.data.actions]
+    if ranges:  # readers leave the timeline as it was: as long as what moves
+        scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
+        scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
+
+
+def _light_passes_glass() -> list[str]:
     glass = lit_scene.let_light_through(m for m in bpy.data.materials if m.use_nodes and m.node_tree)
-    if glass:
-        through = "lamps and sky shine through it unbent, without caustics"
-        notes.append(f"glass ({', '.join(sorted(glass))[:120]}): {through}")
-    return [*notes, *_light_up(scene)]
+    if not glass:
+        return []
+    return [f"glass ({', '.join(sorted(glass))[:120]}): lamps and sky shine through it unbent, without caustics"]
 
 
 def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
@@ -141,6 +155,9 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
         "hair, curves or points": preflight.strand_names(scene),
         "volumes": preflight.volume_names(scene),
         "light linking": preflight.light_linking_names(scene),
+        "toon or sheen shaders, over 6 UV maps, or materials that differ by instance": preflight.unmappable_names(
+            scene
+        ),
     }
     for what, names in hindrances.items():
         if names:

@@ -1,5 +1,6 @@
 """The names of other files in a scene file, of every kind that Blender opens: found without opening any of those files."""
 
+import functools
 import html
 import json
 import mmap
@@ -7,6 +8,7 @@ import os
 import re
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,16 +43,32 @@ class Named:
 
 
 def named_in(file: Path, kind: str = "") -> Iterator[Named]:
-    """What the file names, read as a file of that kind (`.mtl`), or as its name and its first bytes have it. Where it cannot be read nothing, as Blender's importer will say what is wrong with it; of a .blend raises InputError."""
-    try:
-        with open(file, "rb") as content:
-            head = content.read(18)
-        finders = {finder for start, finder in _MAGIC.items() if head.startswith(start)}
-        finders |= {finder for suffix, finder in _FINDERS.items() if suffix == (kind or file.suffix.lower())}
-        for finder in finders if head else ():
-            yield from finder(file)
-    except OSError:
-        return
+    """What the file names, read as a file of that kind (`.mtl`), or as its name and its first bytes have it. Where it cannot be read nothing, as Blender's importer will say what is wrong with it; of a .blend raises InputError.
+
+    A file is looked through once for as long as it does not change: scenes are checked before they are opened, and hashed afterwards.
+    """
+    with suppress(OSError):
+        state = file.stat()
+        if file.suffix.lower() == ".mtlx":  # what it includes is read with it: not before those names were looked at
+            yield from _looked_through(file, kind)
+            return
+        yield from _kept(file, kind, (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns))
+        if file.suffix.lower() == ".obj" and file.with_suffix(".mtl").exists():
+            yield Named("its materials", f"{file.stem}.mtl")
+
+
+@functools.lru_cache(maxsize=1024)
+def _kept(file: Path, kind: str, state: tuple[int, ...]) -> tuple[Named, ...]:
+    return tuple(_looked_through(file, kind))
+
+
+def _looked_through(file: Path, kind: str) -> Iterator[Named]:
+    with open(file, "rb") as content:
+        head = content.read(18)
+    finders = {finder for start, finder in _MAGIC.items() if head.startswith(start)}
+    finders |= {finder for suffix, finder in _FINDERS.items() if suffix == (kind or file.suffix.lower())}
+    for finder in finders if head else ():
+        yield from finder(file)
 
 
 def _in_blend(file: Path) -> Iterator[Named]:
@@ -65,8 +83,6 @@ def _in_blend(file: Path) -> Iterator[Named]:
 def _in_obj(file: Path) -> Iterator[Named]:
     for line, name in _lines(file, _MTLLIB):
         yield Named(line, name.strip('"'), told=True, kind=".mtl")
-    if file.with_suffix(".mtl").exists():
-        yield Named("its materials", f"{file.stem}.mtl")
 
 
 def _in_mtl(file: Path) -> Iterator[Named]:

@@ -13,6 +13,11 @@ from ..lightmap.surfaces import Surfaces, join
 from .compat import temporarily
 
 SURFACE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+#: Detail in the viewport and in renders: of subdivision and multiresolution, screws, curves, metaballs, oceans.
+_LEVELS = (
+    ("levels", "render_levels"), ("steps", "render_steps"), ("resolution_u", "render_resolution_u"),
+    ("resolution_v", "render_resolution_v"), ("resolution", "render_resolution"), ("viewport_resolution", "resolution"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -75,25 +80,39 @@ def triangle_count() -> int:
 
 @contextmanager
 def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
-    """The evaluated scene as the renderer would see it: what is hidden only in the viewport is shown, and the reverse."""
+    """The evaluated scene as the renderer would see it: what is hidden only in the viewport is shown, and the reverse; modifiers, curves
+    and metaballs at their levels for rendering; of what is only instanced, too.
+    """
     with ExitStack() as stack:
-        for collection in scene.collection.children_recursive:
-            stack.enter_context(temporarily(collection, hide_viewport=collection.hide_render))
+
+        def hold(thing: Any, **values: object) -> None:
+            stack.enter_context(temporarily(thing, **{k: v for k, v in values.items() if getattr(thing, k) != v}))
+
+        for collection in bpy.data.collections:
+            hold(collection, hide_viewport=collection.hide_render)
         for layer in _layers(bpy.context.view_layer.layer_collection):
-            stack.enter_context(temporarily(layer, hide_viewport=False))
-        for thing in scene.objects:
-            if thing.hide_viewport != thing.hide_render:
-                stack.enter_context(temporarily(thing, hide_viewport=thing.hide_render))
+            hold(layer, hide_viewport=False)
+        for thing in bpy.data.objects:
+            hold(thing, hide_viewport=thing.hide_render)
             if thing.hide_get():
                 thing.hide_set(False)
                 stack.callback(thing.hide_set, True)
             for modifier in thing.modifiers:
-                stack.enter_context(temporarily(modifier, show_viewport=modifier.show_render))
-                if hasattr(modifier, "render_levels") and hasattr(modifier, "levels"):
-                    stack.enter_context(temporarily(modifier, levels=modifier.render_levels))
+                hold(modifier, show_viewport=modifier.show_render, **_levels(modifier))
+            hold(thing.data, **_levels(thing.data))
+        for tree in (tree for tree in bpy.data.node_groups if tree.bl_idname == "GeometryNodeTree"):
+            for node in (node for node in tree.nodes if node.bl_idname == "GeometryNodeIsViewport"):
+                hold(node, mute=True)  # then it says no
         depsgraph = bpy.context.evaluated_depsgraph_get()
         depsgraph.update()
         yield depsgraph
+
+
+def _levels(thing: Any) -> dict[str, object]:
+    """Detail of a modifier, curve or metaball in the viewport, and what it is in renders; 0 mostly means the same."""
+    both = [(shown, rendered) for shown, rendered in _LEVELS if hasattr(thing, shown) and hasattr(thing, rendered)]
+    levels = {shown: getattr(thing, rendered) for shown, rendered in both}
+    return {shown: level for shown, level in levels.items() if level or shown == "levels"}
 
 
 def _layers(layer: bpy.types.LayerCollection, rendered: bool = False) -> list[bpy.types.LayerCollection]:
