@@ -55,7 +55,7 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
     try:
         with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
             import bpy  # noqa: F401
-        import open3d  # noqa: F401
+        import embreex  # noqa: F401
     except ImportError as error:
         raise blender_missing("bench detail", error) from None
     return _measure(rooms, args, PinholeCamera.parse(args.camera), console)

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     check_file(args.out)
     require("fuse", "numba", "cv2")
     if args.plot:
-        require("fuse --plot", "open3d")
+        require("fuse --plot", "embreex")
     from iclnuim import __version__
     from iclnuim.dataset.frames import find_truth
     from iclnuim.fusion.mesh import fuse_sequence

@@ -263,7 +263,7 @@ def test_the_script_refuses_an_unknown_choice_with_2(repository):
 
 
 def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_ones(whole_run, tmp_path, command_here):
-    pytest.importorskip("open3d")
+    pytest.importorskip("embreex")
     from iclnuim.formats.exr import write_exr
 
     run = [sys.executable, "-m", "iclnuim", "check-depth", "--json"]

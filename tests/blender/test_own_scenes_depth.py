@@ -91,7 +91,7 @@ def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
     rich, camera_path, tmp_path, kind, command_here, render_here
 ):
     """One kind by the command, the others in this process."""
-    pytest.importorskip("open3d")
+    pytest.importorskip("embreex")
     out = tmp_path / "run"
     if kind == "obj":
         light = ("--light", "path", "--samples", "1", "--no-denoise")

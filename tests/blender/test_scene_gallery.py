@@ -86,7 +86,7 @@ QUICK_TRUTH = {"fog_in_a_box", "bent_quads_beside_smooth_ones", "coincident_face
 
 @pytest.mark.parametrize("name", cases(RENDERS, QUICK_TRUTH))
 def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
-    pytest.importorskip("open3d")
+    pytest.importorskip("embreex")
     if name == "bent_quads_beside_smooth_ones" and scene_gallery.bpy.app.version >= (5, 0):
         pytest.xfail("Blender 5 shades flat faces beside smooth ones in another way, which is not followed yet")
     frame, _, _, run = rendered(name, "path", samples=2, ground_truth=True)
@@ -106,7 +106,7 @@ def test_sun_and_sky_shine_through_window_glass(rendered):
 
 def test_sky_is_no_outline():
     """One triangle before the camera, the rest sky; a frame that lacks half of it has an outline."""
-    pytest.importorskip("open3d")
+    pytest.importorskip("embreex")
     from iclnuim.formats.scene_model import SceneModel
     from iclnuim.geometry.se3 import SE3
     from iclnuim.raycast.checks import TruthCaster, truth_summary

@@ -11,7 +11,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 pytest.importorskip("numba")
-pytest.importorskip("open3d")
+pytest.importorskip("embreex")
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.fusion.pictures import picture  # noqa: E402
@@ -159,7 +159,7 @@ def test_a_picture_looks_into_the_room_from_outside():
 @pytest.fixture
 def sequence(tmp_path, camera, looking_at):
     """Ten views of the box from inside, as a TUM sequence; and the box as a PLY."""
-    import open3d
+    open3d = pytest.importorskip("open3d")
 
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(open3d.core.Tensor(BOX.astype(np.float32)), open3d.core.Tensor(SIDES.astype(np.uint32)))

@@ -9,7 +9,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
-pytest.importorskip("open3d")
+pytest.importorskip("embreex")
 pytest.importorskip("igl")
 from iclnuim.fusion.quality import SeenBy, surface_quality  # noqa: E402
 from iclnuim.fusion.samples import CELL_M, areas_m2, sampled, thinned  # noqa: E402

@@ -7,7 +7,7 @@ import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.handheld_plan import FreeSpace
 
-pytest.importorskip("open3d", reason="needs open3d")
+pytest.importorskip("embreex")
 from iclnuim.raycast.caster import RayCaster, viewpoints  # noqa: E402
 
 #: Corner of a unit cube -> its six faces, normals outside; a room shows its inner sides.

@@ -10,7 +10,7 @@ import pytest
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
 )  # before open3d: both bring a TBB, and bpy 5.2 needs its own
-pytest.importorskip("open3d")
+pytest.importorskip("embreex")
 
 
 def test_the_knee_of_a_bent_line_is_where_it_bends_in_whatever_units():

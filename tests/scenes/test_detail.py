@@ -11,7 +11,7 @@ from iclnuim.geometry.camera import PinholeCamera
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
 )  # before open3d: both bring a TBB, and bpy 5.2 needs its own
-pytest.importorskip("open3d")
+pytest.importorskip("embreex")
 
 
 def test_a_chamfered_box_becomes_the_box_about_it():

@@ -97,7 +97,7 @@ def surface_quality(
 
     Accuracy is measured to the whole model, so that nothing is gained by surfaces that no pose saw. Completion is measured over what
     `seen_by` saw, or over all of the model (whole), else not at all. Raises InputError where no pose sees any of the model, or no triangle
-    has an area; WorkError where open3d or libigl is missing.
+    has an area; WorkError where embreex or libigl is missing.
     """
     settings = settings or QualitySettings()
     moved, cloud = points if T_model_mesh is None else T_model_mesh.apply(points), not len(triangles)

@@ -21,7 +21,8 @@ from ..raycast.caster import RayCaster
 from ..raycast.distance import TriangleDistance
 from .samples import areas_m2
 
-MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
+GLTF_ENDINGS = (".gltf", ".glb")
+MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", *GLTF_ENDINGS)
 #: Shares of the vertices within these distances are reported.
 WITHIN_M = (0.001, 0.005, 0.01, 0.05)
 #: Units, in metres, in which reconstructions arrive by mistake -> what the unit is called where one is set.
@@ -86,7 +87,7 @@ class TrueSurface:
 
     @cached_property
     def caster(self) -> RayCaster:
-        """Rays at it. Raises WorkError where open3d is missing."""
+        """Rays at it. Raises WorkError where embreex is missing."""
         return RayCaster(self.vertices, self.triangles)
 
     def distance(self, points_m: np.ndarray) -> np.ndarray:
@@ -299,20 +300,36 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         model = read_ply(path)
         points, triangles, colours = model.points, model.triangles, model.colours
     else:
-        try:
-            import open3d
-        except ImportError:
-            raise WorkError(
-                f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply"
-            ) from None
-        with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-            mesh = open3d.io.read_triangle_mesh(path)
-        points, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
-        colours = (np.asarray(mesh.vertex_colors) * 255 + 0.5).astype(np.uint8)
-        colours = colours if len(colours) else np.zeros((len(points), 0), np.uint8)
+        points, triangles = _read_gltf(path) if path.suffix.lower() in GLTF_ENDINGS else _read_plain(path)
+        colours = np.zeros((len(points), 0), np.uint8)
     if not len(points):
         raise InputError("a mesh or a point cloud with points", path=path, found="none")
     return points, triangles, colours
+
+
+def _read_plain(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        import igl
+    except ImportError:
+        raise WorkError(f"{path}: {path.suffix} is read by libigl; try: pip install libigl, or a .ply") from None
+    from ..blender import output
+
+    try:
+        with output.blender_output_in(Path(os.devnull)):
+            points, triangles = igl.read_triangle_mesh(str(path))
+    except RuntimeError as error:
+        raise InputError("a whole mesh", path=path, found=str(error).splitlines()[0]) from None
+    return points, triangles.reshape(-1, 3).astype(np.int64)
+
+
+def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        import open3d
+    except ImportError:
+        raise WorkError(f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply") from None
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+        mesh = open3d.io.read_triangle_mesh(path)
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
 
 
 def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:

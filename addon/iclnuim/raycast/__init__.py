@@ -1,1 +1,1 @@
-"""Rays against triangles (Embree, through open3d), distances to them (libigl), what is seen, and independent checks of rendered depth."""
+"""Rays against triangles (Embree, through embreex), distances to them (libigl), what is seen, and independent checks of rendered depth."""

@@ -1,4 +1,4 @@
-"""Rays against triangles, what a camera saw of them, and viewpoints in their free space: Embree, by way of open3d. Nothing else asks it for rays."""
+"""Rays against triangles, what a camera saw of them, and viewpoints in their free space: Embree, by way of embreex. Nothing else asks it for rays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,19 +44,19 @@ class Hits:
 class RayCaster:
     """Of triangles (m, 3), indices into vertices (n, 3) in metres, world.
 
-    Raises InputError for no triangles, WorkError where open3d is missing.
+    Raises InputError for no triangles, WorkError where embreex is missing.
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
         if not len(triangles):
             raise InputError("a surface with triangles", found="none")
-        open3d: Any
         try:
-            import open3d
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
         except ImportError:
-            raise WorkError("ray casting needs the package open3d; try: pip install open3d-cpu") from None
-        self._tensor, self._scene = open3d.core.Tensor, open3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(self._packed(vertices), self._tensor(np.ascontiguousarray(triangles, np.uint32)))
+            raise WorkError("ray casting needs the package embreex; try: pip install embreex") from None
+        self._scene: Any = EmbreeScene()
+        TriangleMesh(self._scene, _packed(vertices), np.ascontiguousarray(triangles, np.int32))
 
     @classmethod
     def of_model(cls, model: SceneModel) -> "RayCaster":
@@ -65,11 +65,14 @@ class RayCaster:
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
         """Rays of directions (..., 3), of any length, from origins (..., 3) or one origin (3,)."""
-        rays = np.concatenate([np.broadcast_to(origins, directions.shape), directions], -1)
-        hit = self._scene.cast_rays(self._packed(rays))
-        distance = hit["t_hit"].numpy()
-        triangle = np.where(np.isfinite(distance), hit["primitive_ids"].numpy().astype(np.int64), -1)
-        return Hits(distance, triangle, hit["primitive_uvs"].numpy(), hit["primitive_normals"].numpy())
+        shape = directions.shape[:-1]
+        origins, directions = (_packed(np.broadcast_to(a, (*shape, 3)).reshape(-1, 3)) for a in (origins, directions))
+        hit = self._scene.run(origins, directions, output=True)
+        triangle = hit["primID"].astype(np.int64)
+        distance = np.where(triangle >= 0, hit["tfar"], np.float32(np.inf))
+        uv, normal = np.stack([hit["u"], hit["v"]], -1), hit["Ng"]
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), np.float32(1e-30))
+        return Hits(distance.reshape(shape), triangle.reshape(shape), uv.reshape(*shape, 2), normal.reshape(*shape, 3))
 
     def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
         """(h, w) planar Z in metres, 0 where a ray meets nothing. Rays have z = 1, so the distance along them is Z itself."""
@@ -77,8 +80,9 @@ class RayCaster:
         distance = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T).distance
         return np.where(np.isfinite(distance), distance, 0.0)
 
-    def _packed(self, numbers: np.ndarray) -> Any:
-        return self._tensor(np.ascontiguousarray(numbers, np.float32))
+
+def _packed(numbers: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(numbers, np.float32)
 
 
 class Visibility:
