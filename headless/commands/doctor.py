@@ -37,7 +37,7 @@ PACKAGES = (
     ("opencv-contrib-python-headless", "cv2", False, "odometry and fast PNG", "opencv-contrib-python-headless==4.11.*"),
     ("libigl", "igl", False, "distances to surfaces", "libigl"),
     ("embreex", "embreex", False, "check-depth, clearances, what is seen of surfaces", "embreex"),
-    ("open3d-cpu", "open3d", False, "Open3D's odometers; STL and OFF meshes", "iclnuim[open3d]"),
+    ("open3d-cpu", "open3d", False, "Open3D's odometers; glTF meshes", "iclnuim[open3d]"),
     ("matplotlib", "matplotlib", False, "plots", "matplotlib"),
     ("submitit", "submitit", False, "Slurm", "iclnuim[slurm]"),
     ("rosbags", "rosbags", False, "ROS bags", "iclnuim[ros]"),

@@ -77,7 +77,7 @@ def camera_path(rich, tmp_path_factory):
 def test_the_cameras_animation_is_saved_as_it_plays(camera_path):
     rows = np.loadtxt(camera_path)
     assert rows.shape == (5, 8)
-    assert rows[:, 0] == pytest.approx(np.arange(5) / 24, abs=1e-6)
+    assert rows[:, 0] == pytest.approx(1 + np.arange(5) / 24, abs=1e-6)
     assert rows[0, 1:4] == pytest.approx([-0.5, -1.8, 1.4], abs=1e-6)
     assert rows[-1, 1:4] == pytest.approx([0.5, -1.8, 1.4], abs=1e-6)
     from iclnuim.geometry.se3 import SE3

@@ -9,6 +9,7 @@ from iclnuim.geometry.handheld_plan import FreeSpace
 
 pytest.importorskip("embreex")
 from iclnuim.raycast.caster import RayCaster, viewpoints  # noqa: E402
+from iclnuim.raycast.distance import TriangleDistance
 
 #: Corner of a unit cube -> its six faces, normals outside; a room shows its inner sides.
 CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -24,8 +25,9 @@ def box(low, high, inside=False, leave_out=()):
 def space_and_caster(*parts):
     triangles = np.concatenate(parts)
     corners = triangles.reshape(-1, 3)
-    caster = RayCaster(corners, np.arange(len(corners)).reshape(-1, 3))
-    return FreeSpace.between(corners.min(0), corners.max(0) + [0, 0, 0.5], caster.distance), caster
+    rows = np.arange(len(corners)).reshape(-1, 3)
+    distance = TriangleDistance(corners, rows).distance
+    return FreeSpace.between(corners.min(0), corners.max(0) + [0, 0, 0.5], distance), RayCaster(corners, rows)
 
 
 TABLE = box((1, 1, 0.7), (3.4, 2.2, 0.75))

@@ -254,7 +254,7 @@ class Reconstruction:
 def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
     """Of a mesh or a point cloud in units of unit_m. Points that are not finite are left out, with the triangles that have one.
 
-    Raises InputError for a file that is neither or has no finite point, WorkError where open3d is missing.
+    Raises InputError for a file that is neither or has no finite point, WorkError where a reader is missing.
     """
     points, triangles, _ = _read(Path(path))
     finite = np.isfinite(points).all(axis=1)
@@ -279,7 +279,7 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
 def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """points (n, 3), triangles (m, 3), colours (n, 3) uint8 or (n, 0); polygons become triangles.
 
-    Raises InputError for a file that is no mesh, is empty, has no triangle, or has coordinates that are not finite, WorkError where open3d is missing.
+    Raises InputError for a file that is no mesh, is empty, has no triangle, or has coordinates that are not finite, WorkError where a reader is missing.
     """
     points, triangles, colours = _read(Path(path))
     bad = int((~np.isfinite(points).all(axis=1)).sum())
@@ -335,7 +335,7 @@ def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
     """points (n, 3) and triangles (m, 3) of a mesh file, a built-in scene by name, or a .blend; in its own world, z up for scenes.
 
-    Raises InputError for what is none of them or has no triangle, WorkError where open3d or bpy is missing.
+    Raises InputError for what is none of them or has no triangle, WorkError where a reader or bpy is missing.
     """
     if Path(name).suffix.lower() in MESH_ENDINGS:
         points, triangles, _ = read_mesh(Path(name))
