@@ -735,6 +735,19 @@ def random_colour_of_instances(folder: Path) -> None:
     tree.links.new(info.outputs["Random"], tree.nodes["Principled BSDF"].inputs["Base Color"])
 
 
+@scene()
+def view_layers(folder: Path) -> None:
+    """Collections that are held out, or seen in reflections and by light alone; a second view layer, without the box, is looked at."""
+    room()
+    for name, x in (("holdout", -1.2), ("indirect_only", -0.2)):
+        moved(box(name, (x, 0.6, 0.3), (x + 0.5, 1.2, 0.9), material(name, (0.2, 0.3, 0.7))), collection(name))
+        setattr(bpy.context.view_layer.layer_collection.children[name], name, True)
+    moved(bpy.data.objects["box"], collection("boxes"))
+    second = bpy.context.scene.view_layers.new("second")
+    second.layer_collection.children["boxes"].exclude = True
+    bpy.context.window.view_layer = second
+
+
 @scene(refused=True, note="surface")
 def edges_alone(folder: Path) -> None:
     """A mesh without a face."""

@@ -95,6 +95,7 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     scene_paths.check_open(path, reading)
     scene = bpy.context.scene
     _neutral_settings(path, scene)
+    _look_at_rendered_layer(scene)
     notes = [*missing, *sanitize.sanitize(scene)]
     if path.suffix.lower() == ".obj":
         notes += sanitize.without_false_glass(path)
@@ -126,6 +127,20 @@ def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
     if ranges:  # readers leave the timeline as it was: as long as what moves
         scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
         scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
+
+
+def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
+    """The first view layer is rendered: it is the one looked at, too; what its collections hold out or hide from cameras, objects do."""
+    layer = scene.view_layers[0]
+    if bpy.context.window is not None:
+        bpy.context.window.view_layer = layer
+    for thing in layer.objects:
+        if thing.indirect_only_get(view_layer=layer):
+            thing.visible_camera = False
+        if thing.holdout_get(view_layer=layer):
+            thing.is_holdout = True
+    for collection in surfaces.layers_below(layer.layer_collection):
+        collection.indirect_only = collection.holdout = False
 
 
 def _light_passes_glass() -> list[str]:

@@ -90,7 +90,7 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
 
         for collection in bpy.data.collections:
             hold(collection, hide_viewport=collection.hide_render)
-        for layer in _layers(bpy.context.view_layer.layer_collection):
+        for layer in layers_below(bpy.context.view_layer.layer_collection):
             hold(layer, hide_viewport=False)
         for thing in bpy.data.objects:
             hold(thing, hide_viewport=thing.hide_render)
@@ -115,10 +115,10 @@ def _levels(thing: Any) -> dict[str, object]:
     return {shown: level for shown, level in levels.items() if level or shown == "levels"}
 
 
-def _layers(layer: bpy.types.LayerCollection, rendered: bool = False) -> list[bpy.types.LayerCollection]:
+def layers_below(layer: bpy.types.LayerCollection, rendered: bool = False) -> list[bpy.types.LayerCollection]:
     """All below `layer`, or those that render; the top one is never hidden."""
     shown = [c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))]
-    return [inner for child in shown for inner in (child, *_layers(child, rendered))]
+    return [inner for child in shown for inner in (child, *layers_below(child, rendered))]
 
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
@@ -207,7 +207,7 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
 def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The lamps that give light in a render: not hidden themselves, nor by every collection that they are in."""
     top = bpy.context.view_layer.layer_collection
-    shown = {thing for layer in (top, *_layers(top, rendered=True)) for thing in layer.collection.objects}
+    shown = {thing for layer in (top, *layers_below(top, rendered=True)) for thing in layer.collection.objects}
     return [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render and thing in shown]
 
 
