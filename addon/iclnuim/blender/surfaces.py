@@ -93,7 +93,7 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         for layer in layers_below(bpy.context.view_layer.layer_collection):
             hold(layer, hide_viewport=False)
         for thing in bpy.data.objects:
-            hold(thing, hide_viewport=thing.hide_render)
+            hold(thing, hide_viewport=thing.hide_render, show_instancer_for_viewport=thing.show_instancer_for_render)
             if thing.hide_get():
                 thing.hide_set(False)
                 stack.callback(thing.hide_set, True)
