@@ -12,7 +12,7 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim.blender import light_map, scene, worker  # noqa: E402
 
-ROOMS = sorted(folder.name for folder in (shipped.folder("blend") / "light").iterdir())
+ROOMS = shipped.SCENE_NAMES
 
 
 @pytest.mark.parametrize("room", ROOMS)
