@@ -19,6 +19,8 @@ SCHEMA_VERSION = 1
 LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples": 1, "denoise": False}}
 #: Core-seconds that a bake of 2048 x 2048 texels with 32 samples takes in the living room (docs/farm.md).
 _BAKE_CORE_S = 1110.0
+#: A light map's folder: the map, where each surface lies in it, what it was made from.
+LIGHT_FILES = ("light.exr", "layout.npz", "recipe.json")
 
 
 @dataclass(frozen=True)
@@ -130,10 +132,12 @@ def shipped_light(job: RenderJob) -> Path | None:
         return None
     room = shipped.folder("blend") / f"{job.scene}.blend"
     folder = room.parent / "light" / job.scene
-    if not (room.is_file() and (folder / "recipe.json").is_file()):
+    if not all(file.is_file() for file in (room, *(folder / name for name in LIGHT_FILES))):
         return None
-    fits = {"scene_sha256": sha256(read_bytes(room)), "size": job.map_size, "samples": job.map_samples}
-    return folder if read_json(folder / "recipe.json").get("fits") == fits else None
+    fits = read_json(folder / LIGHT_FILES[-1]).get("fits", {})
+    if (fits.get("size"), fits.get("samples")) != (job.map_size, job.map_samples):
+        return None
+    return folder if fits.get("scene_sha256") == sha256(read_bytes(room)) else None
 
 
 def shipped_job(sequence: str) -> RenderJob:

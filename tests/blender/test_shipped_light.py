@@ -55,6 +55,10 @@ def test_it_is_left_aside_for_other_maps_rooms_and_scenes(monkeypatch, tmp_path,
     blend = shutil.copytree(shipped.folder("blend"), tmp_path / "blend", ignore=shutil.ignore_patterns("builder"))
     monkeypatch.setattr(shipped, "folder", lambda name: blend)
     assert shipped_light(job) == blend / "light" / room
+    light = blend / "light" / room / light_map.MAP
+    light.rename(light.with_name("away"))
+    assert shipped_light(job) is None
+    light.with_name("away").rename(light)
     recipe = blend / "light" / room / light_map.RECIPE
     changed = read_json(recipe)
     changed["fits"]["scene_sha256"] = "0" * 64

@@ -27,7 +27,7 @@ from .. import __version__
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats.exr import write_exr
 from ..formats.files import read_bytes, read_json, sha256, write_json
-from ..job import RenderJob, bake_core_s, shipped_light
+from ..job import LIGHT_FILES, RenderJob, bake_core_s, shipped_light
 from ..lightmap.denoise import beside_known, contrast, denoise, fill
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
@@ -36,7 +36,7 @@ from . import compat, light_sampling, lit_scene, scene, scene_key, surfaces
 from .lit_scene import LitScene, MapLayout
 from .surfaces import Part
 
-MAP, LAYOUT, RECIPE = "light.exr", "layout.npz", "recipe.json"
+MAP, LAYOUT, RECIPE = LIGHT_FILES
 #: Cycles for a frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
 BOUNCES = {
     "max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16,
@@ -257,7 +257,7 @@ class _Points:
 
 def is_whole(folder: Path) -> bool:
     """Whether a finished light map lies there. The recipe is written last."""
-    return all((folder / name).is_file() for name in (MAP, LAYOUT, RECIPE))
+    return all((folder / name).is_file() for name in LIGHT_FILES)
 
 
 def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> None:

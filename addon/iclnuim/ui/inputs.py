@@ -19,7 +19,7 @@ from ..formats.trajectories import read_trajectory, trajectory_text, write_traje
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, adopt
-from ..job import RenderJob, shipped_light
+from ..job import RenderJob
 from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
@@ -97,15 +97,15 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
     if known is None or known[0] != asked or time.monotonic() - known[1] > _FRESH_S:
         line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
         try:
-            job = settings.to_job(name, "kt2")
-            if shipped_light(job):
-                line = "this room's light comes with the extension: nothing to bake"
-            elif found := light_map.find(state.cache_folder(), job):
-                _, size_bytes, age_s = found
+            cache = state.cache_folder()
+            if found := light_map.find(cache, settings.to_job(name, "kt2")):
+                folder, size_bytes, age_s = found
                 units = (("day", 86400), ("hour", 3600), ("minute", 60))
                 ages = ((int(age_s // seconds), unit) for unit, seconds in units)
                 age = next((f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n), "less than a minute")
                 line = f"this scene's light is in the cache: {size_bytes / 1e6:.1f} MB, baked {age} ago"
+                if cache not in folder.parents:
+                    line = "this room's light comes with the extension: nothing to bake"
         except (IclnuimError, OSError):
             line = "no scene file is chosen yet"
         known = held.light_map = asked, time.monotonic(), line
