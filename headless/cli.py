@@ -32,7 +32,7 @@ COMMANDS = {
     "noise": "the same noise on a sequence that you have; noise calibrate fits it to a sensor",
     "inspect": "problems of any RGB-D sequence; preview images",
     "pack": "the archive to publish: files, checksums, licence, preview, recipe",
-    "evaluate": "errors against ground truth: trajectory (ate, rpe), surface (surface)",
+    "evaluate": "errors against ground truth: trajectory (ate, rpe), surface (surface), rendered views (views)",
     "odometry": "camera motion from colour and depth: our odometers and third-party ones",
     "run": "any system's camera motion on sequences: staged, timed, judged by what it wrote",
     "fuse": "depth images and a trajectory to a coloured mesh",

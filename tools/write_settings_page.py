@@ -23,6 +23,7 @@ MODULES = (
     "iclnuim.evaluation.associate",
     "iclnuim.evaluation.align",
     "iclnuim.evaluation.relative_error",
+    "iclnuim.evaluation.image_error",
     "iclnuim.odometry.registry",
     "iclnuim.fusion.settings",
     "iclnuim.geometry.handheld_plan",

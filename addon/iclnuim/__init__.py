@@ -19,6 +19,8 @@ __all__ = [
     # trajectory error: ATE and RPE
     "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError", "AbsoluteErrorSettings", "relative_error",
     "RelativeError", "RelativeErrorSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
+    # rendered views
+    "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim",
     # sensor noise
     "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS", "RGB_MODELS",
     # RGB-D sequences
@@ -36,11 +38,13 @@ __all__ = [
 if TYPE_CHECKING:
     from .dataset.frames import FrameSource, image_frames, run_frames
     from .dataset.inspection import Inspection, inspect_sequence
+    from .dataset.rendered_views import ViewError, ViewErrors, view_errors
     from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
     from .errors import IclnuimError, InputError, WorkError
     from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
+    from .evaluation.image_error import ViewSettings, psnr_db, ssim
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
     from .formats.ply import write_ply
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory

@@ -1,5 +1,5 @@
 """`iclnuim evaluate`: the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe),
-and of a reconstructed surface (surface). iclnuim.report.trajectory_report says what --json prints and --csv writes.
+of a reconstructed surface (surface), and of rendered views (views). iclnuim.report.trajectory_report says what --json prints and --csv writes.
 """
 
 import argparse
@@ -12,6 +12,7 @@ from iclnuim.errors import InputError, named
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, ErrorStatistics
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
+from iclnuim.evaluation.image_error import ViewSettings
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.trajectories import read_trajectory
@@ -67,6 +68,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
     renamed(surface, "--most", "--max-error", type=float)
+    example = "iclnuim evaluate views rendered --truth out/living_room/kt2/held_out/clean"
+    views = action(
+        actions, "views", "rendered views against true frames: PSNR, SSIM, LPIPS, Depth L1", example, run_views
+    )
+    add = views.add_argument
+    add("folder", type=Path, metavar="DIR", help="rendered colour, and depth if any, named as the images of SEQUENCE")
+    add("--truth", type=Path, required=True, metavar="SEQUENCE", help="the true frames, a sequence in any format")
+    keyframes = "names, numbers or stamps of keyframes, one a line, or their trajectory: they are reported apart"
+    add("--keyframes", type=Path, metavar="FILE", help=keyframes)
+    add_settings(views, ViewSettings)
+    add("--csv", metavar="FILE", help="write the figures of every view as a table")
 
 
 def _files_and_times(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +96,8 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
 
 def spelled_out(argv: list[str]) -> list[str]:
     """`DIR EST` -> `ate GROUNDTRUTH EST`, the ground truth being the one in the folder; `ate` and `rpe` take one too."""
+    if argv[:1] in (["surface"], ["views"]):
+        return argv
     named = argv[:1] if argv[:1] in (["ate"], ["rpe"]) else []
     files = argv[len(named) :]
     if not files or not os.path.isdir(files[0]):
@@ -158,6 +172,38 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     quality = _quality(surface, mesh, T_model_mesh, seen_by, whole, settings, console)
     values["quality"] = quality
     console.result(values, _surface_text(values))
+
+
+def run_views(args: argparse.Namespace, console: Console) -> None:
+    from iclnuim.dataset.rendered_views import view_errors
+
+    settings, progress = settings_from(args, ViewSettings()), console.progress(0, "evaluate", "views")
+    found = view_errors(args.folder, args.truth, args.keyframes, settings, progress.advance)
+    if args.csv:
+        atomic_write_text(args.csv, found.csv())
+    if found.missing:
+        names = ", ".join(found.missing[:3]) + (" ..." if len(found.missing) > 3 else "")
+        total = len(found.missing) + len(found.views)
+        console.note(f"note: {len(found.missing)} of {total} views are not there and are left out: {names}")
+    values = {"folder": str(args.folder), "truth": str(args.truth), **settings.to_dict(), **found.to_dict()}
+    console.result(values, _views_text(values))
+
+
+def _views_text(values: dict) -> str:
+    heads = {
+        "psnr_db": ("PSNR [dB]", 1),
+        "ssim": ("SSIM", 1),
+        "lpips": ("LPIPS", 1),
+        "depth_l1_m": ("Depth L1 [mm]", 1e3),
+        "depth_missing": ("no depth [%]", 1e2),
+    }
+    shown = {name: head for name, head in heads.items() if name in values["all"]}
+    lines = [f"{'':<10}{'views':>6}" + "".join(f"{title:>15}" for title, _ in shown.values())]
+    for group in (name for name in ("all", "keyframes", "others") if name in values):
+        found = {name: values[group].get(name, "-") for name in shown}
+        cells = ("inf" if v is None else v if v == "-" else f"{v * shown[name][1]:.4f}" for name, v in found.items())
+        lines.append(f"{group:<10}{values[group]['views']:>6}" + "".join(f"{cell:>15}" for cell in cells))
+    return "\n".join(lines)
 
 
 def _seen_by(args: argparse.Namespace) -> "tuple[SeenBy | None, bool]":

@@ -1,0 +1,192 @@
+"""Views that a mapping system rendered, held against the true frames of a sequence: PSNR, SSIM, LPIPS, Depth L1, keyframes and others apart."""
+
+import importlib.util
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, WorkError
+from ..evaluation.image_error import ViewSettings, psnr_db, ssim
+from ..formats.files import data_lines, is_file, read_text
+from ..formats.images import ARRAY, JPEG, read_colour8
+from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images
+from .layout import DEPTH, RGB, SequenceCamera, camera_file, usual_step_s
+
+#: What stands in every row of figures, and the unit.
+FIGURES = {"psnr_db": "dB", "ssim": "", "lpips": "", "depth_l1_m": "m", "depth_missing": ""}
+_ENDINGS = {RGB: (".png", JPEG, ".jpeg"), DEPTH: (".png", ARRAY)}
+
+
+@dataclass(frozen=True)
+class ViewError:
+    """Of one view: its image's name without the ending, whether it is a keyframe, and figures: psnr_db (inf where it is equal), ssim, lpips
+    where its package is there; with rendered depth depth_l1_m, the mean |depth - true depth| over pixels that have a true one, a hole
+    counting as depth 0, and depth_missing, the share of holes among them.
+    """
+
+    name: str
+    keyframe: bool
+    psnr_db: float
+    ssim: float
+    lpips: float | None = None
+    depth_l1_m: float | None = None
+    depth_missing: float | None = None
+
+
+@dataclass(frozen=True)
+class ViewErrors:
+    """Of all views that are there; `missing`: names of those that are not."""
+
+    views: tuple[ViewError, ...]
+    missing: tuple[str, ...] = ()
+
+    def mean(self, keyframe: bool | None = None) -> dict[str, float]:
+        """Means over all views, over keyframes (True), or over the others (False); figures that no view has are left out. {} for no view."""
+        chosen = [view for view in self.views if keyframe is None or view.keyframe == keyframe]
+        found = {name: [v for view in chosen if (v := getattr(view, name)) is not None] for name in FIGURES}
+        return {name: float(np.mean(values)) for name, values in found.items() if values}
+
+    def to_dict(self) -> dict:
+        """Counts and means by group; what is infinite, of equal images, is None."""
+        groups: dict[str, bool | None] = {"all": None}
+        if any(view.keyframe for view in self.views):
+            groups |= {"keyframes": True, "others": False}
+        found: dict = {"views": len(self.views), "missing": list(self.missing)}
+        for group, keyframe in groups.items():
+            count = sum(keyframe is None or view.keyframe == keyframe for view in self.views)
+            means = {name: v if np.isfinite(v) else None for name, v in self.mean(keyframe).items()}
+            found[group] = {"views": count, **means}
+        return found
+
+    def csv(self) -> str:
+        """A line a view."""
+        rows = [",".join(["view", "keyframe", *FIGURES])]
+        for view in self.views:
+            values = ("" if (v := getattr(view, name)) is None else repr(v) for name in FIGURES)
+            rows.append(",".join([view.name, str(int(view.keyframe)), *values]))
+        return "\n".join(rows) + "\n"
+
+
+def view_errors(
+    folder: Path | str,
+    truth: Path | str,
+    keyframes: Path | str | None = None,
+    settings: ViewSettings | None = None,
+    on_view: Callable[[], object] = lambda: None,
+) -> ViewErrors:
+    """Rendered images in `folder` against the frames of the sequence `truth`, in any format, which they are named after.
+
+    The colour of rgb/000012.png is rgb/000012 there, or 000012, as .png or .jpg; its depth, if any, depth/000012, as .png, in the units of
+    camera.json there or else of `truth`, or as .npy in metres. keyframes: a file with a line for each, which begins with its image's name,
+    its frame's number or its stamp, such as a trajectory of keyframes.
+
+    Raises InputError where no view is there, images differ in size, or a keyframe is none of the frames; WorkError where LPIPS cannot begin.
+    """
+    folder, truth, settings = Path(folder), Path(truth), settings or ViewSettings()
+    pairs = find_pairs(truth)
+    if not folder.is_dir():
+        raise InputError("a folder of rendered views", path=folder, found="nothing of that name")
+    camera = read_camera(truth, pairs[0].rgb)
+    own = camera_file(folder) or camera
+    chosen = set() if keyframes is None else read_keyframes(Path(keyframes), pairs)
+    perceptual = _lpips() if settings.lpips and has_lpips() else None
+    views, missing = [], []
+    for row, pair in enumerate(pairs):
+        rgb, depth = (_find(folder, truth, image, kind) for kind, image in ((RGB, pair.rgb), (DEPTH, pair.depth)))
+        on_view()
+        if rgb is None:
+            missing.append(pair.rgb.stem)
+            continue
+        colour, depth_z_m = read_images(pair, camera)
+        image = read_colour8(rgb)
+        _check_size(rgb, image, camera)
+        view = ViewError(pair.rgb.stem, row in chosen, psnr_db(image, colour), ssim(image, colour, settings.ssim_window),
+                         perceptual(image, colour) if perceptual else None, *_depth_error(depth, depth_z_m, own))  # fmt: skip
+        views.append(view)
+    if not views:
+        first = pairs[0].rgb.name
+        raise InputError(f"views named as the images of {truth}, such as {first}", path=folder, found="none of them")
+    return ViewErrors(tuple(views), tuple(missing))
+
+
+def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
+    """Rows of the pairs that a file names. Raises InputError where a line is none of them."""
+    names = {pair.rgb.stem: row for row, pair in enumerate(pairs)}
+    numbers, stamps_s = {pair.number: row for row, pair in enumerate(pairs)}, np.array([p.stamp_s for p in pairs])
+    found = set()
+    for line, text in data_lines(read_text(path)):
+        word = text.replace(",", " ").split()[0]
+        row = names.get(Path(word).stem if word.endswith((*_ENDINGS[RGB], ARRAY)) else word)
+        if row is None and word.isdecimal():
+            row = numbers.get(int(word))
+        if row is None:
+            row = _by_stamp(word, stamps_s)
+        if row is None:
+            raise InputError("the name, number or stamp of a frame", path=path, line=line, found=word)
+        found.add(row)
+    return found
+
+
+def _by_stamp(word: str, stamps_s: np.ndarray) -> int | None:
+    try:
+        off_s = np.abs(stamps_s - float(word))
+    except ValueError:
+        return None
+    row = int(off_s.argmin())
+    return row if off_s[row] <= 0.5 * usual_step_s(stamps_s) else None
+
+
+def _find(folder: Path, truth: Path, image: Path, kind: str) -> Path | None:
+    """Where the view of a true image lies: under its path there, in rgb/ or depth/, or, of colour, in the folder itself."""
+    places = [folder / kind / image.stem]
+    if image.is_relative_to(truth):
+        places.insert(0, folder / image.relative_to(truth).with_suffix(""))
+    places += [folder / image.stem] if kind == RGB else []
+    files = (place.with_name(place.name + ending) for place in places for ending in _ENDINGS[kind])
+    return next((file for file in files if is_file(file)), None)
+
+
+def _check_size(path: Path, image: np.ndarray, camera: SequenceCamera) -> None:
+    c = camera.pinhole
+    if image.shape[:2] != (c.height, c.width):
+        found = f"{image.shape[1]} x {image.shape[0]}"
+        raise InputError(f"{c.width} x {c.height}, as the true image", path=path, found=found)
+
+
+def _depth_error(path: Path | None, truth_m: np.ndarray, camera: SequenceCamera) -> tuple[float | None, float | None]:
+    """depth_l1_m and depth_missing; None without a depth image, or where nothing has a true depth."""
+    valid = truth_m > 0
+    if path is None or not valid.any():
+        return None, None
+    depth_z_m = read_depth_m(path, camera.depth_units_per_metre)
+    _check_size(path, depth_z_m, camera)
+    depth = np.where(np.isfinite(depth_z_m) & (depth_z_m > 0), depth_z_m, 0)[valid].astype(float)
+    return float(np.abs(depth - truth_m[valid]).mean()), float((depth == 0).mean())
+
+
+def has_lpips() -> bool:
+    """Whether its package is installed, and PyTorch, which it needs."""
+    return all(importlib.util.find_spec(name) for name in ("lpips", "torch"))
+
+
+@cache
+def _lpips() -> Callable[[np.ndarray, np.ndarray], float]:
+    """LPIPS of two images (h, w, 3) uint8 (Zhang et al., CVPR 2018), with AlexNet, as its package measures it. Raises WorkError."""
+    import lpips
+    import torch
+
+    try:
+        network: Any = lpips.LPIPS(net="alex", verbose=False).eval()
+    except Exception as error:  # of whatever kind: its weights are fetched when it is first used
+        raise WorkError(f"LPIPS cannot begin: {error}", hint="--no-lpips") from None
+
+    def distance(image: np.ndarray, truth: np.ndarray) -> float:
+        both = (torch.from_numpy(a.astype(np.float32) / 127.5 - 1).permute(2, 0, 1)[None] for a in (image, truth))
+        with torch.no_grad():
+            return float(network(*both))
+
+    return distance
