@@ -39,6 +39,7 @@ COMMANDS = {
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",
     "surface": "the scene as a surface, PLY or OBJ with textures; or what a trajectory saw of it",
+    "benchmark": "the paper's experiments on all sequences: tables, findings, one report",
     "table": "a table of the paper from our own files, beside the printed figures",
     "check-depth": "cast the same rays independently and compare the depth",
     "bench": "measurements: time, error, and where they go",

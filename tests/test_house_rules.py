@@ -50,7 +50,7 @@ MAY_IMPORT |= {
     "api": LIBRARY + " ui",
     "headless": f"{LIBRARY} __main__",
     "headless.farm": f"{LIBRARY} headless",
-    "headless.benchmark": f"{LIBRARY} headless",
+    "headless.benchmark": f"{LIBRARY} headless headless.systems",
     "headless.systems": f"{LIBRARY} headless",
     "headless.commands": f"{LIBRARY} headless headless.farm headless.benchmark headless.systems",
     "headless.cli": f"{LIBRARY} headless headless.commands",

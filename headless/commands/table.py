@@ -1,59 +1,35 @@
-"""`iclnuim table 1`: Table I of the paper from the shipped trajectory files: frames, length, mean speed, beside the printed figures."""
+"""`iclnuim table N`: a table of the paper beside our figures: Table I from the shipped trajectories, the others from a benchmark."""
 
 import argparse
-from itertools import product
 from pathlib import Path
 
-from iclnuim import shipped
-from iclnuim.formats.files import read_json
-from iclnuim.formats.trajectories import read_trajectory
-from iclnuim.geometry.trajectory import FRAME_RATE_HZ
+from iclnuim.errors import InputError
 
+from ..benchmark.paper_tables import preset_tables, table_1, trajectory_rows
+from ..benchmark.runner import measured
+from ..benchmark.text_tables import FORMATS
 from ..options import Console, common
-
-PRINTED = Path(__file__).parents[1] / "benchmark/paper_table_1.json"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    numbers = "1: frames, lengths and speeds of the trajectories"
-    parser.add_argument("number", type=int, choices=(1,), metavar="N", help=numbers)
+    add = parser.add_argument
+    help = "1: trajectories; 2, 7: surfaces; 3 to 6: ATE"
+    add("number", type=int, choices=range(1, 8), metavar="N", help=help)
+    help = "folder of `iclnuim benchmark`, for tables 2 to 7; default: out/benchmark"
+    add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
+    add("--preset", default="best", help="best (default) or paper")
+    add("--format", choices=tuple(FORMATS), default="text", help="default: text")
     common(parser, "iclnuim table 1")
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
-    table = rows()
-    lines = [
-        "                 ours                                          printed in the paper",
-        "sequence         frames  length m  m/s at 30 Hz  m/s for T     frames  length m   m/s    T = length / speed",
-    ]
-    line = (
-        "{sequence:<16} {frames:>6}  {length_m:>8.3f}  {speed_at_30_hz_m_s:>12.3f}  {speed_for_printed_duration_m_s:>9.3f}"
-        "     {printed_frames:>6}  {printed_length_m:>8.2f}  {printed_speed_m_s:.3f}  {printed_duration_s:>6.1f} s"
-    )
-    console.result({row["sequence"]: row for row in table}, "\n".join([*lines, *(line.format(**r) for r in table)]))
-
-
-def rows() -> list[dict]:
-    """The eight shipped trajectories in the paper's order. Lengths in m, speeds in m/s.
-
-    The printed speeds are not length x 30 / frames: they imply a duration of printed length / printed speed, and
-    `speed_for_printed_duration_m_s` is our length over that duration.
-    """
-    printed, table = read_json(PRINTED), []
-    for scene, k in product(("living_room", "office"), range(4)):
-        frames, length_m, speed_m_s = (printed[scene][key][k] for key in ("frames", "length_m", "mean_speed_m_s"))
-        trajectory = read_trajectory(shipped.trajectory_file(f"{scene}/kt{k}")).trajectory
-        ours_m = trajectory.length_m()
-        row = {
-            "sequence": f"{scene}/kt{k}",
-            "frames": len(trajectory),
-            "length_m": ours_m,
-            "speed_at_30_hz_m_s": ours_m * FRAME_RATE_HZ / (len(trajectory) - 1),
-            "printed_duration_s": length_m / speed_m_s,
-            "speed_for_printed_duration_m_s": ours_m * speed_m_s / length_m,
-            "printed_frames": frames,
-            "printed_length_m": length_m,
-            "printed_speed_m_s": speed_m_s,
-        }
-        table.append(row)
-    return table
+    if args.number == 1:
+        console.result({row["sequence"]: row for row in trajectory_rows()}, FORMATS[args.format][1](table_1()))
+        return
+    results = measured(args.out)
+    if not results:
+        hint = "iclnuim benchmark makes them; another folder: --out"
+        raise InputError("a benchmark with measured cells", path=args.out, found="none", hint=hint)
+    names = [f"table_{args.number}"] + ([] if args.preset == "best" else [f"table_{args.number}_{args.preset}"])
+    table = next(table for table in preset_tables(results, args.preset) if table.name == names[-1])
+    console.result({"columns": table.columns, "rows": table.rows}, FORMATS[args.format][1](table))

@@ -9,15 +9,14 @@ OUT/SYSTEM/SEQUENCE/run_1/ and on       out/ (the system's working folder), log.
 import platform
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import iclnuim
 from iclnuim.dataset.run_folder import refuse_other
 from iclnuim.errors import WorkError
-from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256, write_json
+from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256, whole_folder, write_json
 from iclnuim.shipped import source_commit
 
 from .judge import Verdict, judge, row
@@ -71,7 +70,7 @@ class Experiment:
             refuse_other("experiment", place, there, asked, "another {out}")
         make_folder(self.folder, hint="another {out}")
         if not stage.is_dir():
-            with _whole_or_absent(stage) as temporary:
+            with whole_folder(stage) as temporary:
                 self.sequence.write(settings.stage, temporary)
         if not place.is_file():
             write_json(place, recipe)
@@ -92,7 +91,7 @@ class Experiment:
 
     def _run_once(self, place: Path, values: dict[str, object], limit_s: float) -> None:
         shutil.rmtree(place, ignore_errors=True)
-        with _whole_or_absent(place) as temporary:
+        with whole_folder(place) as temporary:
             make_folder(temporary / "out")
             values = {**values, "out": temporary / "out"}
             command = self.system.filled(self.system.settings.command, values)
@@ -136,19 +135,6 @@ def _is_done(place: Path, limit_s: float) -> bool:
         return False
     content = read_json(place / "ended.json")
     return content["ended"]["how"] != "time limit" or content["limit_s"] >= limit_s
-
-
-@contextmanager
-def _whole_or_absent(folder: Path) -> Iterator[Path]:
-    """A new folder with a temporary name, which becomes `folder` at the end and is removed where anything fails."""
-    temporary = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(temporary, ignore_errors=True)
-    make_folder(temporary)
-    try:
-        yield temporary
-        temporary.rename(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def merged(races: list[dict]) -> list[dict]:

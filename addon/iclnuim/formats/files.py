@@ -4,8 +4,10 @@ import hashlib
 import json
 import os
 import platform
+import shutil
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError, WorkError
@@ -36,6 +38,20 @@ def make_folder(folder: Path, hint: str | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}", hint=hint) from None
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A new folder with a temporary name, which becomes `folder` at the end, in place of what is there, and is removed where anything fails."""
+    temporary = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    make_folder(temporary)
+    try:
+        yield temporary
+        shutil.rmtree(folder, ignore_errors=True)
+        temporary.rename(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def process_lives(process: int) -> bool:

@@ -49,6 +49,14 @@ def _rays(centre: np.ndarray, size: float, width: int, height: int) -> tuple[np.
     return origin.astype(np.float32), direction.reshape(-1, 3).astype(np.float32)
 
 
+def heat_colours(distances_mm: np.ndarray, low_mm: float, high_mm: float) -> np.ndarray:
+    """(n, 3) 0..255 of distances (n,) on a logarithmic scale: blue at low_mm and less, red at high_mm and more."""
+    from matplotlib import colormaps
+
+    share = np.log(np.clip(distances_mm, low_mm, high_mm) / low_mm) / np.log(high_mm / low_mm)
+    return colormaps["turbo"](share)[:, :3] * 255
+
+
 def error_figure(points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float) -> "Figure":
     """points (n, 3) in the model's world; without triangles they are drawn from above. Dark is near, bright is `max_mm` and more."""
     from matplotlib import colormaps, colors

@@ -1,0 +1,240 @@
+"""One cell of the benchmark measured, as a process of its own: motion, ATE and RPE, the surface fused along it, its error, two pictures.
+
+    python -m iclnuim.headless.benchmark.measure TASK.json
+
+It writes a folder, whole or not at all, and one line for every few frames that it is done with on standard output. It ends with its parent.
+"""
+
+import json
+import os
+import resource
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from iclnuim.dataset.frames import read_truth
+from iclnuim.errors import IclnuimError, InputError, WorkError
+from iclnuim.evaluation.absolute_error import AbsoluteError, ErrorStatistics, absolute_error
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.formats.files import atomic_write, whole_folder, write_json
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.fusion.settings import PRESETS, FuseSettings, QualitySettings
+from iclnuim.geometry import so3
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+
+from .cells import Cell
+
+if TYPE_CHECKING:
+    from iclnuim.fusion.mesh import Mesh
+
+#: Of a noisy sequence a surface counts where so many frames saw it.
+_MIN_WEIGHT = {"clean": FuseSettings().min_weight, "noisy": 3.0}
+#: Ends of the heat maps' scale, which is logarithmic and the same for all cells.
+HEAT_MM = (0.1, 100.0)
+#: Points of a trajectory that are kept for drawings.
+_DRAWN = 300
+_WIDTH, _HEIGHT = 720, 540
+_SECOND = RelativeErrorSettings(1.0, "seconds")
+
+
+@dataclass(frozen=True)
+class Task:
+    """folder: of the sequence. first: only so many frames. model: file of the room's triangles; None: no surface is measured.
+    trajectory: what an external system wrote; None: the cell's odometer estimates it. recipe: what decides the result.
+    """
+
+    cell: Cell
+    folder: str
+    out: str
+    first: int | None
+    model: str | None
+    trajectory: str | None
+    recipe: dict
+
+    @classmethod
+    def read(cls, path: Path) -> "Task":
+        content = json.loads(path.read_text("utf-8"))
+        return cls(**{**content, "cell": Cell(**content["cell"])})
+
+
+class Meter:
+    """Tells the parent of frames; `progress(total, label)` as the library asks for one."""
+
+    def __init__(self, total: int = 0, label: str = "") -> None:
+        self.told, self.done = 0.0, 0
+
+    def advance(self, count: int = 1) -> None:
+        self.done += count
+        if time.monotonic() - self.told > 0.5:
+            self.flush()
+
+    def flush(self) -> None:
+        sys.stdout.write(f"{self.done}\n")
+        sys.stdout.flush()
+        self.told, self.done = time.monotonic(), 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Exit code 0, also where the odometer failed: that is a result. 3 where nothing could be measured, with a line on standard error."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    task = Task.read(Path((argv or sys.argv[1:])[0]))
+    try:
+        measure(task, Meter())
+    except (IclnuimError, OSError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 3
+    return 0
+
+
+def _end_with_parent() -> None:
+    """Standard input is a pipe that the parent holds open while it lives."""
+    while os.read(0, 1):
+        pass
+    os._exit(130)
+
+
+def measure(task: Task, meter: Meter) -> None:
+    """Writes recipe.json, result.json, times.json and, as far as there are any, trajectory.txt, path.json, surface.jpg and heat.jpg."""
+    with whole_folder(Path(task.out)) as folder:
+        times: dict[str, float] = {}
+        result: dict[str, Any] = {}
+        truth = read_truth(Path(task.folder))
+        if truth is None:
+            raise InputError("a ground truth in the folder", path=task.folder, found="none")
+        try:
+            trajectory = _motion(task, truth, meter, result, times)
+            write_trajectory(folder / "trajectory.txt", trajectory, "tum")
+            error = absolute_error(truth, trajectory)
+            result |= _trajectory_figures(truth, trajectory, error)
+            write_json(folder / "path.json", _drawn(truth, trajectory, error, task.first))
+            if task.model:
+                result |= _surface(task, truth, trajectory, folder, meter, times)
+        except (InputError, WorkError) as problem:
+            result["failed"] = problem.worded() if isinstance(problem, InputError) else str(problem)
+        meter.flush()
+        write_json(folder / "recipe.json", task.recipe)
+        write_json(folder / "result.json", {"cell": asdict(task.cell), **result})
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        times |= {"cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": usage.ru_maxrss / 1024}
+        write_json(folder / "times.json", times)
+
+
+def _motion(task: Task, truth: Trajectory, meter: Meter, result: dict, times: dict) -> Trajectory:
+    """The estimated trajectory; what the odometer says of its frames goes into `result`."""
+    from iclnuim.odometry.run import Sequence
+
+    cell, sequence = task.cell, Sequence(task.folder)
+    frames = min(len(sequence), task.first or len(sequence))
+    if task.trajectory:
+        trajectory = read_trajectory(task.trajectory).trajectory
+        result |= {"frames": frames, "coverage": len(trajectory) / frames}
+        return trajectory
+    from iclnuim.fusion.reference import make_reference
+    from iclnuim.odometry.registry import odometer
+    from iclnuim.odometry.run import run_together
+
+    against = partial(make_reference, cell.reference, preset=cell.preset)
+    started, one = time.perf_counter(), odometer(cell.odometer, cell.preset)
+    run = run_together([one], sequence, progress=lambda *about: meter, frames=task.first, against=against)[0]
+    figures = run.to_dict()
+    times |= {"track_s": time.perf_counter() - started, "ms_median": figures["ms_median"], "ms_95": figures["ms_95"]}
+    result |= {name: figures[name] for name in ("frames", "lost", "coverage", "not_converged", "degenerate")}
+    return run.trajectory
+
+
+def _trajectory_figures(truth: Trajectory, trajectory: Trajectory, error: AbsoluteError) -> dict:
+    """ATE after SE(3) alignment with its six statistics, RPE over a second (None for less than that)."""
+    try:
+        rpe = relative_error(truth, trajectory, _SECOND).translation_m.to_dict()
+    except InputError:
+        rpe = None
+    return {"ate_m": error.translation_m.to_dict(), "rpe_1s_m": rpe}
+
+
+def _drawn(truth: Trajectory, trajectory: Trajectory, error: AbsoluteError, first: int | None) -> dict:
+    """What charts need: positions of truth and estimate in metres, the error in metres over time, some of the frames."""
+    rows = np.unique(np.linspace(0, len(error.stamps_s) - 1, _DRAWN).astype(int))
+    until = np.searchsorted(truth.stamps_s, error.stamps_s[-1], side="right")
+    whole = truth.positions_m[: until if first else None]
+    shown = np.unique(np.linspace(0, len(whole) - 1, _DRAWN).astype(int))
+    return {
+        "stamps_s": np.round(error.stamps_s[rows], 4).tolist(),
+        "truth_m": np.round(whole[shown], 4).tolist(),
+        "estimate_m": np.round(error.aligned.translation[rows], 4).tolist(),
+        "error_m": np.round(error.translation_error_m[rows], 6).tolist(),
+    }
+
+
+def _surface(
+    task: Task, truth: Trajectory, trajectory: Trajectory, folder: Path, meter: Meter, times: dict
+) -> dict[str, Any]:
+    """Fused along the estimate; laid on the model by the first pose, and by ICP, as the paper did."""
+    from iclnuim.fusion.mesh import fuse_sequence
+    from iclnuim.fusion.quality import SeenBy, surface_quality
+    from iclnuim.fusion.surface_error import TrueSurface, first_poses_transform
+
+    started = time.perf_counter()
+    settings = fuse_settings(task)
+    fused = fuse_sequence(task.folder, trajectory, settings, lambda *about: meter)
+    times["fuse_s"] = time.perf_counter() - started
+    started = time.perf_counter()
+    with np.load(str(task.model)) as model:
+        surface = TrueSurface(model["points"], model["triangles"])
+    points = fused.mesh.points.astype(float)
+    T_given = first_poses_transform(trajectory, truth)
+    given_m = surface.distance(T_given.apply(points))
+    result: dict[str, Any] = {"given_m": ErrorStatistics.of(given_m).to_dict(), "vertices": len(points)}
+    T, distances_m = T_given, given_m
+    try:
+        T = surface.aligned(points, T_given)
+        distances_m = surface.distance(T.apply(points))
+        result |= _motion_of_fit(T @ T_given.inverse(), T_given.apply(points.mean(0)))
+    except InputError as problem:
+        result["not_fitted"] = problem.worded()
+    result["fitted_m"] = ErrorStatistics.of(distances_m).to_dict()
+    seen_by = SeenBy(fused.camera.pinhole, truth.T_world_camera[: task.first])
+    quality = surface_quality(surface, points, fused.mesh.triangles, T_given, seen_by, settings=QualitySettings())
+    result["quality"] = quality.to_dict()
+    _draw(folder, fused.mesh, T.apply(points), distances_m)
+    times["surface_s"] = time.perf_counter() - started
+    return {"surface": result}
+
+
+def fuse_settings(task: Task) -> FuseSettings:
+    """Of the cell's preset; `min_weight` by its noise."""
+    volume = PRESETS.get(task.cell.preset, PRESETS["best"])
+    return FuseSettings(volume, _MIN_WEIGHT[task.cell.noise], f":{task.first or ''}")
+
+
+def _motion_of_fit(T: SE3, middle: np.ndarray) -> dict[str, float]:
+    """How far a fit moved the middle of the surface, and turned it."""
+    moved_m = float(np.linalg.norm(T.apply(middle) - middle))
+    return {"fit_moved_m": moved_m, "fit_turned_deg": float(np.degrees(so3.angle(T.rotation)))}
+
+
+def _draw(folder: Path, mesh: "Mesh", points: np.ndarray, distances_m: np.ndarray) -> None:
+    """surface.jpg in the fused colours, heat.jpg by the distance."""
+    from iclnuim.fusion.pictures import heat_colours, picture
+
+    heat = heat_colours(distances_m * 1e3, *HEAT_MM)
+    for name, colours in (("surface", mesh.colours), ("heat", heat)):
+        image = picture(points, mesh.triangles, colours, _WIDTH, _HEIGHT)
+        atomic_write(folder / f"{name}.jpg", _jpeg(image))
+
+
+def _jpeg(image: np.ndarray) -> Callable[[Path], object]:
+    import cv2
+
+    data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return lambda path: path.write_bytes(data)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

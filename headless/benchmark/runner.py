@@ -1,0 +1,213 @@
+"""The cells of a benchmark measured on all cores, a process each; what was measured stays, and the same call goes on.
+
+OUT/recipe.json                      what the whole was asked for, and what it was measured on
+OUT/cells/ROOM/TRAJECTORY/NOISE/CELL/  recipe.json, result.json, times.json, trajectory.txt, path.json, surface.jpg, heat.jpg: written by measure.py
+OUT/tables/, OUT/report.html         made of the cells alone
+"""
+
+import platform
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import iclnuim
+from iclnuim.dataset.run_folder import refuse_other
+from iclnuim.errors import WorkError
+from iclnuim.formats.files import make_folder, read_json, sha256, write_json
+from iclnuim.fusion.settings import QualitySettings
+from iclnuim.shipped import source_commit
+
+from ..options import Console, Progress
+from .cells import Cell
+from .measure import HEAT_MM, Task, fuse_settings
+from .sources import Sources, environment, task_text
+
+_SCHEMA_VERSION = 1
+
+
+@dataclass(eq=False)
+class Benchmark:
+    """cells: those that are asked for; systems: trajectories of external ones. first: only so many frames of every sequence."""
+
+    sources: Sources
+    cells: list[Cell]
+    systems: Mapping[Cell, Path]
+    first: int | None
+    workers: int
+    console: Console
+    _processes: set[subprocess.Popen] = field(default_factory=set)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def open(self) -> None:
+        """Make the folder, or open the benchmark that is there. Raises InputError where it has another number of frames."""
+        out, place = self.sources.out, self.sources.out / "recipe.json"
+        asked = {"schema_version": _SCHEMA_VERSION, "kind": "benchmark", "first": self.first}
+        if place.is_file():
+            there = read_json(place)
+            refuse_other("benchmark", place, {key: there.get(key) for key in asked}, asked, "another {out}")
+            return
+        make_folder(out, hint="another {out}")
+        write_json(place, {**asked, "versions": _versions(), "source_commit": source_commit(), "machine": _machine()})
+
+    def run(self) -> list[str]:
+        """Measure what is missing; a sentence for each cell that could not be measured. Interrupted, its processes are ended."""
+        missing = [task for task in map(self._task, self.cells) if not _is_done(task)]
+        models: dict[str, str | None] = {name: None for task in missing if (name := task.model)}
+        for name in models:
+            models[name] = self._model(name)
+        missing = [_with_model(task, models[task.model]) if task.model else task for task in missing]
+        sizes = {task.cell: self.sources.frames(task.cell, self.first) * (2 if task.model else 1) for task in missing}
+        made = {task.cell.sequence: task.cell for task in missing if task.cell.seed}
+        noise = sum(self.sources.frames(cell, self.first) for cell in made.values())
+        self.console.note(
+            f"benchmark: {len(self.cells)} cells, {len(self.cells) - len(missing)} of them measured already"
+        )
+        progress = self.console.progress(sum(sizes.values()) + noise, "benchmark")
+        problems: list[str] = []
+        try:
+            with ThreadPoolExecutor(self.workers) as pool:
+                pending: dict[Future, Task] = {}
+                for sequence, tasks in _by_sequence(missing).items():
+                    if sequence in made:
+                        self.sources.make_noise(made[sequence], self.first, lambda number: self._advance(progress, 1))
+                    for task in tasks:
+                        while len(pending) >= self.workers:
+                            self._collect(pending, problems)
+                        pending[pool.submit(self._measure, task, sizes[task.cell], progress)] = task
+                    if sequence in made:
+                        while pending:
+                            self._collect(pending, problems)
+                        self.sources.remove_noise(made[sequence])
+                while pending:
+                    self._collect(pending, problems)
+        finally:
+            for process in list(self._processes):
+                process.kill()
+        return problems
+
+    def _collect(self, pending: dict[Future, Task], problems: list[str]) -> None:
+        done, _ = wait(pending, return_when=FIRST_COMPLETED)
+        for future in done:
+            del pending[future]
+            if said := future.result():
+                problems.append(said)
+                self.console.note(said)
+
+    def _measure(self, task: Task, frames: int, progress: Progress) -> str:
+        """A process that measures one cell; what it failed by, or nothing."""
+        with tempfile.TemporaryDirectory() as scratch:
+            file = Path(scratch) / "task.json"
+            file.write_text(task_text(asdict(task)), "utf-8")
+            command = [sys.executable, "-m", f"{__package__}.measure", str(file)]
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+            process = subprocess.Popen(command, env=environment(), text=True, **pipes)  # type: ignore[call-overload]
+            self._processes.add(process)
+            told: list[str] = []
+            listener = threading.Thread(target=lambda: told.extend(process.stderr), daemon=True)
+            listener.start()
+            done = 0
+            for line in process.stdout:
+                count = min(int(line), frames - done) if line.strip().isdigit() else 0
+                done += count
+                self._advance(progress, count)
+            code = process.wait()
+            listener.join()
+            process.stdin.close()
+            self._processes.discard(process)
+            self._advance(progress, frames - done)
+        if code == 0:
+            return ""
+        last = [line.strip() for line in told if line.strip()][-1:]
+        how = f"was ended by signal {-code}" if code < 0 else f"failed: {' '.join(last)}"
+        return f"{task.cell.name} {how}"
+
+    def _advance(self, progress: Progress, count: int) -> None:
+        with self._lock:
+            progress.advance(count)
+
+    def _task(self, cell: Cell) -> Task:
+        """Its model is that of the room, by name, until it is known that it is needed."""
+        out, path = self.sources.out / "cells" / cell.name, self.systems.get(cell)
+        task = Task(
+            cell,
+            str(self.sources.folder(cell)),
+            str(out),
+            self.first,
+            self.sources.model_name(cell),
+            str(path) if path else None,
+            {},
+        )
+        recipe = {
+            "schema_version": _SCHEMA_VERSION,
+            "kind": "benchmark cell",
+            "cell": asdict(cell),
+            "first": self.first,
+            "sequence": self.sources.identity(cell),
+            "trajectory": sha256(path.read_bytes()) if path else None,
+            "model": task.model,
+            "fusion": asdict(fuse_settings(task)),
+            "quality": QualitySettings().to_dict(),
+            "heat_mm": list(HEAT_MM),
+        }
+        return replace(task, recipe={**recipe, "versions": _versions(), "source_commit": source_commit()})
+
+    def _model(self, name: str) -> str | None:
+        try:
+            return str(self.sources.model(name))
+        except WorkError as error:
+            self.console.note(f"surfaces of {name} are not measured: {error}")
+            return None
+
+
+#: Keys of a cell's recipe that do not decide its result.
+_ASIDE = ("versions", "source_commit")
+
+
+def _is_done(task: Task) -> bool:
+    """Measured by this recipe, whatever the versions; a cell of another one is measured again."""
+    place = Path(task.out) / "recipe.json"
+    if not place.is_file():
+        return False
+    there = read_json(place)
+    return all(there.get(key) == value for key, value in task.recipe.items() if key not in _ASIDE)
+
+
+def _with_model(task: Task, file: str | None) -> Task:
+    """Without one no surface is measured, and the recipe says so: a later call measures it."""
+    return replace(task, model=file, recipe=task.recipe if file else {**task.recipe, "model": None})
+
+
+def _by_sequence(tasks: Iterable[Task]) -> dict[str, list[Task]]:
+    found: dict[str, list[Task]] = {}
+    for task in tasks:
+        found.setdefault(task.cell.sequence, []).append(task)
+    return found
+
+
+def _versions() -> dict[str, str | None]:
+    found: dict[str, str | None] = {"iclnuim": iclnuim.__version__, "python": platform.python_version()}
+    for name in ("numpy", "numba", "scipy", "embreex", "libigl"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def _machine() -> str:
+    return f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
+
+
+def measured(out: Path) -> list[dict]:
+    """Results of all cells that are there, with `cell`, `folder` and `times`, in the order of their names."""
+    found = []
+    for path in sorted((out / "cells").glob("*/*/*/*/result.json")):
+        content, times = read_json(path), read_json(path.with_name("times.json"))
+        found.append({**content, "cell": Cell(**content["cell"]), "folder": path.parent, "times": times})
+    return found

@@ -1,0 +1,154 @@
+"""What the cells are measured on: the sequences that `iclnuim make all` has made, further noise seeds, the rooms' triangles, and trajectories of systems
+that `iclnuim run` has run.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from iclnuim import shipped
+from iclnuim.dataset.frames import find_pairs, image_frames, read_truth
+from iclnuim.dataset.sequence import write_sequence
+from iclnuim.dataset.sequence_options import SequenceSettings
+from iclnuim.errors import IclnuimError, InputError, WorkError
+from iclnuim.formats.files import make_folder, read_json, sha256
+from iclnuim.sensor.models import depth_model, rgb_model
+
+from ..systems.staging import StagedSequence
+from .cells import EXTERNAL, Cell
+
+_ROOM = """
+import sys, numpy as np
+from iclnuim.formats.files import atomic_write
+from iclnuim.fusion.surface_error import read_model
+points, triangles = read_model(sys.argv[1])
+atomic_write(sys.argv[2], lambda path: np.savez(path, points=points, triangles=triangles))
+"""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """data: as `iclnuim make all` lays it out, ROOM/TRAJECTORY/clean and noisy. out: of the benchmark."""
+
+    data: Path
+    out: Path
+
+    def folder(self, cell: Cell) -> Path:
+        """Of the cell's sequence: the one that is given, or noise of another seed, made while its cells are measured."""
+        return self.out / "noise" / cell.sequence if cell.seed else self.data / cell.sequence
+
+    def fault(self, cell: Cell, first: int | None) -> str:
+        """Why the cell cannot be measured; empty where it can. Noise of other seeds is made of the clean sequence."""
+        for noise in {cell.noise, "clean"} if cell.seed else {cell.noise}:
+            folder = self.data / cell.room / cell.trajectory / noise
+            if not folder.is_dir():
+                return f"{folder} is not there; `iclnuim make {cell.room}/{cell.trajectory}` or `make all` makes it"
+            recipe = folder / "recipe.json"
+            if recipe.is_file() and read_json(recipe).get("finished") is False:
+                return f"{folder} is not finished; `iclnuim resume {folder.parent}` goes on with it"
+            try:
+                count = len(find_pairs(folder))
+            except InputError as error:
+                return error.worded()
+            if read_truth(folder) is None:
+                return f"{folder} has no ground truth"
+            if first and count < first:
+                return f"{folder} has {count} frames, {first} were asked for"
+        return ""
+
+    def frames(self, cell: Cell, first: int | None) -> int:
+        """How many the cell is measured on."""
+        count = len(find_pairs(self.data / cell.room / cell.trajectory / ("clean" if cell.seed else cell.noise)))
+        return min(count, first or count)
+
+    def identity(self, cell: Cell) -> dict:
+        """What tells the cell's images and ground truth from others: of our sequences the journal's hash, of others the lists'."""
+        folder = self.data / cell.room / cell.trajectory / ("clean" if cell.seed else cell.noise)
+        files = [folder / name for name in ("frames.jsonl", "groundtruth.txt", "camera.json")]
+        if not all(path.is_file() for path in files):
+            return {"images": StagedSequence.of(folder).list_sha256}
+        hashes = {path.stem: sha256(path.read_bytes()) for path in files}
+        return {**hashes, "noise": self._noise(cell).to_dict()} if cell.seed else hashes
+
+    def _noise(self, cell: Cell) -> SequenceSettings:
+        """That of the given noisy sequence, with the cell's seed. Raises InputError where its recipe does not say it."""
+        path = self.data / cell.room / cell.trajectory / "noisy/recipe.json"
+        recipe, models = read_json(path), []
+        for kind, make in (("depth_noise", depth_model), ("rgb_noise", rgb_model)):
+            settings = dict(recipe.get(kind) or {})
+            name = settings.pop("model", None)
+            if name is None:
+                raise InputError(f"the recipe of a noisy sequence, with its {kind}", path=path)
+            models.append(make(name, settings))
+        return SequenceSettings(models[0], models[1], cell.seed, recipe["depth_units_per_metre"])
+
+    def make_noise(self, cell: Cell, first: int | None, on_frame: Callable[[int], None]) -> None:
+        """The cell's sequence of another seed; goes on with one that was begun."""
+        source = image_frames(self.data / cell.room / cell.trajectory / "clean", f":{first or ''}")
+        write_sequence(source, self.folder(cell), self._noise(cell), on_frame=on_frame)
+
+    def remove_noise(self, cell: Cell) -> None:
+        """Once all its cells are measured."""
+        shutil.rmtree(self.folder(cell), ignore_errors=True)
+
+    def model(self, room: str) -> Path:
+        """The room's triangles as a file, made in a process of its own, as Blender takes memory. Raises WorkError where that fails."""
+        blend = shipped.folder("blend") / f"{room}.blend"
+        path = self.out / "models" / f"{room}_{sha256(blend.read_bytes())[:16]}.npz"
+        if not path.is_file():
+            make_folder(path.parent)
+            done = subprocess.run([sys.executable, "-c", _ROOM, room, str(path)], capture_output=True, text=True)
+            if done.returncode:
+                said = (done.stderr or done.stdout).strip().splitlines()[-1:]
+                raise WorkError(f"the triangles of {room} cannot be read: {' '.join(said)}")
+        return path
+
+    def model_name(self, cell: Cell) -> str | None:
+        """The room that the sequence was rendered in; None for a sequence of other origin, whose surfaces are not measured."""
+        folder = self.data / cell.room / cell.trajectory / cell.noise
+        try:
+            job = read_json(folder / "recipe.json")["source"]["run"]["job"]
+            return cell.room if job["scene"] == cell.room else None
+        except (IclnuimError, KeyError, TypeError):
+            return None
+
+
+def external_cells(systems: Path, given: list[Cell], sources: Sources, first: int | None) -> dict[Cell, Path]:
+    """Cells of what `iclnuim run` has written below `systems` for the very images of sequences of ours -> the trajectory as matched to its frames."""
+    sequences = {replace(cell, seed=0, odometer="", preset="", reference=EXTERNAL) for cell in given if not cell.seed}
+    hashes = {}
+    for cell in sorted(sequences, key=lambda cell: cell.name):
+        hashes[StagedSequence.of(sources.folder(cell), first=first).list_sha256] = cell
+    found = {}
+    for recipe in sorted(systems.glob("**/recipe.json")):
+        content = read_json(recipe)
+        where = hashes.get(content.get("images_sha256", ""))
+        if where is None or "system" not in content:
+            continue
+        for number, name, path in _matched(recipe.parent):
+            title = content["system"].get("title") or recipe.relative_to(systems).parts[0]
+            found[replace(where, odometer=title, preset=name, run=number)] = path
+    return found
+
+
+def _matched(folder: Path) -> Iterator[tuple[int, str, Path]]:
+    """(run, trajectory's name, file) of all finished runs of a system on a sequence."""
+    for path in sorted(folder.glob("run_*/matched/*.txt")):
+        if not path.name.startswith("whole_"):
+            yield int(path.parts[-3].removeprefix("run_")), path.stem, path
+
+
+def environment() -> dict[str, str]:
+    """Of a process that measures a cell: one thread, as there is a process for every core."""
+    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return {**os.environ, **dict.fromkeys(names, "1")}
+
+
+def task_text(content: dict) -> str:
+    """As measure.py reads it."""
+    return json.dumps(content, indent=1, sort_keys=True)

@@ -1,0 +1,133 @@
+"""`iclnuim benchmark`: the paper's experiments on our sequences, all of them by one command: tables, findings and a report."""
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+
+from iclnuim.dataset.frame_pool import cores
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.files import atomic_write_text, make_folder
+
+from ..benchmark.cells import Cell, all_cells, chosen
+from ..benchmark.correlation import correlation_table
+from ..benchmark.findings import findings_table
+from ..benchmark.lookup import presets_of
+from ..benchmark.paper_tables import all_tables
+from ..benchmark.runner import Benchmark, measured
+from ..benchmark.sources import Sources, external_cells
+from ..benchmark.text_tables import FORMATS, Table
+from ..farm.lock import OutputLock
+from ..options import Console, common, count
+from ..sequence_options import require
+
+PRESETS = ("best", "paper")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    help = "folder of sequences as `iclnuim make all` lays them out; default: out"
+    add("--data", type=Path, default=Path("out"), metavar="DIR", help=help)
+    add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help="default: out/benchmark")
+    help = "only some cells: words of room, trajectory, noise, odometer, preset, reference: kt0,kt2/icp"
+    add("--only", metavar="FILTER", help=help)
+    add("--first", type=count, metavar="N", help="only the first N frames of every sequence")
+    add("--presets", type=_words, default=["best"], metavar="P,P", help=f"of {','.join(PRESETS)}; default: best")
+    add(
+        "--seeds",
+        type=count,
+        default=1,
+        metavar="N",
+        help="noise seeds of the noisy sequences; default: 1, the one that is there",
+    )
+    help = (
+        "what frames are aligned against: default, frame, keyframe, entropy, model; default: as docs/benchmark.md says"
+    )
+    add("--references", type=_words, default=[], metavar="R,R", help=help)
+    help = "results of `iclnuim run` on the same sequences, as further rows; default: out/systems"
+    add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
+    add("--workers", type=count, metavar="N", help="processes, 1 to 2 GB each; default: as many as cores")
+    add("--report-only", action="store_true", help="measure nothing: tables and report of what is in --out")
+    common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
+
+
+def _words(text: str) -> list[str]:
+    return [word for word in text.split(",") if word]
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Exit code 3 where some cell could not be measured; the others are."""
+    problems: list[str] = []
+    if not args.report_only:
+        require("benchmark", "numba", "cv2", "embreex", "igl")
+        problems = _measure(args, console)
+    results = measured(args.out)
+    if not results:
+        raise InputError(
+            "a benchmark with measured cells",
+            path=args.out,
+            found="none",
+            hint="iclnuim make all, then iclnuim benchmark",
+        )
+    tables = tables_of(results)
+    write_tables(args.out / "tables", tables)
+    console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
+    shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
+    console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
+    if problems:
+        raise WorkError(
+            f"{len(problems)} cells could not be measured, for the reasons above", hint="the same command again"
+        )
+    return 0
+
+
+def _measure(args: argparse.Namespace, console: Console) -> list[str]:
+    """A sentence for each cell that could not be measured. Raises InputError where none can be."""
+    if unknown := [name for name in args.presets if name not in PRESETS]:
+        raise InputError(f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown))
+    sources = Sources(args.data, args.out)
+    asked = chosen(all_cells(args.presets, range(args.seeds), args.references), args.only)
+    faults = {(cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first) for cell in asked}
+    for fault in sorted({fault for fault in faults.values() if fault}):
+        console.note(f"left out: {fault}")
+    cells = [cell for cell in asked if not faults[cell.room, cell.trajectory, cell.noise]]
+    if not cells:
+        raise InputError(
+            "sequences to measure on", path=args.data, found="none", hint="iclnuim make all, or another {data}"
+        )
+    systems = external_cells(args.systems, cells, sources, args.first) if args.systems.is_dir() else {}
+    benchmark = Benchmark(sources, [*cells, *systems], systems, args.first, args.workers or cores(), console)
+    with OutputLock(args.out / "work"):
+        benchmark.open()
+        return benchmark.run()
+
+
+def tables_of(results: list[dict]) -> list[Table]:
+    """All that are made of cells."""
+    findings = [findings_table(results, preset) for preset in presets_of(results) or ["best"]]
+    *tables, cells = all_tables(results)
+    return [*tables, *findings, correlation_table(results), cells]
+
+
+def _has_ours(table: Table) -> bool:
+    """Whether some figure of the table is not a printed one."""
+    ours = [k for k, name in enumerate(table.columns) if name != "printed"]
+    return any(text for row in table.rows for k in ours[2:] if (text := row[k]))
+
+
+def write_tables(folder: Path, tables: list[Table]) -> None:
+    """Each in every format; nothing in them depends on when or how fast they were made."""
+    make_folder(folder)
+    for table in tables:
+        for ending, written in FORMATS.values():
+            atomic_write_text(folder / f"{table.name}.{ending}", written(table) + "\n")
+
+
+def _values(results: list[dict], tables: list[Table]) -> dict:
+    """For --json."""
+    rows = {t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes} for t in tables}
+    return {"cells": [_plain(result) for result in results], "tables": rows}
+
+
+def _plain(result: dict) -> dict:
+    cell: Cell = result["cell"]
+    return {**result, "cell": asdict(cell), "folder": str(result["folder"])}
