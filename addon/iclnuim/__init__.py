@@ -20,7 +20,7 @@ __all__ = [
     "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError", "AbsoluteErrorSettings", "relative_error",
     "RelativeError", "RelativeErrorSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
     # rendered views
-    "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim",
+    "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim", "RayCaster", "HeldOutView", "check_held_out", "choose_held_out",
     # sensor noise
     "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS", "RGB_MODELS",
     # RGB-D sequences
@@ -75,6 +75,8 @@ if TYPE_CHECKING:
         noisy_rgb,
         relative_pose_error,
     )
+    from .raycast.caster import RayCaster
+    from .raycast.held_out import HeldOutView, check_held_out, choose_held_out
     from .render import RenderedFrame, render_frames, render_pose
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
     from .sensor.transfer import light_from_srgb8 as linear_from_srgb8

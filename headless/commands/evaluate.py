@@ -177,8 +177,9 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
 def run_views(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.dataset.rendered_views import view_errors
 
-    settings, progress = settings_from(args, ViewSettings()), console.progress(0, "evaluate", "views")
-    found = view_errors(args.folder, args.truth, args.keyframes, settings, progress.advance)
+    settings = settings_from(args, ViewSettings())
+    progress = lambda count: console.progress(count, "evaluate", "views").advance  # noqa: E731
+    found = view_errors(args.folder, args.truth, args.keyframes, settings, progress)
     if args.csv:
         atomic_write_text(args.csv, found.csv())
     if found.missing:

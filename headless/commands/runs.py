@@ -17,7 +17,7 @@ from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
 
 from .. import options
-from ..farm import slurm, tasks
+from ..farm import held_out, slurm, tasks
 from ..farm.all_sequences import make_all
 from ..farm.chunks import numbers_from, own_cores
 from ..farm.rendering import open_run, report, stop_on_signals
@@ -36,6 +36,8 @@ _STAGES = {
 
 def configure_make(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser, "make", "default: out/SEQUENCE (of all: out); holds clean/, noisy/ and, meanwhile, raw/")
+    views = "also views that lie 0.5 m or 20 degrees from all others and show what they saw, in held_out/: how many, or their trajectory"
+    parser.add_argument("--held-out", metavar="N|TRAJECTORY", help=views)
     _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
 
 
@@ -108,7 +110,18 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
     if args.command == "render":
         return RunPlan(job, args.out or out / "raw", numbers)
     logs = options.settings_from(args, LogSettings())
-    return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs)
+    views = _held_out(getattr(args, "held_out", None) or "", job)
+    return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs, held_out=views)
+
+
+def _held_out(name: str, job: RenderJob) -> str:
+    """A number of views, a shipped trajectory's whole name, or a file's whole path. Raises InputError."""
+    if name.isdecimal() and int(name) < 1:
+        raise InputError("a number of views from 1 up, or a trajectory", setting="held_out", found=name)
+    if not name or name.isdecimal():
+        return name
+    own = name if "/" in name else f"{job.scene}/{name}"
+    return own if own in shipped.sequence_names() else str(Path(name).expanduser().resolve())
 
 
 def every_plan(args: argparse.Namespace) -> list[RunPlan]:
@@ -163,6 +176,14 @@ def _resume(args: argparse.Namespace, console: Console) -> int:
 
 
 def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
+    """What is missing of the plan, and then of its held-out views; the exit code. Raises InputError, WorkError."""
+    if not plan.held_out:
+        return _run(plan, console, print_only, blend)
+    held_out.prepare(plan, console)
+    return _run(plan, console, print_only, blend) or _run(held_out.views_plan(plan), console, print_only, None)
+
+
+def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
     """What is missing of the plan; the exit code. Raises InputError, WorkError.
 
     print_only: show Slurm's job scripts instead. blend: also save the prepared scene there.
@@ -190,7 +211,7 @@ def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | No
         code = report(outcome, console)
         if code == 0:
             stage.complete()
-            console.note(f"{plan.out}/clean and {plan.out}/noisy hold {len(plan.numbers)} frames each")
+            console.note(f"{' and '.join(map(str, plan.variants()))} hold {len(plan.numbers)} frames each")
         return code
 
 

@@ -11,7 +11,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 
-from ..farm import slurm
+from ..farm import held_out, slurm
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import Console, common
 
@@ -35,6 +35,12 @@ def run(args: argparse.Namespace, console: Console) -> None:
         lines.append(f"in Slurm's queue: {values['queue']}; logs: {values['folder']}/.farm/slurm")
     if values["failed"] is not None:
         lines.append(f"the last task that failed: {values['failed']}")
+    if (views := values["held_out"]) is not None:
+        lines.append(
+            f"held-out views: {views['finished']} of {views['frames']} rendered"
+            if views
+            else "held-out views: not begun"
+        )
     console.result(values, "\n".join(lines))
 
 
@@ -50,7 +56,8 @@ def state(folder: Path, frames: str | None) -> dict:
         raw, job = run.path, RenderJob.from_dict(run.recipe["job"])
         asked = plan.numbers if frames is None and plan else frame_slice(frames or "::", len(load_trajectory(job)))
         if raw.name == "raw":  # frames that the journals of both sequences beside it name
-            journals = [raw.parent / name / "frames.jsonl" for name in ("clean", "noisy")]
+            names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)
+            journals = [raw.parent / name / "frames.jsonl" for name in names]
             made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(asked)
         missing = run.missing([n for n in asked if n not in made])
     elif plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
@@ -75,5 +82,12 @@ def state(folder: Path, frames: str | None) -> dict:
         "missing_frames": missing,
         "holder": holder,
         "queue": queue,
+        "held_out": _held_out(plan) if plan is not None and plan.held_out else None,
         "failed": slurm.last_error(raw) if missing and queue == "nothing" else None,
     }
+
+
+def _held_out(plan: RunPlan) -> dict:
+    """The state of the views' own run; {} before it has begun."""
+    folder = plan.out / held_out.FOLDER
+    return state(folder, None) if (folder / "raw/sequence.json").is_file() else {}

@@ -36,6 +36,8 @@ _KEYS = (
     "farm",
     "slurm",
     "logs",
+    "held_out",
+    "noisy",
 )
 
 
@@ -134,7 +136,8 @@ def read_settings(path: Path) -> SlurmSettings:
 class RunPlan:
     """Frames `numbers` of `job` into the run folder `raw`, and with `sequences` the sequences clean/ and noisy/ beside it.
 
-    working_folder: where the command was given; a user's own noise model may lie there.
+    working_folder: where the command was given; a user's own noise model may lie there. held_out: how many held-out views are to be rendered
+    too, or their trajectory, "" for none. noisy: also noisy/.
     """
 
     job: RenderJob
@@ -146,6 +149,8 @@ class RunPlan:
     slurm: SlurmSettings = field(default_factory=SlurmSettings)
     logs: LogSettings = field(default_factory=LogSettings)
     working_folder: str = field(default_factory=lambda: str(Path.cwd()))
+    held_out: str = ""
+    noisy: bool = True
 
     @property
     def command(self) -> str:
@@ -167,7 +172,7 @@ class RunPlan:
         if self.sequences is None:
             return {}
         clean, noisy = self.sequences.without_noise(), self.sequences.sequence_settings()
-        return {self.out / "clean": clean, self.out / "noisy": noisy}
+        return {self.out / "clean": clean, **({self.out / "noisy": noisy} if self.noisy else {})}
 
     def missing(self) -> list[int]:
         """Frames that are neither finished nor turned into pairs, by the files of the folder."""
@@ -192,6 +197,8 @@ class RunPlan:
             "farm": self.farm.to_dict(),
             "slurm": self.slurm.to_dict(),
             "logs": self.logs.to_dict(),
+            **({"held_out": self.held_out} if self.held_out else {}),
+            **({} if self.noisy else {"noisy": False}),
         }
 
     @classmethod
@@ -212,7 +219,8 @@ class RunPlan:
             sequences = SequenceOptions.from_dict(content["sequences"])
         farm, slurm = FarmSettings.from_dict(content["farm"]), SlurmSettings.from_dict(content["slurm"])
         shared = farm, slurm, LogSettings.from_dict(content.get("logs", {}))
-        return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"])
+        views = content.get("held_out", ""), content.get("noisy", True)
+        return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"], *views)
 
     def write_record(self) -> None:
         """Beside the frames."""

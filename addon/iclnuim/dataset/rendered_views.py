@@ -76,13 +76,14 @@ def view_errors(
     truth: Path | str,
     keyframes: Path | str | None = None,
     settings: ViewSettings | None = None,
-    on_view: Callable[[], object] = lambda: None,
+    progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
 ) -> ViewErrors:
     """Rendered images in `folder` against the frames of the sequence `truth`, in any format, which they are named after.
 
     The colour of rgb/000012.png is rgb/000012 there, or 000012, as .png or .jpg; its depth, if any, depth/000012, as .png, in the units of
     camera.json there or else of `truth`, or as .npy in metres. keyframes: a file with a line for each, which begins with its image's name,
-    its frame's number or its stamp, such as a trajectory of keyframes.
+    its frame's number or its stamp, such as a trajectory of keyframes. progress(count) returns what is called
+    after each view.
 
     Raises InputError where no view is there, images differ in size, or a keyframe is none of the frames; WorkError where LPIPS cannot begin.
     """
@@ -94,7 +95,7 @@ def view_errors(
     own = camera_file(folder) or camera
     chosen = set() if keyframes is None else read_keyframes(Path(keyframes), pairs)
     perceptual = _lpips() if settings.lpips and has_lpips() else None
-    views, missing = [], []
+    views, missing, on_view = [], [], progress(len(pairs))
     for row, pair in enumerate(pairs):
         rgb, depth = (_find(folder, truth, image, kind) for kind, image in ((RGB, pair.rgb), (DEPTH, pair.depth)))
         on_view()

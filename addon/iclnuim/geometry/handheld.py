@@ -113,7 +113,7 @@ def make(recipe: Recipe) -> Motion:
     centre = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
     scale = _scale_for_length(smooth[:, :3] - centre, shake_m, recipe.length_m)
     positions = centre + scale * (smooth[:, :3] - centre) + shake_m
-    rotations = _rotation_world_camera(*smooth[:, 3:].T) @ so3.exp(shake_rad)
+    rotations = rotation_world_camera(*smooth[:, 3:].T) @ so3.exp(shake_rad)
     return Motion(Trajectory.at_rate(SE3(rotations, positions)), scale)
 
 
@@ -184,7 +184,7 @@ def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float
     return round(low, 6)
 
 
-def _rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
+def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
     """(n, 3, 3): the view's yaw from world x towards y, its pitch upwards, and a clockwise roll about it (radians)."""
     sy, cy, sp, cp = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch)
     forward = np.stack([cy * cp, sy * cp, sp], -1)

@@ -130,15 +130,19 @@ def seen_points(
     T_world_camera: SE3,
     far_m: float,
     on_pose: Callable[[], object],
+    sides: np.ndarray | None = None,
 ) -> np.ndarray:
     """(n,) which points (n, 3) on the surface some pose (k,) saw: inside its image, before it, at no more depth than far_m, and with
-    nothing between.
+    nothing between; where `sides` (n, 3) point away from the surface, from that side.
     """
     seen = np.zeros(len(points_m), bool)
     for k in range(len(T_world_camera)):
         rows = np.flatnonzero(~seen)
         rows = rows[_in_image(points_m[rows], camera, T_world_camera[k], far_m)]
         rays = points_m[rows] - T_world_camera[k].translation
+        if sides is not None:
+            before = (rays * sides[rows]).sum(1) < 0
+            rows, rays = rows[before], rays[before]
         seen[rows] = caster.cast(T_world_camera[k].translation, rays).distance > _ARRIVED
         on_pose()
     return seen
