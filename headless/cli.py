@@ -35,6 +35,7 @@ COMMANDS = {
     "evaluate": "errors against ground truth: trajectory (ate, rpe), surface (surface), rendered views (views)",
     "odometry": "camera motion from colour and depth: our odometers and third-party ones",
     "run": "any system's camera motion on sequences: staged, timed, judged by what it wrote",
+    "stress": "where methods fail: frames perturbed step by step, every method on each",
     "fuse": "depth images and a trajectory to a coloured mesh",
     "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
     "scene": "build a scene by code; compare it with the official frames",

@@ -30,6 +30,7 @@ MODULES = (
     "iclnuim.geometry.handheld",
     "iclnuim.headless.farm.run_plan",
     "iclnuim.headless.systems.system",
+    "iclnuim.headless.stress.plan",
 )
 HEAD = """# Settings
 

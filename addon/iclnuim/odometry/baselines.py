@@ -9,10 +9,15 @@ from ..geometry.se3 import SE3
 from .protocol import Frame, Result, failure
 
 
-class OpencvOdometer:
-    """cv2.rgbd; a frame's pyramids are kept for the two pairs that it is in. No guess is used."""
+class Baseline:
+    """No guess is used: an alignment starts from no motion, or where `start` says."""
 
     reference = "frame"
+    start = SE3.identity()
+
+
+class OpencvOdometer(Baseline):
+    """cv2.rgbd; a frame's pyramids are kept for the two pairs that it is in."""
 
     def __init__(self, name: str, method: str) -> None:
         import cv2
@@ -30,16 +35,14 @@ class OpencvOdometer:
         return self._rgbd.OdometryFrame.create(_bytes(frame.grey), depth, mask)
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
-        found, T = self._odometry.compute2(current, reference)
+        found, T = self._odometry.compute2(current, reference, initRt=self.start.matrix)
         if not found or T is None:
             return failure("baseline: no motion found")
         return Result(SE3.from_matrix(T))
 
 
-class Open3dOdometer:
-    """The multi-scale RGB-D odometer of Open3D's tensor pipelines. No guess is used."""
-
-    reference = "frame"
+class Open3dOdometer(Baseline):
+    """The multi-scale RGB-D odometer of Open3D's tensor pipelines."""
 
     def __init__(self, name: str, method: str) -> None:
         import open3d
@@ -55,7 +58,10 @@ class Open3dOdometer:
         return self._o3d.t.geometry.RGBDImage(image(grey), image(np.ascontiguousarray(frame.depth_z_m[..., None])))
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
-        solver, start = self._o3d.t.pipelines.odometry.rgbd_odometry_multi_scale, self._o3d.core.Tensor(np.eye(4))
+        solver, start = (
+            self._o3d.t.pipelines.odometry.rgbd_odometry_multi_scale,
+            self._o3d.core.Tensor(self.start.matrix),
+        )
         try:
             found = solver(current, reference, self._K, start, 1.0, 13.0, method=self._method)
         except RuntimeError as error:

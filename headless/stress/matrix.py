@@ -1,0 +1,291 @@
+"""All cells: every method on every perturbed stretch, each a file with what decided it, on all cores; what is there already stays.
+
+OUT/recipe.json                                    versions, machine, the whole of perturbations.toml
+OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD.json      one cell: its identity and its figures
+"""
+
+import os
+import platform
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from iclnuim import __version__
+from iclnuim.dataset.frame_pool import FramePool
+from iclnuim.dataset.frames import FrameSource, read_truth
+from iclnuim.dataset.sequence import write_sequence
+from iclnuim.errors import InputError
+from iclnuim.formats.files import is_file, make_folder, read_json, read_text, sha256, write_json
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory, sample
+from iclnuim.odometry.registry import ODOMETERS, odometer
+from iclnuim.odometry.run import Sequence
+from iclnuim.sensor.transfer import light_from_srgb8
+from iclnuim.shipped import source_commit
+
+from ..systems.experiment import Experiment
+from ..systems.staging import StagedSequence
+from ..systems.system import System
+from .cell import Cell, Poses, cell, diagnostics, track_all
+from .plan import FILE, SEVERITIES, Plan
+from .stretch import Stretch
+
+_SCHEMA_VERSION = 1
+CLEAN = "clean"
+#: Libraries that took part, for the recipe.
+_LIBRARIES = ("numpy", "numba", "opencv-contrib-python-headless", "open3d-cpu")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One perturbed stretch; severity 0 is the unperturbed one."""
+
+    sequence: str
+    start: int
+    perturbation: str
+    severity: int
+
+    @property
+    def place(self) -> str:
+        """Its folder below cells/."""
+        name = f"{self.perturbation}_{self.severity}" if self.severity else CLEAN
+        return f"{self.sequence.replace('/', '_')}/{self.start}/{name}"
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A sequence that stretches are taken from, and its ground truth."""
+
+    name: str
+    sequence: Sequence
+    truth: Trajectory
+    files_sha256: str
+
+    @classmethod
+    def of(cls, folder: Path) -> "Base":
+        """The name is that of the recipe that lies there, or the last two folders. Raises InputError without ground truth."""
+        sequence, truth = Sequence(folder), read_truth(folder)
+        if truth is None:
+            raise InputError("a ground truth in the folder", path=folder)
+        job: Any = {}
+        if is_file(folder / "recipe.json"):
+            job = read_json(folder / "recipe.json").get("source", {}).get("run", {}).get("job", {})
+        name = job.get("sequence") or "/".join(folder.resolve().parts[-2:])
+        files = [
+            f"{p.stamp_s:.6f} {p.rgb.name} {p.rgb.stat().st_size} {p.depth.stat().st_size}" for p in sequence.pairs
+        ]
+        return cls(name, sequence, truth, sha256("\n".join(files).encode()))
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """What is to be done in OUT: stretches of the bases, each perturbed as the plan says, every method on each.
+
+    methods: names of the registry, with a preset for ours; systems: of `iclnuim run`, `runs` times each. starts: how many of the plan's.
+    """
+
+    out: Path
+    plan: Plan
+    bases: Mapping[str, Base]
+    methods: tuple[str, ...]
+    systems: tuple[System, ...] = ()
+    perturbations: tuple[str, ...] = ()
+    severities: tuple[int, ...] = tuple(range(1, SEVERITIES + 1))
+    starts: int | None = None
+    preset: str = "best"
+    runs: int = 5
+
+    @property
+    def names(self) -> list[str]:
+        """Of all methods, as results call them."""
+        return [*self.methods, *(system.name for system in self.systems)]
+
+    def tasks(self) -> list[Task]:
+        """Unperturbed stretches first: what others are compared with."""
+        stretches = [
+            (name, start)
+            for name, base in self.bases.items()
+            for start in self.plan.starts_of(name, len(base.sequence))[: self.starts]
+        ]
+        clean = [Task(name, start, CLEAN, 0) for name, start in stretches]
+        return clean + [Task(*s, p, k) for p in self.perturbations for k in self.severities for s in stretches]
+
+    def missing(self) -> int:
+        """How many cells are to be made; one of other settings is made again."""
+        return sum(len(self._missing(task, self.names)) for task in self.tasks())
+
+    def run(self, workers: int, progress: Callable[[int], object]) -> None:
+        """Make the cells that are missing; progress(cells) when some were made."""
+        make_folder(self.out, hint="another {out}")
+        write_json(self.out / "recipe.json", self._recipe())
+        todo = [task for task in self.tasks() if self._missing(task, self.methods)]
+        for some in (
+            [t for t in todo if not t.severity],
+            [t for t in todo if t.severity],
+        ):  # the unperturbed come first
+            if some:
+                self._track_all(some, workers, progress)
+        for task in self.tasks():
+            for system in self.systems:
+                if self._missing(task, [system.name]):
+                    self._run_system(task, system)
+                    progress(1)
+
+    def _track_all(self, tasks: list[Task], workers: int, progress: Callable[[int], object]) -> None:
+        with FramePool(lambda k: self._track(tasks[k]), min(workers, len(tasks)), progress) as pool:
+            for k in range(len(tasks)):
+                pool.add(k)
+
+    def cells(self) -> dict[tuple[Task, str], dict[str, Any]]:
+        """The figures that are there, of tasks and methods of this matrix."""
+        found = {}
+        for task in self.tasks():
+            for name in self.names:
+                if is_file(file := self._file(task, name)):
+                    found[task, name] = read_json(file)["cell"]
+        return found
+
+    def stretch(self, task: Task) -> Stretch:
+        """The frames of a task. Raises InputError where the sequence is too short."""
+        base, plan = self.bases[task.sequence], self.plan
+        stretch = Stretch.of(base.sequence, base.truth, task.start, plan.frames, plan.seed)
+        return plan.apply(task.perturbation, task.severity, stretch)
+
+    def _track(self, task: Task) -> int:
+        """In a process of the pool: all methods of a task that are missing, on one thread. How many."""
+        _one_thread()
+        missing = self._missing(task, self.methods)
+        stretch = self.stretch(task)
+        all_tracked = track_all(
+            [odometer(name, self.preset if name in ODOMETERS else "best") for name in missing], stretch
+        )
+        for name, (tracked, references_s) in zip(missing, all_tracked, strict=True):
+            clean = self._clean(task, name)
+            extra = diagnostics(tracked, references_s, stretch.truth, clean)
+            bounds = self.plan.bounds
+            self._write(task, name, cell(Poses.of(tracked, bounds), stretch.truth, bounds, not task.severity, extra))
+        return len(missing)
+
+    def _run_system(self, task: Task, system: System) -> None:
+        """A system of others on the perturbed frames as a sequence in a folder; medians of the runs."""
+        work = self.out / "work" / task.place
+        stretch = self.stretch(task)
+        write_sequence(_source(stretch), work / "frames")
+        truth = sample(stretch.truth, _stamps_s(stretch))
+        staged = StagedSequence.of(work / "frames")
+        experiment = Experiment(system, staged, work)
+        experiment.run(self.runs, 60.0 + len(stretch.numbers))
+        name = next(iter(system.trajectories)) if "live" not in system.trajectories else "live"
+        found = []
+        for number in range(1, self.runs + 1):
+            file = experiment.folder / f"run_{number}" / "matched" / f"{name}.txt"
+            poses = Poses.of_file(_read(file), staged.stamps_s)
+            found.append(cell(poses, Trajectory(staged.stamps_s, truth), self.plan.bounds, not task.severity))
+        self._write(task, system.name, _median_cell(found))
+        shutil.rmtree(work)
+
+    def _missing(self, task: Task, names: Iterable[str]) -> list[str]:
+        return [name for name in names if not self._is_done(task, name)]
+
+    def _is_done(self, task: Task, name: str) -> bool:
+        file = self._file(task, name)
+        return is_file(file) and read_json(file).get("identity") == self._identity(task, name)
+
+    def _clean(self, task: Task, name: str) -> Cell | None:
+        file = self._file(Task(task.sequence, task.start, CLEAN, 0), name)
+        return Cell(**read_json(file)["cell"]) if task.severity and is_file(file) else None
+
+    def _write(self, task: Task, name: str, figures: Cell) -> None:
+        file = self._file(task, name)
+        make_folder(file.parent)
+        write_json(file, {"identity": self._identity(task, name), "cell": figures.to_dict()})
+
+    def _file(self, task: Task, name: str) -> Path:
+        preset = f"_{self.preset}" if name in ODOMETERS and self.preset != "best" else ""
+        return self.out / "cells" / task.place / f"{name.replace(':', '_')}{preset}.json"
+
+    def _identity(self, task: Task, name: str) -> dict[str, Any]:
+        """All that decides a cell."""
+        plan, p = self.plan, self.plan.perturbations.get(task.perturbation)
+        system = next((s for s in self.systems if s.name == name), None)
+        return {
+            "schema_version": _SCHEMA_VERSION,
+            **asdict(task),
+            "level": p.levels[task.severity - 1] if p and task.severity else None,
+            "fixed": dict(plan.fixed.get(task.perturbation, {})),
+            "frames": plan.frames,
+            "seed": plan.seed,
+            "bounds": plan.bounds.to_dict(),
+            "files_sha256": self.bases[task.sequence].files_sha256,
+            "method": name,
+            "preset": self.preset if name in ODOMETERS else None,
+            "options": {k: v for k, v in system.options.items() if k != "program"} if system else None,
+            "runs": self.runs if system else 1,
+        }
+
+    def _recipe(self) -> dict[str, Any]:
+        return {
+            "schema_version": _SCHEMA_VERSION,
+            "perturbations": read_text(FILE),
+            "methods": self.names,
+            "sequences": {name: str(base.sequence.folder) for name, base in self.bases.items()},
+            "versions": {"iclnuim": __version__, "python": platform.python_version(), **_versions()},
+            "source_commit": source_commit(),
+            "machine": {"system": platform.platform(), "cores": os.cpu_count()},
+        }
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = {}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _one_thread() -> None:
+    """Processes share the cores."""
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def _stamps_s(stretch: Stretch) -> np.ndarray:
+    return np.array([stretch.stamps_s[number] for number in stretch.numbers])
+
+
+def _source(stretch: Stretch) -> FrameSource:
+    """For a sequence on disk: frames by their own numbers and stamps."""
+
+    def load(number: int) -> tuple[np.ndarray, np.ndarray]:
+        colour, depth_z_m = stretch.load(number)
+        return light_from_srgb8(colour), depth_z_m
+
+    def truth_of(numbers: tuple[int, ...]) -> Trajectory:
+        stamps_s = np.array([stretch.stamps_s[number] for number in numbers])
+        return Trajectory(stamps_s, sample(stretch.truth, stamps_s))
+
+    stamps_s = {number: stretch.stamps_s[number] for number in stretch.numbers}
+    return FrameSource(stretch.camera, stretch.numbers, stamps_s, load, truth_of, {"frames": "perturbed"})
+
+
+def _read(file: Path) -> Trajectory:
+    """Without poses where a system wrote nothing that could be read."""
+    try:
+        return read_trajectory(file, "tum").trajectory
+    except InputError:
+        return Trajectory(np.zeros(0), SE3.identity((0,)))
+
+
+def _median_cell(cells: list[Cell]) -> Cell:
+    """The run in the middle by ATE; one without counts as the worst."""
+    order = sorted(cells, key=lambda c: np.inf if c.ate_m is None else c.ate_m)
+    return order[len(order) // 2]

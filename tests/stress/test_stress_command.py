@@ -1,0 +1,87 @@
+"""`iclnuim stress` from folder to pages: cells are made once, made again where they differ, and the same whenever they are made."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from html.parser import HTMLParser
+
+import pytest
+from iclnuim.headless.stress.plan import read_plan
+
+SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "1")
+
+
+def cells(out):
+    found = {}
+    for file in sorted((out / "cells").rglob("*.json")):
+        content = json.loads(file.read_text())
+        content["cell"].pop("seconds")
+        found[str(file.relative_to(out))] = content
+    return found
+
+
+def test_the_list_has_one_perturbation_a_line_with_its_severities(command_here):
+    code, out, _ = command_here("stress", "--list")
+    lines, plan = out.splitlines(), read_plan()
+    assert code == 0 and [line.split()[0] for line in lines] == list(plan.perturbations)
+    assert "  2      3      4      6      8  x" in next(line for line in lines if line.startswith("speed"))
+
+
+def test_cells_are_made_once_and_pages_show_them(command_here, folder, tmp_path):
+    out = tmp_path / "out"
+    words = ("stress", folder, "-o", out, "--only", "holes", "--severities", "1,5", *SMALL)
+    code, text, _ = command_here(*words)
+    assert code == 0 and "opencv-rgbd" in text and "holes" in text
+    first = cells(out)
+    assert len(first) == 3 * 3  # unperturbed, and two severities
+    stamps = {file: os.stat(out / file).st_mtime_ns for file in first}
+    victim = next(file for file in first if "holes_5" in file)
+    (out / victim).unlink()
+    code, text_again, _ = command_here(*words, "--quiet")
+    assert (code, text_again) == (0, text) and cells(out) == first
+    assert [file for file in first if os.stat(out / file).st_mtime_ns != stamps[file]] == [victim]
+    parser = HTMLParser()
+    parser.feed((out / "stress.html").read_text())
+
+
+@pytest.mark.slow
+def test_heat_maps_are_drawn(command_here, folder, tmp_path):
+    picture = tmp_path / "stress.png"
+    assert command_here("stress", folder, "-o", tmp_path / "out", "--plot", picture, "--only", "holes", *SMALL)[0] == 0
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--only", "xyz"), "--only: expected part of a name of bare_wall"),
+        (("--methods", "xyz"), "--methods: expected part of a name of fovis"),
+        (("--frames", "400", "--methods", "opencv"), "expected at least 400 frames"),
+        (("--system", "fovis", "--set", "x=1"), "--set: expected SYSTEM.NAME=VALUE"),
+        (("--report-only",), "no cells; try the same command without --report-only"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(command_here, folder, tmp_path, words, message):
+    code, _, err = command_here("stress", folder, "-o", tmp_path / "out", *words)
+    assert code in (2, 3) and message in err.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_killed_twenty_times_it_ends_with_the_same_table(folder, tmp_path):
+    words = [sys.executable, "-m", "iclnuim", "stress", folder, "--only", "holes", "--only", "noise", "--only", "speed"]
+    words += [*SMALL[:-2], "--workers", "2", "--quiet"]
+    whole = subprocess.run([*words, "-o", tmp_path / "whole"], capture_output=True, text=True, check=True)
+    kills, out = 0, tmp_path / "out"
+    while kills < 20:
+        process = subprocess.Popen([*words, "-o", out], stdout=subprocess.DEVNULL)
+        time.sleep(1.5 + 0.15 * kills)
+        if process.poll() is not None:
+            break
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        kills += 1
+    last = subprocess.run([*words, "-o", out], capture_output=True, text=True, check=True)
+    assert kills > 3 and last.stdout == whole.stdout and cells(out) == cells(tmp_path / "whole")
