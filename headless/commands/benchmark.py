@@ -11,6 +11,7 @@ from iclnuim.formats.files import atomic_write_text, make_folder
 from ..benchmark.cells import Cell, all_cells, chosen
 from ..benchmark.correlation import correlation_table
 from ..benchmark.findings import findings_table
+from ..benchmark.html_report import write_report
 from ..benchmark.lookup import presets_of
 from ..benchmark.paper_tables import all_tables
 from ..benchmark.runner import Benchmark, measured
@@ -71,6 +72,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     tables = tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
+    console.note(f"{write_report(args.out, results, tables)} written")
     shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
     console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
     if problems:

@@ -54,7 +54,7 @@ def installed(wheel, tmp_path_factory):
 
 def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, repository):
     names = set(zipfile.ZipFile(wheel).namelist())
-    shipped = {"py.typed", "blender_manifest.toml", "headless/benchmark/paper.json"}
+    shipped = {"py.typed", "blender_manifest.toml", "headless/benchmark/paper.json", "headless/benchmark/report.html"}
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
     systems = repository / "headless/systems"
     data = [path for ending in ("*.toml", "drivers/*") for path in systems.glob(ending)]
