@@ -109,9 +109,9 @@ def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | 
     behind = surfaces.triangles(panes=False) if job.glass != "surface" else found
     truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
-    caster = RayCaster(found.vertices, found.triangles)
+    caster = RayCaster(found.vertices, found.triangles, found.held_out)
     if behind is not found:
-        caster = GlassCaster(caster, RayCaster(behind.vertices, behind.triangles), job.glass == "none")
+        caster = GlassCaster(caster, RayCaster(behind.vertices, behind.triangles, behind.held_out), job.glass == "none")
     return caster, truth_caster
 
 

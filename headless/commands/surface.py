@@ -84,7 +84,7 @@ def _model(args: argparse.Namespace) -> SceneModel:
         if not ids:
             listed = ", ".join(sorted({r["class"] for r in rows}))
             raise InputError(f"an object's name or a class ({listed})", found=word)
-    left_out = sorted(set().union(*known.values())) if known else []
+    left_out = sorted({0}.union(*known.values()))  # 0: held out of frames
     return found.chosen(~np.isin(found.instance, left_out))
 
 

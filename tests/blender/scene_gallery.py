@@ -748,6 +748,29 @@ def view_layers(folder: Path) -> None:
     bpy.context.window.view_layer = second
 
 
+@scene(note="displaced surfaces (sheet)")
+def displaced_in_a_library(folder: Path) -> None:
+    """What a library holds is displaced as the file's own is."""
+    xs, ys = np.linspace(-0.9, 0.9, 40), np.linspace(-0.9, 0.9, 40)
+    vertices = [(x, y, 0.6) for y in ys for x in xs]
+    faces = [(r * 40 + c, r * 40 + c + 1, (r + 1) * 40 + c + 1, (r + 1) * 40 + c) for r in range(39) for c in range(39)]
+    waves = material("waves")
+    waves.displacement_method = "DISPLACEMENT"
+    tree = waves.node_tree
+    noise, height = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+    height.inputs["Scale"].default_value = 0.2
+    tree.links.new(noise.outputs[0], height.inputs["Height"])
+    tree.links.new(height.outputs[0], tree.get_output_node("ALL").inputs["Displacement"])
+    mesh("sheet", vertices, faces, waves)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    room()
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "displaced_in_a_library.blend"))
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (_, linked):
+        linked.objects = ["sheet"]
+    bpy.context.scene.collection.objects.link(bpy.data.objects["sheet"])
+
+
 @scene(refused=True, note="surface")
 def edges_alone(folder: Path) -> None:
     """A mesh without a face."""

@@ -20,7 +20,7 @@ _SHADERS = {
 
 
 def scene_model() -> SceneModel:
-    """Numbers its objects as frames have them. Raises InputError for a scene without surfaces."""
+    """Numbers its objects as frames have them; those that are held out are 0 there, and here. Raises InputError for a scene without surfaces."""
     ground_truth.number_objects()
     with surfaces.rendered_parts() as (found, _):
         parts = [part for part in found if part.source.visible_camera]
@@ -39,11 +39,15 @@ def scene_model() -> SceneModel:
             normals=normals,
             uv=np.concatenate([_uv(part) for part in parts]),
             material=np.concatenate(material),
-            instance=np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.pass_index) for p in parts]),
+            instance=np.concatenate([np.full(len(p.mesh.loop_triangles), _number(p)) for p in parts]),
             looks=tuple(_look(m) for m in looks),
-            names={part.source.pass_index: part.source.name for part in parts},
+            names={_number(part): part.source.name for part in parts if _number(part)},
         )
         return model.chosen(np.concatenate([surfaces.solid(part) for part in parts]))
+
+
+def _number(part: Part) -> int:
+    return 0 if part.source.is_holdout else part.source.pass_index
 
 
 def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> None:

@@ -476,11 +476,11 @@ def _mixed(numbers: np.ndarray) -> np.ndarray:
 
 
 def _is_opaque(thing: bpy.types.Object) -> bool:
-    """And fully visible, and ours to change."""
+    """And fully visible."""
     trees = [slot.material.node_tree for slot in thing.material_slots if slot.material and slot.material.node_tree]
     outputs = set(compat.volume_outputs())
     nodes = [node for tree in trees for node in compat.nodes_of(tree)]
-    shows = thing.library is None and thing.visible_camera and thing.visible_shadow and not thing.hide_render
+    shows = thing.visible_camera and thing.visible_shadow and not thing.hide_render
     return shows and not any(node in outputs or lit_scene.is_glass(node) for node in nodes)
 
 

@@ -93,6 +93,8 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     missing = scene_paths.check(path, reading)
     load(path)
     scene_paths.check_open(path, reading)
+    if bpy.data.libraries:  # what comes from a library may be changed in memory, as all else
+        bpy.ops.object.make_local(type="ALL")
     scene = bpy.context.scene
     _neutral_settings(path, scene)
     _look_at_rendered_layer(scene)

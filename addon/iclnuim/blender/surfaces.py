@@ -22,12 +22,15 @@ _LEVELS = (
 
 @dataclass(frozen=True)
 class Surface:
-    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names, one per object."""
+    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names, one per object; held_out (m,):
+    cut out of frames, which have no depth there.
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
     owners: np.ndarray
     names: tuple[str, ...]
+    held_out: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +60,7 @@ def triangles(panes: bool = True) -> Surface:
     """
     vertices, faces, owners, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)], 0
     names: list[str] = []
+    held_out: list[bool] = []
     with rendered_parts() as (found, _):
         for part in found:
             if part.source.visible_camera and len(part.mesh.loop_triangles):
@@ -65,8 +69,12 @@ def triangles(panes: bool = True) -> Surface:
                 faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[kept] + count)
                 owners.append(np.full(len(faces[-1]), len(names), np.int32))
                 names.append(part.name)
+                held_out.append(part.source.is_holdout)
                 count += len(vertices[-1])
-    return Surface(np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners), tuple(names))
+    owner = np.concatenate(owners)
+    return Surface(
+        np.concatenate(vertices), np.concatenate(faces), owner, tuple(names), np.array(held_out, bool)[owner]
+    )
 
 
 def triangle_count() -> int:

@@ -42,12 +42,12 @@ class Hits:
 
 
 class RayCaster:
-    """Of triangles (m, 3), indices into vertices (n, 3) in metres, world.
+    """Of triangles (m, 3), indices into vertices (n, 3) in metres, world. held_out (m,): those that have no depth, but hide what is behind.
 
     Raises InputError for no triangles, WorkError where embreex is missing.
     """
 
-    def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
+    def __init__(self, vertices: np.ndarray, triangles: np.ndarray, held_out: np.ndarray | None = None) -> None:
         if not len(triangles):
             raise InputError("a surface with triangles", found="none")
         try:
@@ -56,6 +56,7 @@ class RayCaster:
         except ImportError:
             raise WorkError("ray casting needs the package embreex; try: pip install embreex") from None
         self._scene: Any = EmbreeScene()
+        self._held_out = held_out if held_out is not None and held_out.any() else None
         TriangleMesh(self._scene, _packed(vertices), np.ascontiguousarray(triangles, np.int32))
 
     @classmethod
@@ -77,8 +78,11 @@ class RayCaster:
     def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
         """(h, w) planar Z in metres, 0 where a ray meets nothing. Rays have z = 1, so the distance along them is Z itself."""
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
-        distance = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T).distance
-        return np.where(np.isfinite(distance), distance, 0.0)
+        hits = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
+        met = hits.triangle >= 0
+        if self._held_out is not None:
+            met &= ~self._held_out[hits.triangle]
+        return np.where(met, hits.distance, 0.0)
 
 
 def _packed(numbers: np.ndarray) -> np.ndarray:

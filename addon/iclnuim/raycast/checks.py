@@ -117,7 +117,8 @@ class TruthCaster:
         """(h, w) planar Z in metres, 0 where nothing is met; (h, w) instance; (h, w, 3) unit normal, cv camera's frame, of the side that is seen."""
         rays = camera.rays() @ T_world_camera.rotation.T
         hits = self._caster.cast(T_world_camera.translation, rays)
-        seen, triangle = hits.triangle >= 0, np.maximum(hits.triangle, 0)
+        triangle = np.maximum(hits.triangle, 0)
+        seen = (hits.triangle >= 0) & (self._model.instance[triangle] > 0)
         u, v = np.moveaxis(hits.uv.astype(float), -1, 0)
         normal = np.einsum("hwk,hwkc->hwc", np.stack([1 - u - v, u, v], -1), self._model.normals[triangle])
         a, b, c = np.moveaxis(self._model.corners_m[triangle], -2, 0)
