@@ -41,6 +41,7 @@ COMMANDS = {
     "scene": "build a scene by code; compare it with the official frames",
     "surface": "the scene as a surface, PLY or OBJ with textures; or what a trajectory saw of it",
     "benchmark": "the paper's experiments on all sequences: tables, findings, one report",
+    "figure": "a figure of the paper, of our rooms, sequences and measured cells",
     "table": "a table of the paper from our own files, beside the printed figures",
     "check-depth": "cast the same rays independently and compare the depth",
     "bench": "measurements: time, error, and where they go",

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
 from ..raycast.caster import RayCaster
 from .surface_error import SurfaceError
 
@@ -47,6 +49,29 @@ def _rays(centre: np.ndarray, size: float, width: int, height: int) -> tuple[np.
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     origin = centre + back * size * 0.5 / reach * 0.95
     return origin.astype(np.float32), direction.reshape(-1, 3).astype(np.float32)
+
+
+def clay(
+    caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, reach_m: float = 0.8, rays: int = 32
+) -> np.ndarray:
+    """(h, w, 3) uint8: a model as if of clay, lit from the camera, darker where surfaces within reach_m stand around a place."""
+    directions = camera.rays() @ T_world_camera.rotation.T
+    hits = caster.cast(T_world_camera.translation, directions)
+    seen = hits.triangle >= 0
+    towards = directions[seen] / np.linalg.norm(directions[seen], axis=1, keepdims=True)
+    normal = hits.normal[seen]
+    facing = (normal * towards).sum(1, keepdims=True)
+    normal = np.where(facing > 0, -normal, normal)
+    places = T_world_camera.translation + directions[seen] * hits.distance[seen][:, None] + 1e-3 * normal
+    rng, open_rays = np.random.default_rng(0), np.zeros(len(places), np.float32)
+    for _ in range(rays):  # a point of the unit sphere on the tip of the normal: directions by their cosine
+        point = rng.normal(size=(len(places), 3))
+        point = normal + point / np.linalg.norm(point, axis=1, keepdims=True)
+        point /= np.maximum(np.linalg.norm(point, axis=1, keepdims=True), 1e-6)
+        open_rays += caster.cast(places, point).distance > reach_m
+    image = np.full((*seen.shape, 1), 255, np.float32)
+    image[seen] = 235 * (0.45 + 0.55 * np.abs(facing)) * (0.25 + 0.75 * open_rays[:, None] / rays)
+    return np.repeat(np.clip(image, 0, 255).astype(np.uint8), 3, axis=2)
 
 
 def heat_colours(distances_mm: np.ndarray, low_mm: float, high_mm: float) -> np.ndarray:

@@ -112,7 +112,12 @@ def error_figure(report: Report) -> Figure:
 
 def widest_plane(poses: SE3) -> tuple[int, int]:
     """The two axes, in order, along which positions reach furthest."""
-    a, b = sorted(np.argsort(np.ptp(poses.translation, axis=0))[1:].tolist())
+    return widest_axes(poses.translation)
+
+
+def widest_axes(positions_m: np.ndarray) -> tuple[int, int]:
+    """The same of positions (n, 3)."""
+    a, b = sorted(np.argsort(np.ptp(positions_m, axis=0))[1:].tolist())
     return a, b
 
 

@@ -1,0 +1,36 @@
+"""`iclnuim figure N`: a figure of the paper, drawn of our rooms, our sequences and the cells of a benchmark."""
+
+import argparse
+from pathlib import Path
+
+from iclnuim.formats.files import check_picture
+
+from ..options import Console, common
+from ..sequence_options import require
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    help = "1: the living room in clay; 2, 3: frames; 4: noise; 5, 7: surfaces; 6, 9: heat maps; 8: trajectories"
+    add("number", type=int, choices=range(1, 10), metavar="N", help=help)
+    add("-o", "--out", type=Path, metavar="FILE", help="picture (.png, .pdf, .svg); default: figure_N.png")
+    add("--data", type=Path, default=Path("out"), metavar="DIR", help="sequences, for 2 to 4; default: out")
+    help = "folder of `iclnuim benchmark`, for 5 to 9; default: out/benchmark"
+    add("--benchmark", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
+    add("--preset", default="best", help="of the cells: best (default) or paper")
+    common(parser, "iclnuim figure 6 -o figure_6.png", json=False)
+
+
+def run(args: argparse.Namespace, console: Console) -> None:
+    target = args.out or Path(f"figure_{args.number}.png")
+    check_picture(target)
+    require("figure", "numba", "cv2", "embreex")
+    from iclnuim.report.charts import save
+
+    from ..benchmark.figures import Material, draw
+    from ..benchmark.runner import measured
+    from ..benchmark.sources import Sources
+
+    material = Material(Sources(args.data, args.benchmark), measured(args.benchmark), args.preset)
+    save(draw(args.number, material), target)
+    console.result({}, f"{target} written")
