@@ -74,6 +74,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
         renamed(parser, "--chart", "--plot", type=Path)
 
+    help = "speed against accuracy of odometers as one thing changes in steps, all steps on the same frames"
+    example = (
+        "iclnuim bench curve iterations out/living_room/kt2/clean --method icp --method rgbd --plot iterations.png"
+    )
+    curve = action(actions, "curve", help, example, _curve)
+    add = curve.add_argument
+    add("curve", metavar="CURVE", help="levels, iterations, pixels, keyframe, resolution, realtime or rate")
+    add("folder", type=Path, metavar="DIR", help="a sequence with ground truth")
+    add_camera_options(curve)
+    add("--method", action="append", metavar="NAME", help="an odometer, several times; default: icp and rgbd")
+    add("--values", type=_numbers, metavar="V,V", help="steps; default: the curve's own")
+    add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
+    add("--first", type=count, default=120, metavar="N", help="so many frames from there; default: 120")
+    add("--threads", type=count, default=1, metavar="N", help="of OpenCV; ours always have one; default: 1")
+    add("--plot", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
+
     help = "time of trajectory evaluation beside evo_ape, from start to exit"
     evaluate = action(actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", _evaluate)
     add = evaluate.add_argument
@@ -99,6 +115,10 @@ def _refuse(error: WorkError, args: argparse.Namespace, console: Console) -> Non
 
 def _sizes(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split(","))
 
 
 def _render(args: argparse.Namespace, console: Console) -> None:
@@ -271,6 +291,38 @@ def _odometry_figure(results: list[dict]) -> "Figure":
     handles, labels = panels[0][0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside right upper", fontsize=8)
     return drawing
+
+
+def _curve(args: argparse.Namespace, console: Console) -> None:
+    require("bench curve", "numba", "cv2")
+    import cv2
+    from iclnuim.dataset.frames import read_truth
+    from iclnuim.shipped import source_commit
+
+    from ..stress import curves
+    from ..stress.stretch import Stretch
+
+    if args.curve not in curves.CURVES:
+        raise InputError(f"a curve ({', '.join(curves.CURVES)})", found=args.curve)
+    sequence, truth = open_sequence(args, console, args.folder), read_truth(args.folder)
+    if truth is None:
+        raise InputError("a ground truth in the folder", path=args.folder)
+    stretch = Stretch.of(sequence, truth, args.start, args.first, seed=1)
+    values, methods = args.values or curves.CURVES[args.curve][0], args.method or ["icp", "rgbd"]
+    cv2.setNumThreads(args.threads)
+    progress = console.progress(curves.length(args.curve, values, stretch), f"bench curve {args.curve}")
+    points = curves.measure(args.curve, methods, values, stretch, progress.advance)
+    if args.plot:
+        from iclnuim.report import charts
+
+        charts.save(curves.figure(args.curve, points), args.plot)
+    recipe = {
+        "folder": str(args.folder),
+        "start": args.start,
+        "threads": args.threads,
+        "source_commit": source_commit(),
+    }
+    console.result({"recipe": recipe, "points": [p.to_dict() for p in points]}, curves.table(points))
 
 
 def _evaluate(args: argparse.Namespace, console: Console) -> None:

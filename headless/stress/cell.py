@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 from iclnuim.errors import InputError
-from iclnuim.evaluation.absolute_error import absolute_error
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.geometry import so3
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
@@ -20,6 +21,7 @@ from iclnuim.odometry.track import Tracked, Tracker
 from .plan import Bounds
 from .stretch import Stretch
 
+_FIRST_POSE = AbsoluteErrorSettings(alignment=AlignmentSettings(method="origin"))
 _SECOND_S, _SLACK_S = 1.0, 0.1
 #: Diagnostics that changed by more than this against the unperturbed run are named as the cause.
 _FEWER_INLIERS, _LARGER_RESIDUAL = 0.7, 1.5
@@ -148,7 +150,7 @@ def cell(poses: Poses, truth: Trajectory, bounds: Bounds, clean: bool, extra: di
     false_success = poses.good & (wrong_step | (drifted & ~noticed))
     false_alarm = ~poses.good & ~wrong
     lost = poses.frames - len(found)
-    ate_m = _ate_m(truth, found, Q)
+    ate_m = ate_rmse_m(truth, found)
     coverage = len(found) / poses.frames
     success = ate_m <= bounds.success_m and coverage >= bounds.min_coverage
     return Cell(
@@ -167,12 +169,12 @@ def cell(poses: Poses, truth: Trajectory, bounds: Bounds, clean: bool, extra: di
     )
 
 
-def _ate_m(truth: Trajectory, found: Trajectory, Q: SE3) -> float:
-    """RMSE after SE(3) alignment; of poses that do not move, about their mean, as no rotation would change it."""
+def ate_rmse_m(truth: Trajectory, found: Trajectory) -> float:
+    """After SE(3) alignment; where poses on a line or in one place leave that open, after alignment of the first pose."""
     try:
         return absolute_error(truth, found).translation_m.rmse
     except InputError:
-        return float(np.sqrt(np.square(Q.translation - Q.translation.mean(0)).sum(-1).mean()))
+        return absolute_error(truth, found, _FIRST_POSE).translation_m.rmse
 
 
 def _errors(Q: SE3, P: SE3, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

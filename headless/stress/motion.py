@@ -56,15 +56,7 @@ def motion_blur(stretch: Stretch, exposure_ms: float) -> Stretch:
     keep = max(1, int(np.ceil(exposure_s / step_s - 1e-6)))
 
     def blurred(number: int) -> Images:
-        colour, depth_z_m = load(number)
-        stamp_s = stretch.stamps_s[number]
-        moved_px = Shift.between(stretch, number, stamp_s + exposure_s / 2).median_px
-        instants = int(np.clip(np.ceil(2 * moved_px / _STEP_PX), 1, _MAX_INSTANTS))
-        offsets_s = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure_s
-        light = np.zeros(colour.shape, np.float32)
-        for offset_s in offsets_s:
-            light += _light_at(stretch, stamp_s + offset_s)
-        return srgb8(light / np.float32(instants)), depth_z_m
+        return srgb8(exposed(stretch, stretch.stamps_s[number], exposure_s)), load(number)[1]
 
     return replace(stretch, numbers=stretch.numbers[::keep], load=blurred)
 
@@ -95,10 +87,30 @@ def out_of_step(stretch: Stretch, late_ms: float) -> Stretch:
     return replace(stretch, load=shown)
 
 
+def exposed(stretch: Stretch, stamp_s: float, exposure_s: float) -> np.ndarray:
+    """Mean scene-linear light (h, w, 3) over an exposure around any time within the sequence."""
+    moved_px = Shift.between(stretch, _nearest(stretch, stamp_s), stamp_s + exposure_s / 2).median_px
+    instants = int(np.clip(np.ceil(2 * moved_px / _STEP_PX), 1, _MAX_INSTANTS))
+    offsets_s = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure_s
+    light = np.zeros((stretch.true_camera.height, stretch.true_camera.width, 3), np.float32)
+    for offset_s in offsets_s:
+        light += _light_at(stretch, stamp_s + offset_s)
+    return light / np.float32(instants)
+
+
+def depth_at(stretch: Stretch, stamp_s: float) -> np.ndarray:
+    """Depth (h, w) seen at any time, in metres."""
+    number = _nearest(stretch, stamp_s)
+    return Shift.between(stretch, number, stamp_s).depth(stretch.load(number)[1])
+
+
+def _nearest(stretch: Stretch, stamp_s: float) -> int:
+    return int(np.argmin(np.abs(stretch.truth.stamps_s - stamp_s)))
+
+
 def _light_at(stretch: Stretch, stamp_s: float) -> np.ndarray:
     """Scene-linear light (h, w, 3) seen at any time, of the nearest frame."""
-    stamps_s = stretch.truth.stamps_s
-    number = int(np.argmin(np.abs(stamps_s - np.clip(stamp_s, stamps_s[0], stamps_s[-1]))))
+    number = _nearest(stretch, stamp_s)
     shift = Shift.between(stretch, number, stamp_s)
     return shift.colour(light_from_srgb8(stretch.load(number)[0]))
 

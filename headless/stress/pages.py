@@ -148,7 +148,7 @@ class Summary:
         return "\n".join(lines)
 
     def calibration(self) -> str:
-        """Of third-party odometers alone: how much the median error of those that read what is changed grows, and how many fail at the end.
+        """Of third-party odometers alone: how much the median error of those that judge it grows, and how many fail at the end.
 
         A run that fails counts as any growth.
         """
@@ -168,8 +168,8 @@ class Summary:
         return "\n".join([head, *lines, f"{met} of {len(lines)} perturbations are as strong as asked for"])
 
     def _readers(self, name: str) -> list[str]:
-        """Third-party odometers of this summary that read what a perturbation changes."""
-        blind = self.plan.calibration.depth_alone if self.plan.perturbations[name].changes == "colour" else ()
+        """Third-party odometers of this summary that judge a perturbation."""
+        blind = self.plan.calibration.depth_alone if self.plan.perturbations[name].judged_by == "colour" else ()
         return [m for m in self.methods if m in BASELINES and m not in blind]
 
     def _growth(self, name: str, severity: int) -> float:

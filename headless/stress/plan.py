@@ -23,7 +23,7 @@ FUNCTIONS: dict[str, Callable[..., Stretch]] = {
         filters.flat_texture,
         surfaces.mirror_bars,
         surfaces.glass,
-        surfaces.glossy_floor,
+        surfaces.gloss,
         surfaces.moving_object,
         motion.speed,
         motion.dropped_frames,
@@ -79,11 +79,13 @@ class Perturbation(Settings):
     group = "settings of a perturbation"
 
     about: str = parameter(MISSING, "what it is, in a phrase")
-    changes: str = parameter(
-        MISSING, "the images that it changes", choices=dict.fromkeys(("colour", "depth", "both"), "")
-    )
     unit: str = parameter(MISSING, "of its levels")
     levels: tuple[float, ...] = parameter(MISSING, "a level for each severity")
+    judged_by: str = parameter(
+        "all",
+        "third-party odometers that its severities were chosen by",
+        choices={"all": "all of them", "colour": "those that read colour: depth alone is as consistent as it was"},
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

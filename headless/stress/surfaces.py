@@ -1,4 +1,4 @@
-"""Things put into the scene, exact in every frame: walls, panes, poles, bars, something that moves along, a polished floor.
+"""Things put into the scene, exact in every frame: walls, panes, poles, bars, something that moves along; and gloss.
 
 A pane, a pole or a bar would leave the view as the camera turns: new ones stand before it every `_EVERY_S`, each in the plane before the
 camera at that moment, so that about the same share of the view stays covered.
@@ -7,9 +7,11 @@ camera at that moment, so that about the same share of the view stays covered.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
+from iclnuim.sensor.depth_image import surface_normals
 from iclnuim.sensor.transfer import light_from_srgb8, srgb8
 
 from .stretch import Images, Stretch
@@ -108,19 +110,22 @@ def moving_object(stretch: Stretch, percent: float, distance_m: float, sway_m: f
     return stretch.with_images(change)
 
 
-def glossy_floor(stretch: Stretch, percent: float, within_m: float) -> Stretch:
-    """The floor, the lowest level surface there is, mirrors this share of surroundings far away and loses as much of its own light."""
-    camera, share = stretch.true_camera, np.float32(percent / 100)
-    floor_z_m = min(_lowest_m(stretch, number) for number in _anchors(stretch))
+def gloss(stretch: Stretch, percent: float, smooth_px: float) -> Stretch:
+    """All surfaces mirror this share of surroundings far away and lose as much of their own light. Normals are of depth smoothed over some pixels."""
+    camera, share, side = stretch.true_camera, np.float32(percent / 100), int(smooth_px)
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
-        T = stretch.pose(stretch.stamps_s[number])
-        rays = camera.rays() @ T.rotation.T
-        height_m = T.translation[2] + rays[..., 2] * depth_z_m
-        on = (depth_z_m > 0) & (np.abs(height_m - floor_z_m) < within_m)
-        mirrored = rays[on] * (1, 1, -1)
-        anchor_T = stretch.pose(stretch.stamps_s[stretch.middle])
-        seen = light_from_srgb8(_surroundings(stretch, stretch.middle, mirrored @ anchor_T.rotation))
+        inverse = cv2.blur(np.where(depth_z_m > 0, 1 / np.maximum(depth_z_m, 1e-3), 0).astype(np.float32), (side, side))
+        found = surface_normals(np.where(inverse > 0, 1 / np.maximum(inverse, 1e-6), 0).astype(np.float32), camera)
+        normals = np.stack([found.x, found.y, found.z], -1)
+        normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+        on = (depth_z_m > 0) & np.isfinite(normals).all(-1)
+        rays, facing = camera.rays().astype(np.float32)[on], normals[on].astype(np.float32)
+        mirrored = rays - 2 * (rays * facing).sum(-1, keepdims=True) * facing
+        T_anchor_camera = _relative(stretch, stretch.middle, number)
+        seen = light_from_srgb8(
+            _surroundings(stretch, stretch.middle, mirrored @ T_anchor_camera.rotation.T.astype(np.float32))
+        )
         light = light_from_srgb8(colour)
         light[on] = (1 - share) * light[on] + share * seen
         return srgb8(light), depth_z_m
@@ -183,10 +188,3 @@ def _texture(stretch: Stretch) -> np.ndarray:
     """(64, 64, 3) uint8, of cells of half a centimetre each."""
     rng = stretch.generator(stretch.numbers[0])
     return np.kron(rng.integers(30, 226, (16, 16, 3)), np.ones((4, 4, 1))).astype(np.uint8)
-
-
-def _lowest_m(stretch: Stretch, number: int) -> float:
-    """The height above which all but a thousandth of what a frame sees lies."""
-    depth_z_m = stretch.load(number)[1]
-    points = stretch.pose(stretch.stamps_s[number]).apply(stretch.true_camera.unproject(depth_z_m)[depth_z_m > 0])
-    return float(np.percentile(points[:, 2], 0.1))

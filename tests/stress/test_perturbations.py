@@ -71,9 +71,9 @@ def test_rows_and_streams_show_their_own_instants(stretch, look_at, name, severi
 def test_panes_have_the_depth_of_their_plane_and_walls_cover_what_they_say(stretch):
     number = stretch.middle
     _, depth_z_m = PLAN.apply("bare_wall", 3, stretch).load(number)
-    wall = np.abs(depth_z_m - 1.2) < 1e-5
+    wall = np.abs(depth_z_m - 0.9) < 1e-5
     assert wall.mean() == pytest.approx(0.6, abs=0.03)
-    assert (PLAN.apply("bare_wall", 5, stretch).load(number)[1] <= 1.2 + 1e-5).all()
+    assert (PLAN.apply("bare_wall", 5, stretch).load(number)[1] <= 0.9 + 1e-5).all()
     colour, depth_z_m = PLAN.apply("glass", 5, stretch).load(number)
     assert np.array_equal(colour, stretch.load(number)[0]) and (depth_z_m <= stretch.load(number)[1]).all()
 

@@ -1,0 +1,258 @@
+"""Curves of speed against accuracy: one thing in steps, everything else as it is, all steps on the same frames in one run.
+
+Times are compared within a run only: every frame goes through all variants before the next one comes.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, sample
+from iclnuim.odometry.protocol import Frame, Odometer
+from iclnuim.odometry.registry import BASELINES, odometer
+from iclnuim.odometry.track import KeyframeReference, Tracker
+from iclnuim.sensor.rgb import PaperRgbNoise
+from iclnuim.sensor.transfer import srgb8
+
+from .cell import ate_rmse_m
+from .motion import depth_at, exposed
+from .stretch import Stretch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Depths of one surface differ by no larger share.
+_EDGE = 0.02
+
+
+@dataclass(frozen=True)
+class Point:
+    """One step of a curve for one method: ATE and mean processing time; frames that were tracked of those that there were."""
+
+    method: str
+    curve: str
+    value: float
+    frames: int
+    tracked: int
+    ate_m: float | None
+    ms: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(eq=False)
+class Variant:
+    """A method at one step. halvings: of each image before it is tracked."""
+
+    method: str
+    value: float
+    tracker: Tracker
+    halvings: int = 0
+    seconds: float = 0.0
+    processed: int = 0
+    stamps_s: list[float] = field(default_factory=list)
+    poses: list[SE3] = field(default_factory=list)
+
+    def add(self, stamp_s: float, frame: Frame) -> None:
+        found = self.tracker.add(stamp_s, halved(frame, self.halvings))
+        self.seconds += found.result.seconds
+        self.processed += 1
+        if not found.lost:
+            self.stamps_s.append(stamp_s)
+            self.poses.append(found.T_world_camera)
+
+    def point(self, curve: str, truth: Trajectory, frames: int) -> Point:
+        """ATE over the frames that were tracked."""
+        ate_m = None
+        if len(self.poses) > 2:
+            poses = SE3.from_matrix(np.array([T.matrix for T in self.poses]))
+            ate_m = ate_rmse_m(truth, Trajectory(np.array(self.stamps_s), poses))
+        ms = 1e3 * self.seconds / max(1, self.processed)
+        return Point(self.method, curve, self.value, frames, len(self.poses), ate_m, ms)
+
+
+@dataclass(eq=False)
+class Busy(Variant):
+    """Of a camera that does not wait: frames that arrive before the last one is done are dropped, on a machine `value` times as slow."""
+
+    done_s: float = -np.inf
+
+    def add(self, stamp_s: float, frame: Frame) -> None:
+        if stamp_s < self.done_s:
+            return
+        before = self.seconds
+        super().add(stamp_s, frame)
+        self.done_s = stamp_s + self.value * (self.seconds - before)
+
+
+# -- settings of ours in steps: (method's settings, value) -> settings
+
+
+def levels(settings: Any, value: float) -> Any:
+    """So many of the finest levels are left out."""
+    used = [n for n, count in enumerate(settings.iterations) if count]
+    if value >= len(used):
+        raise InputError(f"fewer than {len(used)} levels left out", found=value)
+    left_out = used[: int(value)]
+    return replace(settings, iterations=tuple(0 if n in left_out else c for n, c in enumerate(settings.iterations)))
+
+
+def iterations(settings: Any, value: float) -> Any:
+    """All counts of iterations times the value, one at least."""
+    counts = tuple(max(1, round(value * count)) if count else 0 for count in settings.iterations)
+    return replace(settings, iterations=counts)
+
+
+def pixels(settings: Any, value: float) -> Any:
+    """Gradients times the value, or every so many rows and columns: fewer pixels."""
+    if hasattr(settings, "strides"):
+        return replace(settings, strides=tuple(max(1, round(value * stride)) for stride in settings.strides))
+    return replace(settings, min_gradients=tuple(value * g for g in settings.min_gradients))
+
+
+#: Curve -> function of settings, default values, unit.
+SETTINGS: dict[str, tuple[Callable[[Any, float], Any], tuple[float, ...], str]] = {
+    "levels": (levels, (0, 1, 2), "finest levels left out"),
+    "iterations": (iterations, (0.25, 0.5, 1, 2, 4), "x iterations"),
+    "pixels": (pixels, (1, 2, 4, 8), "x gradient, or every so many rows and columns"),
+}
+#: Further curves -> default values, unit.
+OTHERS: dict[str, tuple[tuple[float, ...], str]] = {
+    "keyframe": ((0.02, 0.05, 0.1, 0.2, 0.4), "m to the next keyframe"),
+    "resolution": ((640, 320, 160), "px wide"),
+    "realtime": ((1, 2, 4, 8, 16), "times as slow a machine, busy frames dropped"),
+    "rate": ((15, 30, 60, 120, 240), "frames a second, exposed for half of each"),
+}
+CURVES = {name: (values, unit) for name, (_, values, unit) in SETTINGS.items()} | OTHERS
+
+
+def measure(
+    curve: str, methods: Sequence[str], values: Sequence[float], stretch: Stretch, progress: Callable[[], object]
+) -> list[Point]:
+    """All steps of all methods; progress() once a frame. Raises InputError where a method has no such setting."""
+    if curve == "rate":
+        return [point for hz in values for point in _at_rate(methods, hz, stretch, progress)]
+    variants = [_variant(curve, method, value, stretch.camera) for method in methods for value in values]
+    return _interleaved(curve, variants, stretch.frames, stretch.truth, progress)
+
+
+def length(curve: str, values: Sequence[float], stretch: Stretch) -> int:
+    """How many frames there are to be made."""
+    return sum(len(_stamps_s(stretch, hz)) for hz in values) if curve == "rate" else len(stretch.numbers)
+
+
+def _interleaved(
+    curve: str,
+    variants: list[Variant],
+    frames: Callable[[], Iterable[tuple[float, Frame]]],
+    truth: Trajectory,
+    progress: Callable[[], object],
+) -> list[Point]:
+    """Every frame through all variants in turn. The first goes once more before, so that compiling is not timed."""
+    first = next(iter(frames()))
+    for one in variants:
+        small = halved(first[1], one.halvings)
+        one.tracker.odometer.prepare(small, one.tracker.camera)
+        again = Tracker(one.tracker.odometer, one.tracker.camera)
+        for _ in range(2):
+            again.add(first[0], small)
+    total = 0
+    for stamp_s, frame in frames():
+        total += 1
+        for one in variants:
+            one.add(stamp_s, frame)
+        progress()
+    return [one.point(curve, truth, total) for one in variants]
+
+
+def _variant(curve: str, method: str, value: float, camera: PinholeCamera) -> Variant:
+    if curve in SETTINGS:
+        return Variant(method, value, Tracker(_changed(method, SETTINGS[curve][0], value), camera))
+    if curve == "keyframe":
+        return Variant(method, value, Tracker(odometer(method), camera, against=KeyframeReference(value, 50.0 * value)))
+    if curve == "realtime":
+        return Busy(method, value, Tracker(odometer(method), camera))
+    halvings = round(float(np.log2(camera.width / value)))
+    if halvings < 0 or camera.width != value * 2**halvings:
+        raise InputError(f"{camera.width} pixels halved some times", found=value)
+    for _ in range(halvings):
+        camera = camera.halved()
+    return Variant(method, value, Tracker(odometer(method), camera), halvings)
+
+
+def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> Odometer:
+    """One of ours whose settings, all groups of them that have iterations, are changed."""
+    if method in BASELINES or method == "fovis":
+        raise InputError("rgbd, dvo, icp or icp_rgbd, which have such settings", found=method)
+    kind: Any = type(odometer(method))
+    preset = kind.PRESETS["best"]
+    if isinstance(preset, tuple):
+        return kind(tuple(change(part, value) if hasattr(part, "iterations") else part for part in preset))
+    return kind(change(preset, value))
+
+
+def halved(frame: Frame, times: int) -> Frame:
+    """2 x 2 means of grey, and of depth where its four pixels are of one surface; missing elsewhere."""
+    grey, depth_z_m = frame.grey, frame.depth_z_m
+    for _ in range(times):
+        h, w = (side // 2 * 2 for side in grey.shape)
+        four = np.stack([depth_z_m[y:h:2, x:w:2] for y in (0, 1) for x in (0, 1)])
+        whole = (four.min(0) > 0) & (four.max(0) < (1 + _EDGE) * four.min(0))
+        depth_z_m = np.where(whole, four.mean(0), 0).astype(np.float32)
+        grey = np.mean([grey[y:h:2, x:w:2] for y in (0, 1) for x in (0, 1)], axis=0, dtype=np.float32)
+    return Frame(grey, depth_z_m, frame.stamp_s)
+
+
+def _stamps_s(stretch: Stretch, hz: float) -> np.ndarray:
+    first_s, last_s = (stretch.stamps_s[stretch.numbers[k]] for k in (0, -1))
+    return first_s + np.arange(int((last_s - first_s) * hz + 1e-6) + 1) / hz
+
+
+def _at_rate(methods: Sequence[str], hz: float, stretch: Stretch, progress: Callable[[], object]) -> list[Point]:
+    """Frames at another rate, exposed for half of their time: the shorter, the sharper and the noisier (Handa et al., ECCV 2012)."""
+    noise, light_share = PaperRgbNoise(), np.float32(FRAME_RATE_HZ / hz)
+
+    def frames() -> Iterator[tuple[float, Frame]]:
+        for stamp_s in _stamps_s(stretch, hz):
+            light = exposed(stretch, stamp_s, 0.5 / hz)
+            rng = stretch.generator(round(stamp_s * 1e4))
+            colour = srgb8(noise.noisy_light(np.maximum(light, 0) * light_share, rng) / light_share)
+            yield float(stamp_s), Frame.of(colour, depth_at(stretch, stamp_s), float(stamp_s))
+
+    variants = [Variant(method, hz, Tracker(odometer(method), stretch.camera)) for method in methods]
+    dense = Trajectory(_stamps_s(stretch, hz), sample(stretch.truth, _stamps_s(stretch, hz)))
+    return _interleaved("rate", variants, frames, dense, progress)
+
+
+def table(points: Sequence[Point]) -> str:
+    """A line for each point."""
+    lines = [f"{'method':<26}{'value':>8}{'tracked':>10}{'ATE [mm]':>10}{'ms':>8}"]
+    for p in points:
+        ate = "-" if p.ate_m is None else f"{1e3 * p.ate_m:.3f}"
+        lines.append(f"{p.method:<26}{p.value:>8g}{f'{p.tracked}/{p.frames}':>10}{ate:>10}{p.ms:>8.1f}")
+    return "\n".join(lines)
+
+
+def figure(curve: str, points: Sequence[Point]) -> "Figure":
+    """ATE over time a frame, a line for each method through its steps."""
+    from iclnuim.report.charts import COLOURS
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(7.5, 5), layout="constrained")
+    axes = drawing.subplots()
+    for k, method in enumerate(dict.fromkeys(p.method for p in points)):
+        own = [p for p in points if p.method == method and p.ate_m is not None]
+        x, y = [p.ms for p in own], [1e3 * (p.ate_m or 0.0) for p in own]
+        axes.plot(x, y, "o-", color=COLOURS[k % len(COLOURS)], linewidth=1, label=method)
+        for p, px, py in zip(own, x, y, strict=True):
+            axes.annotate(f"{p.value:g}", (px, py), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    axes.set(xscale="log", yscale="log", xlabel="ms a frame, mean", ylabel="ATE RMSE [mm]")
+    axes.set_title(f"{curve}: {CURVES[curve][1]}")
+    axes.grid(alpha=0.3, which="both")
+    drawing.legend(loc="outside right upper", fontsize=8)
+    return drawing

@@ -1,0 +1,77 @@
+"""Curves: a step changes what it says, all steps see the same frames, and a camera that does not wait loses frames."""
+
+import json
+
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.headless.stress import curves
+from iclnuim.odometry.protocol import Frame, Result
+from iclnuim.odometry.track import Tracker
+
+pytest.importorskip("numba")
+from iclnuim.odometry.icp import Icp, IcpRgbd  # noqa: E402
+from iclnuim.odometry.photometric import Rgbd  # noqa: E402
+
+
+def test_steps_change_the_settings_that_they_name():
+    icp, rgbd = Icp.PRESETS["best"], Rgbd.PRESETS["best"]
+    assert curves.iterations(icp, 2).iterations == (0, 8, 6) and curves.iterations(icp, 0.1).iterations == (0, 1, 1)
+    assert curves.levels(rgbd, 1).iterations == (0, 0, 2, 2)
+    assert curves.pixels(icp, 2).strides == (2, 4, 2) and curves.pixels(rgbd, 2).min_gradients == (24, 4, 6, 4)
+    with pytest.raises(InputError, match="fewer than 2 levels"):
+        curves.levels(icp, 2)
+    both = IcpRgbd(IcpRgbd.PRESETS["best"])
+    changed = curves._changed("icp_rgbd", curves.iterations, 2)
+    assert changed.iterations == tuple(2 * n for n in both.iterations) and changed.weight_b == both.weight_b
+
+
+def test_halved_frames_keep_planes_and_drop_edges():
+    depth = np.full((8, 8), 2.0, np.float32)
+    depth[:, 5:] = 3.0
+    depth[0, 0] = 0.0
+    small = curves.halved(Frame.of(np.full((8, 8), 9.0, np.float32), depth, 0.0), 1)
+    assert np.array_equal(small.depth_z_m[1], [2, 2, 0, 3]) and small.depth_z_m[0, 0] == 0 and (small.grey == 9).all()
+
+
+class Slow:
+    """Finds the camera where it was, and says that this took 50 ms."""
+
+    name, reference = "slow", "frame"
+
+    def prepare(self, frame, camera):
+        return frame
+
+    def align(self, reference, current, guess):
+        return Result(guess)
+
+
+@pytest.mark.parametrize(("slowdown", "processed"), [(0.1, 40), (1, 20), (4, 7)])
+def test_frames_that_arrive_while_a_method_is_busy_are_dropped(stretch, monkeypatch, slowdown, processed):
+    clock = iter(np.repeat(np.arange(400), 1) * 0.05)
+    monkeypatch.setattr("iclnuim.odometry.track.time.perf_counter", lambda: float(next(clock)))
+    busy = curves.Busy("slow", slowdown, Tracker(Slow(), stretch.camera))
+    for stamp_s, frame in stretch.frames():
+        busy.add(stamp_s, frame)
+    assert busy.processed == processed
+
+
+@pytest.mark.parametrize(("curve", "values"), [("resolution", "160,80"), ("rate", "15,60"), ("realtime", "0.001")])
+def test_a_curve_is_one_command(command_here, folder, curve, values):
+    words = ("bench", "curve", curve, folder, "--first", "6", "--values", values, "--method", "baseline:opencv-icp")
+    code, out, err = command_here(*words, "--json")
+    assert code == 0, err
+    points = json.loads(out)["points"]
+    assert [p["value"] for p in points] == [float(v) for v in values.split(",")]
+    assert all(p["ate_m"] < 0.02 and p["tracked"] == p["frames"] for p in points)
+    assert curve != "rate" or [p["frames"] for p in points] == [3, 11]
+
+
+def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
+    for words, message in (
+        (("slope", folder), "expected a curve (levels, iterations, pixels, keyframe, resolution, realtime, rate)"),
+        (("levels", folder, "--method", "baseline:opencv-icp"), "expected rgbd, dvo, icp or icp_rgbd"),
+        (("resolution", folder, "--values", "100", "--first", "6"), "expected 160 pixels halved some times, found 100"),
+    ):
+        code, _, err = command_here("bench", "curve", *words, "--first", "6")
+        assert code == 2 and message in err
