@@ -26,9 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "perturbations whose name holds this, such as `holes`; several times; default: all"
     add("--only", action="append", default=[], metavar="TEXT", help=help)
     add("--severities", type=_severities, default=_SEVERITIES, metavar="K,K", help="such as 1,2,5; default: all five")
-    help = (
-        "odometers whose name holds this, such as `icp` or `baseline`; several times; default: all that are installed"
-    )
+    help = "an odometer, or those whose name holds this, such as `baseline`; several times; default: all that are installed"
     add("--methods", action="append", default=[], metavar="TEXT", help=help)
     help = "also a system of `iclnuim run`, such as orbslam3; several times"
     add("--system", action="append", default=[], metavar="SYSTEM", help=help)
@@ -105,7 +103,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     """Names of the registry; those whose packages are missing are left out, with a note."""
-    wanted = [name for name in NAMES if not args.methods or any(text in name for text in args.methods)]
+    texts = args.methods or [""]
+    exact = {text for text in texts if text in NAMES}  # icp is also part of icp_rgbd
+    wanted = [name for name in NAMES if name in exact or any(text in name for text in texts if text not in exact)]
     if not wanted:
         raise InputError(f"part of a name of {', '.join(NAMES)}", setting="--methods", found=args.methods[0])
     found = []

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .protocol import Frame, Result, failure
@@ -38,7 +39,7 @@ class OpencvOdometer(Baseline):
         found, T = self._odometry.compute2(current, reference, initRt=self.start.matrix)
         if not found or T is None:
             return failure("baseline: no motion found")
-        return Result(SE3.from_matrix(T))
+        return _result(T)
 
 
 class Open3dOdometer(Baseline):
@@ -66,8 +67,15 @@ class Open3dOdometer(Baseline):
             found = solver(current, reference, self._K, start, 1.0, 13.0, method=self._method)
         except RuntimeError as error:
             return failure(f"baseline: {error}".splitlines()[0])
-        T = SE3.from_matrix(found.transformation.numpy())
-        return Result(T, residual=found.inlier_rmse, inliers=found.fitness)
+        return _result(found.transformation.numpy(), residual=found.inlier_rmse, inliers=found.fitness)
+
+
+def _result(T: np.ndarray, residual: float = float("nan"), inliers: float = 0.0) -> Result:
+    """Of a (4, 4) matrix that may be no rigid motion: a solver that diverged says so nowhere else."""
+    try:
+        return Result(SE3.from_matrix(T), residual=residual, inliers=inliers)
+    except InputError:
+        return failure("baseline: what was found is no rigid motion")
 
 
 def _bytes(grey: np.ndarray) -> np.ndarray:
