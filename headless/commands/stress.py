@@ -22,6 +22,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "clean sequences with ground truth; default: out/living_room/kt2/clean out/office/kt1/clean"
     add("folders", type=Path, nargs="*", metavar="DIR", help=help)
     add("--list", action="store_true", help="one perturbation a line with its five severities, and nothing else")
+    help = "perturbations (default), or corruptions: those of SLAM-under-Perturbation"
+    add("--scale", default="perturbations", metavar="NAME", help=help)
     add("-o", "--out", type=Path, default=Path("out/stress"), metavar="OUT", help="default: out/stress")
     help = "perturbations whose name holds this, such as `holes`; several times; default: all"
     add("--only", action="append", default=[], metavar="TEXT", help=help)
@@ -53,9 +55,11 @@ def _severities(text: str) -> tuple[int, ...]:
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 also where methods failed: their cells say so."""
     require("stress", "numba", "cv2")
-    from ..stress.plan import read_plan
+    from ..stress.plan import SCALES, read_plan
 
-    plan = read_plan()
+    if args.scale not in SCALES:
+        raise InputError(f"a scale ({', '.join(SCALES)})", setting="--scale", found=args.scale)
+    plan = read_plan(SCALES[args.scale])
     if args.list:
         values = {name: p.to_dict() for name, p in plan.perturbations.items()}
         console.result(values, plan.table())

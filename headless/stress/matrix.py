@@ -1,6 +1,6 @@
 """All cells: every method on every perturbed stretch, each a file with what decided it, on all cores; what is there already stays.
 
-OUT/recipe.json                                    versions, machine, the whole of perturbations.toml
+OUT/recipe.json                                    versions, machine, the whole file of perturbations
 OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD.json      one cell: its identity and its figures
 """
 
@@ -18,7 +18,7 @@ from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import FrameSource, read_truth
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
-from iclnuim.formats.files import is_file, make_folder, read_json, read_text, sha256, write_json
+from iclnuim.formats.files import is_file, make_folder, read_json, sha256, write_json
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
@@ -31,7 +31,7 @@ from ..systems.experiment import Experiment
 from ..systems.staging import StagedSequence
 from ..systems.system import System
 from .cell import Cell, Poses, cell, diagnostics, track_all
-from .plan import FILE, SEVERITIES, Plan
+from .plan import SEVERITIES, Plan
 from .stretch import Stretch
 
 _SCHEMA_VERSION = 1
@@ -230,7 +230,7 @@ class Matrix:
     def _recipe(self) -> dict[str, Any]:
         return {
             "schema_version": _SCHEMA_VERSION,
-            "perturbations": read_text(FILE),
+            "perturbations": self.plan.text,
             "methods": self.names,
             "sequences": {name: str(base.sequence.folder) for name, base in self.bases.items()},
             "versions": {"iclnuim": __version__, "python": platform.python_version(), **_versions()},

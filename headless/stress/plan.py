@@ -1,4 +1,4 @@
-"""The perturbations of perturbations.toml, read and checked, and the functions that their names stand for."""
+"""A file of perturbations, read and checked, and the functions that their names stand for."""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -9,10 +9,11 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import read_text
 from iclnuim.settings import MISSING, Settings, parameter, plain, refuse_unknown
 
-from . import filters, motion, surfaces
+from . import corruptions, filters, motion, surfaces
 from .stretch import Stretch
 
-FILE = Path(__file__).with_name("perturbations.toml")
+#: The scales of perturbations; the first is ours.
+SCALES = {name: Path(__file__).with_name(f"{name}.toml") for name in ("perturbations", "corruptions")}
 SEVERITIES = 5
 #: Perturbation -> function(stretch, level, fixed settings by keyword).
 FUNCTIONS: dict[str, Callable[..., Stretch]] = {
@@ -42,6 +43,20 @@ FUNCTIONS: dict[str, Callable[..., Stretch]] = {
         filters.misregistered,
         filters.calibration_off,
         filters.guess_off,
+        corruptions.gaussian_noise,
+        corruptions.shot_noise,
+        corruptions.impulse_noise,
+        corruptions.speckle_noise,
+        corruptions.gaussian_blur,
+        corruptions.defocus_blur,
+        corruptions.contrast,
+        corruptions.brightness,
+        corruptions.jpeg_compression,
+        corruptions.pixelate,
+        corruptions.depth_noise,
+        corruptions.depth_edge_erosion,
+        corruptions.depth_fixed_mask,
+        corruptions.depth_range,
     )
 }
 
@@ -50,7 +65,7 @@ FUNCTIONS: dict[str, Callable[..., Stretch]] = {
 class Bounds(Settings):
     """When a pose is wrong, and when a run succeeds."""
 
-    group = "settings of [bounds] in perturbations.toml"
+    group = "settings of [bounds] in a file of perturbations"
 
     step_m: float = parameter(0.02, "error of one step beyond which a pose is wrong", unit="m", low=0.0)
     step_deg: float = parameter(1.0, "the same of its rotation", unit="degrees", low=0.0)
@@ -65,7 +80,7 @@ class Bounds(Settings):
 class Calibration(Settings):
     """When severities are worth their names, by third-party odometers: how much the median error grows at 1 and at 2; at 5 more than half fail."""
 
-    group = "settings of [calibration] in perturbations.toml"
+    group = "settings of [calibration] in a file of perturbations"
 
     depth_alone: tuple[str, ...] = parameter(MISSING, "odometers that do not read colour")
     growth_at_1: float = parameter(1.5, "of the error at severity 1, at least", low=1.0)
@@ -99,8 +114,9 @@ class Perturbation(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The whole file: frames of a stretch, seed, starts by sequence, bounds, perturbations by name and their fixed settings."""
+    """The whole file and its text: frames of a stretch, seed, starts by sequence, bounds, perturbations by name and their fixed settings."""
 
+    text: str
     frames: int
     seed: int
     starts: Mapping[str, list]
@@ -131,10 +147,11 @@ class Plan:
         return "\n".join(rows)
 
 
-def read_plan(path: Path = FILE) -> Plan:
+def read_plan(path: Path = SCALES["perturbations"]) -> Plan:
     """Raises InputError, with the place, where the file does not fit."""
+    text = read_text(path, "perturbations (TOML)")
     try:
-        content = tomllib.loads(read_text(path, "perturbations (TOML)"))
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError("TOML", path=path, found=error) from None
     refuse_unknown(content, ("frames", "seed", "starts", "bounds", "calibration", "perturbations"), f"{path}")
@@ -146,4 +163,4 @@ def read_plan(path: Path = FILE) -> Plan:
         bounds, calibration = Bounds.from_dict(content["bounds"]), Calibration.from_dict(content["calibration"])
     except InputError as error:
         raise error.at(path) from None
-    return Plan(content["frames"], content["seed"], content["starts"], bounds, calibration, perturbations, fixed)
+    return Plan(text, content["frames"], content["seed"], content["starts"], bounds, calibration, perturbations, fixed)
