@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from datetime import timedelta
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from iclnuim.errors import InputError
@@ -187,6 +188,21 @@ def action(
     parser = actions.add_parser(name, help=help, description=help)
     parser.set_defaults(run=run)
     return common(parser, example, json)
+
+
+def add_rerun(parser: argparse.ArgumentParser, what: str) -> None:
+    """--rerun, a recording of `what`; `checked_rerun` before long work."""
+    help = f"write a recording of {what} for the viewer Rerun (.rrd; pip install iclnuim[rerun])"
+    parser.add_argument("--rerun", type=Path, metavar="FILE", help=help)
+
+
+def checked_rerun(args: argparse.Namespace) -> Path | None:
+    """Where the recording goes, if one is asked for. Raises InputError for a name that does not fit, WorkError without its package."""
+    if args.rerun:
+        from iclnuim.report.recording import check_recording
+
+        check_recording(args.rerun)
+    return args.rerun
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:

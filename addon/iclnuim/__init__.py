@@ -19,6 +19,8 @@ __all__ = [
     # trajectory error: ATE and RPE
     "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError", "AbsoluteErrorSettings", "relative_error",
     "RelativeError", "RelativeErrorSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
+    # recordings for the viewer Rerun
+    "record_sequence", "record_runs", "record_surface",
     # rendered views
     "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim", "RayCaster", "HeldOutView", "check_held_out", "choose_held_out",
     # sensor noise
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     from .fusion.mesh import Mesh, fuse_sequence
     from .fusion.mesh import Surface as FusedSurface
     from .fusion.quality import SeenBy, SurfaceQuality, surface_quality
+    from .fusion.recording import record_surface
     from .fusion.settings import FuseSettings, QualitySettings, VolumeSettings
     from .fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
     from .geometry.camera import PinholeCamera
@@ -61,6 +64,7 @@ if TYPE_CHECKING:
     from .odometry.protocol import Frame, Odometer
     from .odometry.protocol import Result as OdometryResult
     from .odometry.protocol import Status as OdometryStatus
+    from .odometry.recording import record_runs
     from .odometry.registry import odometer
     from .odometry.run import Run as OdometryRun
     from .odometry.run import Sequence as RgbdSequence
@@ -78,6 +82,7 @@ if TYPE_CHECKING:
     from .raycast.caster import RayCaster
     from .raycast.held_out import HeldOutView, check_held_out, choose_held_out
     from .render import RenderedFrame, render_frames, render_pose
+    from .report.recording import record_sequence
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
     from .sensor.transfer import light_from_srgb8 as linear_from_srgb8
     from .shipped import SCENES

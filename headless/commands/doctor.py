@@ -41,6 +41,7 @@ PACKAGES = (
     ("matplotlib", "matplotlib", False, "plots", "matplotlib"),
     ("submitit", "submitit", False, "Slurm", "iclnuim[slurm]"),
     ("rosbags", "rosbags", False, "ROS bags", "iclnuim[ros]"),
+    ("rerun-sdk", "rerun", False, "recordings for the viewer Rerun", "iclnuim[rerun]"),
 )
 
 

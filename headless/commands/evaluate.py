@@ -20,7 +20,17 @@ from iclnuim.fusion.settings import QualitySettings
 from iclnuim.geometry import so3
 from iclnuim.report.trajectory_report import Report, Source, error_text
 
-from ..options import Console, action, add_settings, option_name, renamed, settings_from, subcommands
+from ..options import (
+    Console,
+    action,
+    add_rerun,
+    add_settings,
+    checked_rerun,
+    option_name,
+    renamed,
+    settings_from,
+    subcommands,
+)
 from .surface import poses_of
 
 if TYPE_CHECKING:
@@ -68,6 +78,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
     renamed(surface, "--most", "--max-error", type=float)
+    add_rerun(surface, "the surface, coloured by its errors")
     example = "iclnuim evaluate views rendered --truth out/living_room/kt2/held_out/clean"
     views = action(
         actions, "views", "rendered views against true frames: PSNR, SSIM, LPIPS, Depth L1", example, run_views
@@ -149,7 +160,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.fusion.surface_error import TrueSurface, read_model, read_reconstruction
     from iclnuim.geometry.scene_axes import parse_unit
 
-    settings, unit_m = settings_from(args, QualitySettings()), parse_unit(args.unit)
+    settings, unit_m, recording = settings_from(args, QualitySettings()), parse_unit(args.unit), checked_rerun(args)
     seen_by, whole = _seen_by(args)
     mesh = read_reconstruction(args.mesh, unit_m)
     for note in mesh.notes:
@@ -164,6 +175,11 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
         from iclnuim.report.charts import save
 
         save(error_figure(T_model_mesh.apply(mesh.points), mesh.triangles, error, args.max_error), args.plot, 100)
+    if recording:
+        from iclnuim.fusion.recording import record_surface
+
+        record_surface(recording, args.mesh, T_model_mesh.apply(mesh.points), mesh.triangles, error, args.max_error)
+        console.note(f"{recording} written")
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     values["warnings"] = [named(text, option_name) for text in error.warnings]
     values["notes"] = list(mesh.notes)
@@ -178,8 +194,9 @@ def run_views(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.dataset.rendered_views import view_errors
 
     settings = settings_from(args, ViewSettings())
-    progress = lambda count: console.progress(count, "evaluate", "views").advance  # noqa: E731
-    found = view_errors(args.folder, args.truth, args.keyframes, settings, progress)
+    found = view_errors(
+        args.folder, args.truth, args.keyframes, settings, lambda n: console.progress(n, "evaluate", "views").advance
+    )
     if args.csv:
         atomic_write_text(args.csv, found.csv())
     if found.missing:

@@ -9,7 +9,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 from iclnuim.odometry.registry import ODOMETERS, odometer
 
-from ..options import Console, common, count
+from ..options import Console, add_rerun, checked_rerun, common, count
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "draw trajectory, residual and certainty (.png, .pdf, .svg); with --all all methods in one figure"
     add("--plot", type=Path, metavar="FILE", help=help)
     add("--show", action="store_true", help="the same in a window")
+    add_rerun(parser, "truth, estimates, errors, residuals and flags")
     add_camera_options(parser)
     common(parser, "iclnuim odometry dvo out/living_room/kt2/clean -o est.txt")
 
@@ -50,6 +51,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.fusion.reference import make_reference
     from iclnuim.odometry.run import run_together, table
 
+    recording = checked_rerun(args)
     if args.out:
         check_file(args.out / "x.txt" if args.all and args.out.exists() else args.out)
     names = ODOMETERS if args.all else [current_word(args.method, RENAMED_METHODS, console)]
@@ -63,6 +65,11 @@ def run(args: argparse.Namespace, console: Console) -> None:
             console.note(f"{done.name}: {line}")
     figures = [done.to_dict() for done in runs]
     console.result({"runs": figures}, table(figures))
+    if recording:
+        from iclnuim.odometry.recording import record_runs
+
+        record_runs(recording, args.folder, runs, sequence.camera.pinhole)
+        console.note(f"{recording} written")
     if args.out or args.plot or args.show:
         _keep(runs, args, console)
 

@@ -26,7 +26,7 @@ from iclnuim.formats.files import data_lines, read_bytes, read_text, sha256
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
-from ..options import Console, add_settings, common, renamed, settings_from
+from ..options import Console, add_rerun, add_settings, checked_rerun, common, renamed, settings_from
 from ..sequence_options import add_camera_options, add_sensor_options, camera_from, sequence_options
 
 EXPOSURES = "exposures.txt"
@@ -195,11 +195,13 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
     text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
+    add_rerun(parser, "its images, camera and poses")
     common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures").set_defaults(run=_inspect)
 
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:
     """Exit code 2 where something is wrong, 0 where things are at most odd."""
+    recording = checked_rerun(args)
     found = inspect_sequence(args.folder)
     values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
     lines = []
@@ -215,6 +217,11 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
 
         for path in draw_preview(args.folder, args.preview, console.progress):
             console.note(f"{path} written")
+    if recording:
+        from iclnuim.report.recording import record_sequence
+
+        record_sequence(recording, args.folder, lambda count: console.progress(count, "recording").advance)
+        console.note(f"{recording} written")
     return 2 if found.wrong else 0
 
 
