@@ -137,7 +137,7 @@ def _row(result: dict) -> dict:
     if "fit_moved_m" in surface:
         more["ICP moved it by"] = f"{1e3 * surface['fit_moved_m']:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
     if "track_s" in times:
-        more["tracking"] = f"{times['track_s']:.1f} s, {times['ms_median']:.1f} ms a frame"
+        more["tracking"] = f"{times['track_s']:.1f} s of one core, {times['ms_median']:.1f} ms a frame"
     if "peak_mb" in times:
         more["process"] = f"{times['cpu_s']:.0f} s of one core, {times['peak_mb']:.0f} MB"
     return {

@@ -15,6 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import IO
 
 import iclnuim
 from iclnuim.dataset.run_folder import refuse_other
@@ -41,6 +42,7 @@ class Benchmark:
     first: int | None
     workers: int
     console: Console
+    _stopped: bool = False
     _processes: set[subprocess.Popen] = field(default_factory=set)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -57,75 +59,93 @@ class Benchmark:
 
     def run(self) -> list[str]:
         """Measure what is missing; a sentence for each cell that could not be measured. Interrupted, its processes are ended."""
-        missing = [task for task in map(self._task, self.cells) if not _is_done(task)]
-        models: dict[str, str | None] = {name: None for task in missing if (name := task.model)}
-        for name in models:
-            models[name] = self._model(name)
-        missing = [_with_model(task, models[task.model]) if task.model else task for task in missing]
-        sizes = {task.cell: self.sources.frames(task.cell, self.first) * (2 if task.model else 1) for task in missing}
-        made = {task.cell.sequence: task.cell for task in missing if task.cell.seed}
-        noise = sum(self.sources.frames(cell, self.first) for cell in made.values())
+        missing = self._missing()
         self.console.note(
             f"benchmark: {len(self.cells)} cells, {len(self.cells) - len(missing)} of them measured already"
         )
-        progress = self.console.progress(sum(sizes.values()) + noise, "benchmark")
-        problems: list[str] = []
-        try:
-            with ThreadPoolExecutor(self.workers) as pool:
-                pending: dict[Future, Task] = {}
+        made = {task.cell.sequence: task.cell for task in missing if task.cell.seed}
+        frames = sum(map(self._frames, missing)) + sum(self.sources.frames(cell, self.first) for cell in made.values())
+        progress, problems = self.console.progress(frames, "benchmark"), list[str]()
+        with ThreadPoolExecutor(self.workers) as pool:
+            pending: set[Future] = set()
+            try:
                 for sequence, tasks in _by_sequence(missing).items():
-                    if sequence in made:
-                        self.sources.make_noise(made[sequence], self.first, lambda number: self._advance(progress, 1))
+                    if cell := made.get(sequence):
+                        self.sources.make_noise(cell, self.first, lambda number: self._advance(progress, 1))
                     for task in tasks:
-                        while len(pending) >= self.workers:
-                            self._collect(pending, problems)
-                        pending[pool.submit(self._measure, task, sizes[task.cell], progress)] = task
-                    if sequence in made:
-                        while pending:
-                            self._collect(pending, problems)
-                        self.sources.remove_noise(made[sequence])
-                while pending:
-                    self._collect(pending, problems)
-        finally:
-            for process in list(self._processes):
-                process.kill()
+                        self._collect(pending, self.workers - 1, problems)
+                        pending.add(pool.submit(self._measure, task, progress))
+                    if cell:
+                        self._collect(pending, 0, problems)
+                        self.sources.remove_noise(cell)
+                self._collect(pending, 0, problems)
+            except BaseException:
+                self._stop()
+                raise
         return problems
 
-    def _collect(self, pending: dict[Future, Task], problems: list[str]) -> None:
-        done, _ = wait(pending, return_when=FIRST_COMPLETED)
-        for future in done:
-            del pending[future]
-            if said := future.result():
+    def _missing(self) -> list[Task]:
+        """With the files of their rooms, as far as these can be made."""
+        tasks = [task for task in map(self._task, self.cells) if not _is_done(task)]
+        files = {name: self._model(name) for name in dict.fromkeys(task.model for task in tasks) if name}
+        return [_with_model(task, files[task.model]) if task.model else task for task in tasks]
+
+    def _frames(self, task: Task) -> int:
+        """Of a cell's progress: tracked, and fused."""
+        return self.sources.frames(task.cell, self.first) * (bool(task.model) + (not task.trajectory))
+
+    def _collect(self, pending: set[Future], left: int, problems: list[str]) -> None:
+        """Wait until no more than `left` cells are being measured."""
+        while len(pending) > left:
+            done, _ = wait(pending, return_when=FIRST_COMPLETED)
+            pending -= done
+            for said in filter(None, (future.result() for future in done)):
                 problems.append(said)
                 self.console.note(said)
 
-    def _measure(self, task: Task, frames: int, progress: Progress) -> str:
+    def _stop(self) -> None:
+        with self._lock:
+            self._stopped = True
+            for process in self._processes:
+                process.kill()
+
+    def _measure(self, task: Task, progress: Progress) -> str:
         """A process that measures one cell; what it failed by, or nothing."""
-        with tempfile.TemporaryDirectory() as scratch:
+        frames, done = self._frames(task), 0
+        with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile("w+") as errors:
             file = Path(scratch) / "task.json"
             file.write_text(task_text(asdict(task)), "utf-8")
-            command = [sys.executable, "-m", f"{__package__}.measure", str(file)]
-            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-            process = subprocess.Popen(command, env=environment(), text=True, **pipes)  # type: ignore[call-overload]
-            self._processes.add(process)
-            told: list[str] = []
-            listener = threading.Thread(target=lambda: told.extend(process.stderr), daemon=True)
-            listener.start()
-            done = 0
+            process = self._begun([sys.executable, "-m", f"{__package__}.measure", str(file)], errors)
+            if process is None:
+                return ""
+            assert process.stdout and process.stdin
             for line in process.stdout:
                 count = min(int(line), frames - done) if line.strip().isdigit() else 0
                 done += count
                 self._advance(progress, count)
             code = process.wait()
-            listener.join()
             process.stdin.close()
-            self._processes.discard(process)
+            with self._lock:
+                self._processes.discard(process)
             self._advance(progress, frames - done)
+            errors.seek(0)
+            last = [line.strip() for line in errors if line.strip()][-1:]
         if code == 0:
             return ""
-        last = [line.strip() for line in told if line.strip()][-1:]
         how = f"was ended by signal {-code}" if code < 0 else f"failed: {' '.join(last)}"
         return f"{task.cell.name} {how}"
+
+    def _begun(self, command: list[str], errors: IO[str]) -> "subprocess.Popen[str] | None":
+        """None where the work was stopped in the meantime."""
+        with self._lock:
+            if self._stopped:
+                return None
+            pipe = subprocess.PIPE
+            process = subprocess.Popen(
+                command, env=environment(), text=True, stdin=pipe, stdout=pipe, stderr=errors, bufsize=1
+            )
+            self._processes.add(process)
+            return process
 
     def _advance(self, progress: Progress, count: int) -> None:
         with self._lock:

@@ -1,6 +1,7 @@
 """`iclnuim benchmark`: the paper's experiments on our sequences, all of them by one command: tables, findings and a report."""
 
 import argparse
+import os
 from dataclasses import asdict
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from ..options import Console, common, count
 from ..sequence_options import require
 
 PRESETS = ("best", "paper")
+_BYTES_A_WORKER = 2 << 30
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +48,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = "results of `iclnuim run` on the same sequences, as further rows; default: out/systems"
     add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
-    add("--workers", type=count, metavar="N", help="processes, 1 to 2 GB each; default: as many as cores")
+    add("--workers", type=count, metavar="N", help="processes; default: a core and 2 GB of memory for each")
+    add("--videos", action="store_true", help="a short film of each sequence in the report, which needs --data")
     add("--report-only", action="store_true", help="measure nothing: tables and report of what is in --out")
     common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
 
@@ -72,7 +75,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     tables = tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
-    console.note(f"{write_report(args.out, results, tables)} written")
+    films = _films(Sources(args.data, args.out), results, args.first, console) if args.videos else {}
+    console.note(f"{write_report(args.out, results, tables, films)} written")
     shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
     console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
     if problems:
@@ -97,10 +101,37 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
             "sequences to measure on", path=args.data, found="none", hint="iclnuim make all, or another {data}"
         )
     systems = external_cells(args.systems, cells, sources, args.first) if args.systems.is_dir() else {}
-    benchmark = Benchmark(sources, [*cells, *systems], systems, args.first, args.workers or cores(), console)
+    benchmark = Benchmark(sources, [*cells, *systems], systems, args.first, args.workers or _workers(), console)
     with OutputLock(args.out / "work"):
         benchmark.open()
         return benchmark.run()
+
+
+def _workers() -> int:
+    """As many as there are cores and memory for."""
+    if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
+        return cores()
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return max(1, min(cores(), memory // _BYTES_A_WORKER))
+
+
+def _films(sources: Sources, results: list[dict], first: int | None, console: Console) -> dict[str, bytes]:
+    """Of the measured sequences that are there: OUT/films/SEQUENCE.webm, made where it is not there yet."""
+    from iclnuim.blender.output import blender_output_in
+    from iclnuim.report.preview import write_web_film
+
+    cells = {r["cell"].sequence: r["cell"] for r in results if not r["cell"].seed}
+    there = {name: sources.folder(cell) for name, cell in cells.items() if sources.folder(cell).is_dir()}
+    progress, films = console.progress(len(there), "films", "films"), {}
+    for name, folder in there.items():
+        path = sources.out / "films" / f"{name}.webm"
+        if not path.is_file():
+            make_folder(path.parent)
+            with blender_output_in(Path(os.devnull)):  # OpenCV's FFmpeg talks on standard error
+                write_web_film(folder, path, first)
+        films[name] = path.read_bytes()
+        progress.advance()
+    return films
 
 
 def tables_of(results: list[dict]) -> list[Table]:

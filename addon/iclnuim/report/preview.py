@@ -18,7 +18,7 @@ from ..formats.files import atomic_write, make_folder
 from ..formats.png import write_png
 from ..geometry.trajectory import sample
 
-_ROWS, _FILM_FRAMES, _FILM_HZ = 6, 300, 15
+_ROWS, _FILM_FRAMES, _WEB_FRAMES, _FILM_HZ = 6, 300, 150, 15
 _ERROR_FULL_M = 0.05
 #: The error's frame is so many frames away: half a second.
 _APART = 15
@@ -100,9 +100,20 @@ def _halved(image: np.ndarray) -> np.ndarray:
     return image[:h, :w].reshape(h // 2, 2, w // 2, 2, 3).mean((1, 3)).astype(np.uint8)
 
 
-def _write_film(path: Path, frames: list[np.ndarray]) -> None:
+def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
+    """A WebM film of colour and depth for web pages, a quarter as wide and high, of at most 150 frames of a sequence or of its first ones."""
+    pairs = find_pairs(folder)[:first]
+    camera = read_camera(folder, pairs[0].rgb)
+    pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
+    depth_z_m = _metres(pairs[len(pairs) // 2], camera)
+    near, far = np.percentile(depth_z_m[depth_z_m > 0], (1, 99)).tolist() if depth_z_m.any() else (0.0, 1.0)
+    frames = [_halved(_tiles(pair, camera, (near, far))) for pair in pairs]
+    atomic_write(path, lambda temporary: _write_film(temporary, frames, "VP80"))
+
+
+def _write_film(path: Path, frames: list[np.ndarray], code: str = "mp4v") -> None:
     height, width = frames[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), _FILM_HZ, (width, height))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), _FILM_HZ, (width, height))
     for frame in frames:
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
     writer.release()

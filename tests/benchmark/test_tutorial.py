@@ -1,0 +1,102 @@
+"""The commands of docs/benchmark.md from nothing to one row of each table; killed in the middle, the same tables come out, to the byte."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from evo.core import metrics, sync
+from evo.tools import file_interface
+from iclnuim.headless import cli
+
+pytestmark = pytest.mark.slow
+#: A quarter of the page's pixels, to spare the time.
+SMALL = ["--camera", "320x240"]
+
+
+@pytest.fixture(scope="module")
+def made(repository, tmp_path_factory):
+    """A folder in which the page's first commands were given."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    page = (repository / "docs/benchmark.md").read_text()
+    block = re.search(r"## From an empty machine.*?```sh\n(.*?)```", page, re.S)[1]
+    commands = [shlex.split(line, comments=True)[1:] for line in block.splitlines() if line.startswith("iclnuim")]
+    assert [words[0] for words in commands] == ["make", "make", "benchmark", "table"]
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        for words in commands:
+            assert run(words + (SMALL if words[0] == "make" else [])) == 0, words
+    finally:
+        os.chdir(before)
+    return folder
+
+
+def run(words):
+    return subprocess.run([sys.executable, "-m", "iclnuim", *words], env=environment()).returncode
+
+
+def environment():
+    return {**os.environ, "PYTHONUNBUFFERED": "1"}
+
+
+def rows(folder, name):
+    """Of a table as CSV."""
+    lines = (folder / f"out/benchmark/tables/{name}.csv").read_text().splitlines()
+    return [line.split(",") for line in lines]
+
+
+@pytest.mark.parametrize("number", range(2, 8))
+def test_each_table_has_a_row_of_ours(made, number):
+    table = rows(made, f"table_{number}")
+    column = table[0].index("kt0")
+    mine = next(row for row in table if row[0] in ("ICP", "Mean"))
+    assert float(mine[column]) > 0
+
+
+def test_the_error_is_evos(made):
+    """Of the estimate that the cell keeps, against the sequence's ground truth."""
+    cell = made / "out/benchmark/cells/office/kt0/noisy/icp_best_model"
+    truth = file_interface.read_tum_trajectory_file(made / "out/office/kt0/noisy/groundtruth.txt")
+    estimate = file_interface.read_tum_trajectory_file(cell / "trajectory.txt")
+    truth, estimate = sync.associate_trajectories(truth, estimate)
+    estimate.align(truth)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((truth, estimate))
+    shown = next(row for row in rows(made, "table_6") if row[0] == "ICP")[rows(made, "table_6")[0].index("kt0")]
+    assert float(shown) == pytest.approx(1e3 * ape.get_statistic(metrics.StatisticsType.rmse), abs=0.0051)
+
+
+def test_the_same_command_measures_nothing_again_and_another_is_refused(made, capfd):
+    started, base = time.monotonic(), ["benchmark", "--data", str(made / "out"), "--out", str(made / "out/benchmark")]
+    words = [*base, "--only", "kt0/icp/model", "--first"]
+    assert cli.main([*words, "60"]) == 0
+    assert "4 of them measured already" in capfd.readouterr().err and time.monotonic() - started < 60
+    assert cli.main([*words, "50"]) == 2
+    assert "first 60 there, 50 asked" in capfd.readouterr().err
+
+
+def test_killed_at_any_moment_it_ends_in_the_same_tables(made, tmp_path):
+    whole, killed, rng = tmp_path / "whole", tmp_path / "killed", np.random.default_rng(0)
+    words = ["benchmark", "--data", str(made / "out"), "--first", "12", "--only", "kt0/icp/model/living_room"]
+    started = time.monotonic()
+    assert run([*words, "--out", str(whole)]) == 0
+    took_s = time.monotonic() - started
+    for _ in range(8):
+        work = subprocess.Popen([sys.executable, "-m", "iclnuim", *words, "--out", str(killed)], env=environment())
+        time.sleep(rng.uniform(0.1, 0.9) * took_s)
+        work.send_signal(signal.SIGKILL)
+        work.wait()
+    assert run([*words, "--out", str(killed)]) == 0
+    for path in [
+        *(whole / "tables").iterdir(),
+        *whole.glob("cells/**/result.json"),
+        *whole.glob("cells/**/trajectory.txt"),
+    ]:
+        assert path.read_bytes() == (killed / path.relative_to(whole)).read_bytes(), path
+    assert not [path for path in killed.rglob("*") if path.name.endswith(".part") or ".tmp" in path.name]
