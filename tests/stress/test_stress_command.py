@@ -85,3 +85,18 @@ def test_killed_twenty_times_it_ends_with_the_same_table(folder, tmp_path):
         kills += 1
     last = subprocess.run([*words, "-o", out], capture_output=True, text=True, check=True)
     assert kills > 3 and last.stdout == whole.stdout and cells(out) == cells(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(command_here, folder, tmp_path):
+    """The same odometer in this process and as a system has the same error."""
+    words = ("stress", folder, "-o", tmp_path / "out", "--only", "holes", "--severities", "5", "--frames", "8")
+    words = (*words, "--starts", "1", "--methods", "baseline:opencv-icp", "--workers", "1")
+    code, _, err = command_here(*words, "--system", "baseline:opencv-rgbd-icp", "--runs", "2")
+    assert code == 0, err
+    both = ("--methods", "baseline:opencv-rgbd-icp")
+    assert command_here(*words[:-4], *both, "-o", tmp_path / "again", "--workers", "1")[0] == 0
+    place = "cells/box_clean/4/holes_5/baseline_opencv-rgbd-icp.json"
+    system, own = (json.loads((tmp_path / name / place).read_text())["cell"] for name in ("out", "again"))
+    assert system["ate_m"] == pytest.approx(own["ate_m"], rel=0.02) and system["coverage"] == own["coverage"]
+    assert not (tmp_path / "out/work").exists() or not any((tmp_path / "out/work").rglob("*.png"))
