@@ -141,13 +141,9 @@ class Matrix:
                 pool.add(k)
 
     def cells(self) -> dict[tuple[Task, str], dict[str, Any]]:
-        """The figures that are there, of tasks and methods of this matrix."""
-        found = {}
-        for task in self.tasks():
-            for name in self.names:
-                if is_file(file := self._file(task, name)):
-                    found[task, name] = read_json(file)["cell"]
-        return found
+        """The figures that are there, of tasks and methods of this matrix, and of its settings."""
+        pairs = [(task, name) for task in self.tasks() for name in self.names if self._is_done(task, name)]
+        return {(task, name): read_json(self._file(task, name))["cell"] for task, name in pairs}
 
     def stretch(self, task: Task) -> Stretch:
         """The frames of a task. Raises InputError where the sequence is too short."""

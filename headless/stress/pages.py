@@ -128,6 +128,11 @@ class Summary:
         """The mildest severity at which it fails, 0 where it fails unperturbed; None where it never does."""
         return next((k for k, g in enumerate(self.row(method, perturbation)) if g and g.failed), None)
 
+    def mark(self, method: str, perturbation: str) -> str:
+        """The severity, a dash for none, nothing where it was not measured."""
+        severity = self.breaks_at(method, perturbation)
+        return str(severity) if severity is not None else "-" if any(self.row(method, perturbation)[1:]) else ""
+
     def to_dict(self) -> dict[str, Any]:
         """For --json and OUT/stress.json."""
         keys = ("method", "perturbation", "severity")
@@ -139,8 +144,8 @@ class Summary:
         width = max(map(len, (*self.perturbations, "clean: false alarms")))
         lines = [f"{'fails from severity':<{width}}  {'  '.join(short)}"]
         for p in self.perturbations:
-            marks = (self.breaks_at(m, p) for m in self.methods)
-            cells = [f"{'-' if k is None else k:>{len(name)}}" for k, name in zip(marks, short, strict=True)]
+            marks = [self.mark(m, p) for m in self.methods]
+            cells = [f"{mark:>{len(name)}}" for mark, name in zip(marks, short, strict=True)]
             lines.append(f"{p:<{width}}  {'  '.join(cells)}")
         for title, values in self.totals().items():
             cells = [f"{v:>{len(name)}}" for v, name in zip(values, short, strict=True)]
@@ -274,22 +279,22 @@ def _overview(summary: Summary) -> str:
     links = "".join(f'<th><a href="#{_id(m)}">{_text(m.removeprefix("baseline:"))}</a></th>' for m in summary.methods)
     rows = []
     for p in summary.perturbations:
-        cells = "".join(_break_cell(summary.breaks_at(m, p)) for m in summary.methods)
+        cells = "".join(_break_cell(summary, m, p) for m in summary.methods)
         rows.append(f"<tr><th>{_text(p.replace('_', ' '))}</th>{cells}</tr>")
     for title, values in summary.totals().items():
         rows.append(f"<tr class='total'><th>{title}</th>{''.join(f'<td>{v}</td>' for v in values)}</tr>")
     return (
         "<h1>Where methods fail</h1>\n<p>The mildest severity at which half of the stretches or more fail: ATE above "
         f"{1e3 * summary.plan.bounds.success_m:g} mm, or poses for less than {summary.plan.bounds.min_coverage:.0%} of the frames. "
-        "A dash: none of the five.</p>\n"
+        "A dash: none of the five. In the tables below a number is the median ATE in mm; \u00d7: it fails, !: and calls poses good that are wrong.</p>\n"
         f"<div class='wide'><table><tr><th></th>{links}</tr>\n{chr(10).join(rows)}</table></div>"
     )
 
 
-def _break_cell(severity: int | None) -> str:
-    if severity is None:
-        return "<td>-</td>"
-    return f"<td style='{_style(float(_COLOURS_MM[1] / 4**severity))}'>{severity}</td>"
+def _break_cell(summary: Summary, method: str, name: str) -> str:
+    mark = summary.mark(method, name)
+    style = f" style='{_style(_COLOURS_MM[1] / 4 ** int(mark))}'" if mark.isdecimal() else ""
+    return f"<td{style}>{mark}</td>"
 
 
 def _method(summary: Summary, method: str) -> str:
