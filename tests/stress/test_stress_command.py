@@ -27,7 +27,7 @@ def test_the_list_has_one_perturbation_a_line_with_its_severities(command_here):
     code, out, _ = command_here("stress", "--list")
     lines, plan = out.splitlines(), read_plan()
     assert code == 0 and [line.split()[0] for line in lines] == list(plan.perturbations)
-    assert "  2      3      4      6      8  x" in next(line for line in lines if line.startswith("speed"))
+    assert "  4      5      6      7      8  x" in next(line for line in lines if line.startswith("speed"))
 
 
 def test_cells_are_made_once_and_pages_show_them(command_here, folder, tmp_path):
