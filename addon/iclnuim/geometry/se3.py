@@ -65,10 +65,11 @@ class SE3:
         twist = np.asarray(twist, float)
         v, w = twist[..., :3], twist[..., 3:]
         angle = np.linalg.norm(w, axis=-1)[..., None, None]
-        _, b, c = so3.exp_coefficients(angle)
-        k = so3.hat(w)
-        left_jacobian = np.eye(3) + b * k + c * (k @ k)
-        return cls(so3.exp(w), (left_jacobian @ v[..., None])[..., 0])
+        a, b, c = so3.exp_coefficients(angle)
+        k, one = so3.hat(w), np.eye(3)
+        squared = k @ k
+        left_jacobian = one + b * k + c * squared
+        return cls(one + a * k + b * squared, (left_jacobian @ v[..., None])[..., 0])
 
     @property
     def matrix(self) -> np.ndarray:

@@ -29,7 +29,7 @@ BUCKET_PX, PER_BUCKET = 80, 25
 @dataclass(frozen=True, eq=False)
 class Features:
     """Of one frame. images: grey (h, w) uint8, fine to coarse; uv (n, 2): in the image, pixels; level (n,); points_m (n, 3):
-    in the camera's frame; descriptions (n, 81) uint8.
+    in the camera's frame; descriptions (n, 81) uint8. In order of level, then row.
     """
 
     images: list[np.ndarray]
@@ -158,23 +158,21 @@ def match(
 
 @njit(cache=True)
 def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, search_px):
-    """(n0,): the index in 1 of each one's partner, -1 where it has none. On the same level only."""
+    """(n0,): the index in 1 of each one's partner, -1 where it has none. On the same level only; 1 lies in order of level, then row."""
     n0, n1 = len(level0), len(level1)
     best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
     of0, of1 = np.full(n0, -1), np.full(n1, -1)
     for i in range(n0):
-        for j in range(n1):
-            if level0[i] != level1[j]:
-                continue
+        first, end = np.searchsorted(level1, level0[i]), np.searchsorted(level1, level0[i] + 1)
+        rows = uv1[first:end, 1]
+        begin = first + np.searchsorted(rows, expected_uv[i, 1] - search_px)
+        for j in range(begin, end):
             du, dv = uv1[j, 0] - expected_uv[i, 0], uv1[j, 1] - expected_uv[i, 1]
+            if dv > search_px:
+                break
             if du * du + dv * dv > search_px * search_px:
                 continue
-            limit = max(best0[i], best1[j])
-            score = np.int64(0)
-            for k in range(descriptions0.shape[1]):
-                score += abs(np.int64(descriptions0[i, k]) - np.int64(descriptions1[j, k]))
-                if score >= limit:
-                    break
+            score = _difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
             if score < best0[i]:
                 best0[i], of0[i] = score, j
             if score < best1[j]:
@@ -186,14 +184,33 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
 
 
 @njit(cache=True)
-def _at(image, u, v):
-    """Bilinear, at a place with four neighbours."""
+def _difference(one, other, limit):
+    """The sum of absolute differences of two descriptions; any number that reaches the limit where the sum does."""
+    score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
+    for begin in range(0, size, at_once):
+        part = 0
+        for k in range(begin, min(begin + at_once, size)):
+            part += abs(np.int32(one[k]) - np.int32(other[k]))
+        score += part
+        if score >= limit:
+            break
+    return score
+
+
+@njit(cache=True)
+def _window(image, u, v, across, out):
+    """out (n, n): the image about (u, v), bilinear, a pixel apart; across (n + 1, n) is worked in."""
+    n = len(out)
     j, i = int(u), int(v)
     s, t = u - j, v - i
-    a, b = float(image[i, j]), float(image[i, j + 1])
-    c, d = float(image[i + 1, j]), float(image[i + 1, j + 1])
-    top, bottom = a + s * (b - a), c + s * (d - c)
-    return top + t * (bottom - top)
+    j, i = j - n // 2, i - n // 2
+    for y in range(n + 1):
+        for x in range(n):
+            a = float(image[i + y, j + x])
+            across[y, x] = a + s * (float(image[i + y, j + x + 1]) - a)
+    for y in range(n):
+        for x in range(n):
+            out[y, x] = across[y, x] + t * (across[y + 1, x] - across[y, x])
 
 
 @njit(cache=True)
@@ -205,26 +222,23 @@ def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
     """
     h, w = image1.shape
     size = 2 * REACH + 1
-    gu, gv, patch = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    seen0, seen1 = np.empty((size + 2, size + 2)), np.empty((size + 2, size + 2))
+    across = np.empty((size + 3, size + 2))
     for n in range(len(at)):
-        for i in range(size):
-            for j in range(size):
-                x, y = uv0[n, 0] + j - REACH, uv0[n, 1] + i - REACH
-                patch[i, j] = _at(image0, x, y)
-                gu[i, j] = (_at(image0, x + 1, y) - _at(image0, x - 1, y)) / 2
-                gv[i, j] = (_at(image0, x, y + 1) - _at(image0, x, y - 1)) / 2
+        _window(image0, uv0[n, 0], uv0[n, 1], across, seen0)
         start_u, start_v = uv1[at[n], 0] / scale, uv1[at[n], 1] / scale
         u, v, best_u, best_v, best = start_u, start_v, start_u, start_v, np.inf
         for _ in range(7):
             if not (u > REACH + 1 and v > REACH + 1 and u < w - REACH - 3 and v < h - REACH - 3):
                 break
+            _window(image1, u, v, across, seen1)
             a = b = c = p = q = mean = mean_u = mean_v = squares = 0.0
-            for i in range(size):
-                for j in range(size):
-                    x, y = u + j - REACH, v + i - REACH
-                    r = patch[i, j] - _at(image1, x, y)
-                    x_slope = (gu[i, j] + (_at(image1, x + 1, y) - _at(image1, x - 1, y)) / 2) / 2
-                    y_slope = (gv[i, j] + (_at(image1, x, y + 1) - _at(image1, x, y - 1)) / 2) / 2
+            for i in range(1, size + 1):
+                for j in range(1, size + 1):
+                    r = seen0[i, j] - seen1[i, j]
+                    # the mean of both images' slopes
+                    x_slope = (seen0[i, j + 1] - seen0[i, j - 1] + seen1[i, j + 1] - seen1[i, j - 1]) / 4
+                    y_slope = (seen0[i + 1, j] - seen0[i - 1, j] + seen1[i + 1, j] - seen1[i - 1, j]) / 4
                     a += x_slope * x_slope
                     b += x_slope * y_slope
                     c += y_slope * y_slope

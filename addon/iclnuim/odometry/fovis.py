@@ -21,8 +21,11 @@ from .solver import Limits, Pass, Stop, System, solve
 
 #: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
-#: Where a smaller share of the matches agrees, the prediction may have missed a sudden turn: small images are asked.
-FEW = 0.5
+#: A motion that others start from is found until a step is shorter (metres, radians): the steps after it are a thousandth of it.
+ROUGH = Stop(min_step=1e-3)
+#: Where a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), the prediction may have
+#: missed a sudden turn: small images are asked.
+FEW = 0.25
 
 
 @dataclass(frozen=True)
@@ -75,22 +78,23 @@ class Fovis:
         if min(len(reference.uv), len(current.uv)) < self.settings.min_inliers:
             return failure("features: too few corners with depth")
         first, *others = self.settings.searches_px
-        result = self._around(reference, current, guess, first)
+        stops = [ROUGH] * len(others) + [self.settings.stop]
+        result = self._around(reference, current, guess, first, stops[0])
         if result.inliers < FEW:  # a failure has none, nor matches
-            turned = self._around(reference, current, _turned(reference, current, guess), first)
+            turned = self._around(reference, current, _turned(reference, current, guess), first, stops[0])
             result = turned if turned.matches > result.matches else result
-        for search_px in others:
+        for search_px, stop in zip(others, stops[1:], strict=True):
             if result.status is not Status.FAILED:
-                result = self._around(reference, current, result.T_reference_camera, search_px)
+                result = self._around(reference, current, result.T_reference_camera, search_px, stop)
         return result
 
-    def _around(self, reference: Features, current: Features, start: SE3, search_px: float) -> Result:
+    def _around(self, reference: Features, current: Features, start: SE3, search_px: float, stop: Stop) -> Result:
         """With corners within `search_px` of where `start` puts them."""
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
         found = match(reference, current, expected_uv, search_px, s.precision_px, s.strict)
         agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
-        result = self._motion(agreeing, camera, start)
+        result = self._motion(agreeing, camera, start, ROUGH)
         if result.status is Status.FAILED:
             return result
         errors_px = np.linalg.norm(
@@ -99,17 +103,17 @@ class Fovis:
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
         if len(inliers) < s.min_agreement * len(found):
             return failure(f"features: {len(inliers)} of {len(found)} agree about a motion")
-        result = self._motion(inliers, camera, result.T_reference_camera)
+        result = self._motion(inliers, camera, result.T_reference_camera, stop)
         if result.status is Status.FAILED:
             return result
         return replace(result, matches=len(inliers), inliers=len(inliers) / len(found))
 
-    def _motion(self, matches: Matches, camera: PinholeCamera, start: SE3) -> Result:
+    def _motion(self, matches: Matches, camera: PinholeCamera, start: SE3, stop: Stop) -> Result:
         s = self.settings
         if len(matches) < s.min_inliers:
             return failure(f"features: {len(matches)} agree, fewer than {s.min_inliers}")
         term = ReprojectionTerm(matches, camera, s)
-        return solve([Pass(term, s.iterations, 4 * len(matches), s.stop)], start, s.limits)
+        return solve([Pass(term, s.iterations, 4 * len(matches), stop)], start, s.limits)
 
 
 class ReprojectionTerm:
