@@ -190,7 +190,7 @@ def _difference(one, other, limit):
     for begin in range(0, size, at_once):
         part = 0
         for k in range(begin, min(begin + at_once, size)):
-            part += abs(np.int32(one[k]) - np.int32(other[k]))
+            part += abs(int(one[k]) - int(other[k]))
         score += part
         if score >= limit:
             break
