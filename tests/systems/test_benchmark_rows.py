@@ -1,0 +1,76 @@
+"""What `iclnuim run` has written becomes cells of `iclnuim benchmark`, and what a cell is measured on is told apart."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from iclnuim.headless.benchmark.cells import Cell
+from iclnuim.headless.benchmark.measure import Meter, Task, measure
+from iclnuim.headless.benchmark.runner import Benchmark, measured
+from iclnuim.headless.benchmark.sources import Sources, external_cells
+from iclnuim.headless.options import Console
+
+KT2 = Cell("living_room", "kt2", "clean", "icp", "best", "default")
+
+
+class Quiet(Meter):
+    def flush(self):
+        self.done = 0
+
+
+@pytest.fixture
+def sources(make_sequence, tmp_path):
+    make_sequence(tmp_path / "data/living_room/kt2/clean")
+    return Sources(tmp_path / "data", tmp_path / "bench")
+
+
+def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(sources, run, fake, tmp_path):
+    rows, _ = run(fake("good"), "--runs", 2, folder=sources.folder(KT2))
+    cells = external_cells(tmp_path / "out", [KT2], sources, None)
+    names = {(cell.odometer, cell.preset, cell.run) for cell in cells}
+    assert names == {("good", name, number) for name in ("final", "live") for number in (1, 2)}
+    assert external_cells(tmp_path / "out", [KT2], sources, 30) == {}  # other frames
+    cell = next(cell for cell in cells if cell.preset == "final" and cell.run == 2)
+    out = sources.out / "cells" / cell.name
+    measure(Task(cell, str(sources.folder(cell)), str(out), None, None, str(cells[cell]), {"kind": "a cell"}), Quiet())
+    (found,) = measured(sources.out)
+    assert found["cell"] == cell and found["coverage"] == 1 and "surface" not in found
+    assert found["ate_m"]["rmse"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-9)
+    path = json.loads((out / "path.json").read_text())
+    assert len(path["truth_m"]) == len(path["estimate_m"]) == len(path["error_m"]) == 60
+
+
+@pytest.mark.slow
+def test_what_cannot_be_tracked_is_a_result_too(sources, tmp_path):
+    """Frames without depth in 8 x 6 pixels of one grey."""
+    out = tmp_path / "cell"
+    measure(Task(KT2, str(sources.folder(KT2)), str(out), 3, None, None, {}), Quiet())
+    content = json.loads((out / "result.json").read_text())
+    assert "failed" in content and "ate_m" not in content
+
+
+def test_a_sequence_that_cannot_be_measured_is_named_with_what_makes_it(sources):
+    assert sources.fault(KT2, None) == "" and sources.fault(KT2, 60) == ""
+    assert "has 60 frames, 61 were asked for" in sources.fault(KT2, 61)
+    assert "iclnuim make living_room/kt3" in sources.fault(replace(KT2, trajectory="kt3"), None)
+    (sources.folder(KT2) / "recipe.json").write_text('{"finished": false}')
+    assert "iclnuim resume" in sources.fault(KT2, None)
+
+
+def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sources):
+    (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 0}\n')
+    task = Benchmark(sources, [KT2], {}, None, 1, Console(quiet=True))._task(KT2)
+    out = sources.out / "cells" / KT2.name
+    out.mkdir(parents=True)
+
+    def missing(first=None):
+        return len(Benchmark(sources, [KT2], {}, first, 1, Console(quiet=True))._missing())
+
+    assert missing() == 1
+    (out / "recipe.json").write_text(json.dumps({**task.recipe, "source_commit": "another", "versions": {}}))
+    assert missing() == 0 and missing(30) == 1
+    (out / "recipe.json").write_text(json.dumps({**task.recipe, "fusion": {}}))
+    assert missing() == 1
+    (out / "recipe.json").write_text(json.dumps(task.recipe))
+    (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 1}\n')
+    assert missing() == 1
