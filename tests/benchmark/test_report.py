@@ -133,3 +133,6 @@ def test_on_a_phone_and_on_paper_nothing_is_cut_off(report, tmp_path):
         assert page.value("document.querySelector('#all').getBoundingClientRect().width") <= 390
         page.call("Emulation.setEmulatedMedia", media="print")
         assert page.value("getComputedStyle(document.querySelector('form')).display") == "none"
+        page.value("dispatchEvent(new Event('beforeprint'))")
+        assert page.value("[...document.querySelectorAll('details')].every(one => one.open)")
+        assert len(page.call("Page.printToPDF")["data"]) > 20_000
