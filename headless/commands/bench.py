@@ -80,10 +80,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     curve = action(actions, "curve", help, example, _curve)
     add = curve.add_argument
-    add("curve", metavar="CURVE", help="levels, iterations, pixels, keyframe, resolution, realtime or rate")
+    add("curve", metavar="CURVE", help="levels, iterations, pixels, keyframe, resolution, realtime, rate or voxel")
     add("folder", type=Path, metavar="DIR", help="a sequence with ground truth")
     add_camera_options(curve)
     add("--method", action="append", metavar="NAME", help="an odometer, several times; default: icp and rgbd")
+    add("--model", default="living_room", metavar="MODEL", help="of voxel: a room or mesh file; default: living_room")
     add("--values", type=_numbers, metavar="V,V", help="steps; default: the curve's own")
     add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
     add("--first", type=count, default=120, metavar="N", help="so many frames from there; default: 120")
@@ -299,30 +300,50 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.dataset.frames import read_truth
     from iclnuim.shipped import source_commit
 
-    from ..stress import curves
+    from ..stress import curves, fusion_curve
     from ..stress.stretch import Stretch
 
-    if args.curve not in curves.CURVES:
-        raise InputError(f"a curve ({', '.join(curves.CURVES)})", found=args.curve)
+    names = (*curves.CURVES, "voxel")
+    if args.curve not in names:
+        raise InputError(f"a curve ({', '.join(names)})", found=args.curve)
     sequence, truth = open_sequence(args, console, args.folder), read_truth(args.folder)
     if truth is None:
         raise InputError("a ground truth in the folder", path=args.folder)
     stretch = Stretch.of(sequence, truth, args.start, args.first, seed=1)
-    values, methods = args.values or curves.CURVES[args.curve][0], args.method or ["icp", "rgbd"]
     cv2.setNumThreads(args.threads)
-    progress = console.progress(curves.length(args.curve, values, stretch), f"bench curve {args.curve}")
-    points = curves.measure(args.curve, methods, values, stretch, progress.advance)
+    title = f"bench curve {args.curve}"
+    if args.curve == "voxel":
+        from iclnuim.fusion.surface_error import TrueSurface, read_model
+
+        require(title, "igl")
+        surface = TrueSurface(*read_model(args.model))
+        progress = console.progress(len(stretch.numbers), title)
+        fused = fusion_curve.measure(args.values or fusion_curve.VALUES, stretch, surface, progress.advance)
+        points, text, drawn = (
+            [p.to_dict() for p in fused],
+            fusion_curve.table(fused),
+            partial(fusion_curve.figure, fused),
+        )
+    else:
+        values, methods = args.values or curves.CURVES[args.curve][0], args.method or ["icp", "rgbd"]
+        progress = console.progress(curves.length(args.curve, values, stretch), title)
+        found = curves.measure(args.curve, methods, values, stretch, progress.advance)
+        points, text, drawn = (
+            [p.to_dict() for p in found],
+            curves.table(found),
+            partial(curves.figure, args.curve, found),
+        )
     if args.plot:
         from iclnuim.report import charts
 
-        charts.save(curves.figure(args.curve, points), args.plot)
+        charts.save(drawn(), args.plot)
     recipe = {
         "folder": str(args.folder),
         "start": args.start,
         "threads": args.threads,
         "source_commit": source_commit(),
     }
-    console.result({"recipe": recipe, "points": [p.to_dict() for p in points]}, curves.table(points))
+    console.result({"recipe": recipe, "points": points}, text)
 
 
 def _evaluate(args: argparse.Namespace, console: Console) -> None:

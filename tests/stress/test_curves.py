@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from iclnuim import write_ply
 from iclnuim.errors import InputError
 from iclnuim.headless.stress import curves
 from iclnuim.odometry.protocol import Frame, Result
@@ -69,9 +70,36 @@ def test_a_curve_is_one_command(command_here, folder, curve, values):
 
 def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
     for words, message in (
-        (("slope", folder), "expected a curve (levels, iterations, pixels, keyframe, resolution, realtime, rate)"),
+        (
+            ("slope", folder),
+            "expected a curve (levels, iterations, pixels, keyframe, resolution, realtime, rate, voxel)",
+        ),
         (("levels", folder, "--method", "baseline:opencv-icp"), "expected rgbd, dvo, icp or icp_rgbd"),
         (("resolution", folder, "--values", "100", "--first", "6"), "expected 160 pixels halved some times, found 100"),
     ):
         code, _, err = command_here("bench", "curve", *words, "--first", "6")
         assert code == 2 and message in err
+
+
+@pytest.mark.slow
+def test_smaller_voxels_are_nearer_to_the_true_box_and_take_more_memory(command_here, folder, tmp_path):
+    corners = np.array(np.meshgrid([-2.0, 2.0], [-2.5, 2.5], [0.0, 2.5])).reshape(3, -1).T
+    faces = [(0, 2, 6, 4), (1, 3, 7, 5), (0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6)]
+    write_ply(tmp_path / "box.ply", corners, np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]))
+    words = (
+        "bench",
+        "curve",
+        "voxel",
+        folder,
+        "--first",
+        "12",
+        "--values",
+        "0.06,0.02",
+        "--model",
+        tmp_path / "box.ply",
+    )
+    code, out, err = command_here(*words, "--json", "--plot", tmp_path / "voxel.png")
+    assert code == 0, err
+    coarse, fine = json.loads(out)["points"]
+    assert fine["mean_m"] < coarse["mean_m"] < 0.03 and fine["memory_mb"] > coarse["memory_mb"]
+    assert (tmp_path / "voxel.png").stat().st_size > 5_000

@@ -1,0 +1,103 @@
+"""The curve of fusion: side of a voxel against surface error, time and memory, all sizes on the same frames in one run."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from iclnuim.fusion.mesh import extract
+from iclnuim.fusion.settings import PRESETS
+from iclnuim.fusion.surface_error import TrueSurface
+from iclnuim.fusion.volume import Volume
+
+from .stretch import Stretch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+VALUES = (0.035, 0.0176, 4.5 / 512, 0.004)
+#: A truncation of so many voxels, at least the default.
+_TRUNCATION = 3.0
+
+
+@dataclass(frozen=True)
+class FusedPoint:
+    """voxel_m and the distances of the vertices to the true surface in metres; ms a frame and memory of fusing."""
+
+    voxel_m: float
+    vertices: int
+    mean_m: float
+    median_m: float
+    p95_m: float
+    ms: float
+    meshing_s: float
+    memory_mb: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def measure(
+    values: Sequence[float], stretch: Stretch, surface: TrueSurface, progress: Callable[[], object]
+) -> list[FusedPoint]:
+    """Fused along the true poses: every frame into all volumes, then each is meshed. The first frame is not timed."""
+    base = PRESETS["best"]
+    volumes = []
+    for voxel_m in values:
+        reach_m = max(base.truncation_m, _TRUNCATION * voxel_m)
+        behind_m = max(base.behind_m, 2 * voxel_m)
+        settings = base.changed(voxel_m=float(voxel_m), truncation_m=reach_m, behind_m=behind_m, max_blocks=400_000)
+        volumes.append(Volume(settings, lambda volume, leaves: None))
+    seconds = np.zeros(len(volumes))
+    for number in stretch.numbers:
+        colour, depth_z_m = stretch.load(number)
+        pose = stretch.pose(stretch.stamps_s[number])
+        for k, volume in enumerate(volumes):
+            started = time.perf_counter()
+            volume.integrate(depth_z_m, stretch.camera, pose, colour)
+            seconds[k] += (number != stretch.numbers[0]) * (time.perf_counter() - started)
+        progress()
+    after_first = max(1, len(stretch.numbers) - 1)
+    return [_point(v, float(1e3 * s / after_first), surface) for v, s in zip(volumes, seconds, strict=True)]
+
+
+def _point(volume: Volume, ms: float, surface: TrueSurface) -> FusedPoint:
+    started = time.perf_counter()
+    mesh = extract(volume)
+    meshing_s = time.perf_counter() - started
+    distances_m = surface.distance(mesh.points)
+    middle, high = (float(v) for v in np.percentile(distances_m, (50, 95)))
+    figures = (len(mesh.points), float(distances_m.mean()), middle, high)
+    return FusedPoint(volume.settings.voxel_m, *figures, ms, meshing_s, volume.bytes_used / 1e6)
+
+
+def table(points: Sequence[FusedPoint]) -> str:
+    """A line for each size."""
+    lines = [
+        f"{'voxel [mm]':>10}{'mean [mm]':>11}{'median':>9}{'95 %':>9}{'ms':>8}{'meshing [s]':>13}{'MB':>8}{'vertices':>11}"
+    ]
+    for p in points:
+        error = f"{1e3 * p.mean_m:>11.3f}{1e3 * p.median_m:>9.3f}{1e3 * p.p95_m:>9.3f}"
+        lines.append(
+            f"{1e3 * p.voxel_m:>10.1f}{error}{p.ms:>8.1f}{p.meshing_s:>13.1f}{p.memory_mb:>8.0f}{p.vertices:>11}"
+        )
+    return "\n".join(lines)
+
+
+def figure(points: Sequence[FusedPoint]) -> "Figure":
+    """Mean distance to the true surface over time a frame and over memory."""
+    from iclnuim.report.charts import COLOURS
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(9, 4.2), layout="constrained")
+    panels = drawing.subplots(1, 2, sharey=True)
+    for axes, name, label, colour in zip(panels, ("ms", "memory_mb"), ("ms a frame", "MB"), COLOURS[:2], strict=True):
+        x, y = [getattr(p, name) for p in points], [1e3 * p.mean_m for p in points]
+        axes.plot(x, y, "o-", color=colour, linewidth=1)
+        for p, px, py in zip(points, x, y, strict=True):
+            axes.annotate(f"{1e3 * p.voxel_m:.3g} mm", (px, py), xytext=(4, 4), textcoords="offset points", fontsize=8)
+        axes.set(xscale="log", yscale="log", xlabel=label)
+        axes.grid(alpha=0.3, which="both")
+    panels[0].set_ylabel("mean distance to the true surface [mm]")
+    return drawing
