@@ -28,7 +28,7 @@ class _Missing(Exception):
 
 
 def findings_table(results: Sequence[dict], preset: str = "best") -> Table:
-    """A row a finding: printed, ours, verdict, and the rule."""
+    """A row a finding: printed, ours, verdict, and why: the rule, and what is to be said of the printed figures."""
     seeds, rows = seeds_of(results, preset), []
     for finding in paper()["findings"]:
         number = finding["number"]
@@ -41,9 +41,11 @@ def findings_table(results: Sequence[dict], preset: str = "best") -> Table:
         found = verdict(holds for holds, _ in ours)
         if len(ours) > 1:
             asked += f"; holds with {sum(holds is True for holds, _ in ours)} of {len(ours)} seeds"
+        if remark := finding.get("remark"):
+            asked += f". {remark}"
         texts = (finding["finding"], printed or "-", ours[0][1] or "-", found, asked)
         rows.append((str(number), finding["section"], *texts))
-    columns = ("no.", "section", "finding", "printed", "ours", "verdict", "rule")
+    columns = ("no.", "section", "finding", "printed", "ours", "verdict", "why")
     suffix = ("", "") if preset == "best" else (f"_{preset}", f" Preset {preset}.")
     title = f"The findings of section VI, by rules over the cells.{suffix[1]}"
     note = "Verdicts are of these cells alone: other rooms' frames, other noise and our own odometers. Errors in mm."

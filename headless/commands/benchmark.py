@@ -50,7 +50,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
     add("--workers", type=count, metavar="N", help="processes; default: a core and 2 GB of memory for each")
     add("--videos", action="store_true", help="a short film of each sequence in the report, which needs --data")
-    add("--report-only", action="store_true", help="measure nothing: tables and report of what is in --out")
+    help = "measure nothing: tables and report of what is in DIR; default: in --out"
+    add("--report-only", nargs="?", const="", metavar="DIR", help=help)
     common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
 
 
@@ -61,7 +62,8 @@ def _words(text: str) -> list[str]:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Exit code 3 where some cell could not be measured; the others are."""
     problems: list[str] = []
-    if not args.report_only:
+    args.out = Path(args.report_only or args.out)
+    if args.report_only is None:
         require("benchmark", "numba", "cv2", "embreex", "igl")
         problems = _measure(args, console)
     results = measured(args.out)
