@@ -17,8 +17,11 @@ from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import DEPTH, RGB, SequenceFrame
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS, format_of
+from iclnuim.evaluation.image_error import psnr_db
 from iclnuim.formats.images import read_colour8
 
+#: How the table calls colour that is stored with loss, and how much.
+JPEG, JPEG_DB = "JPEG, 50 dB", 50.0
 #: Grey levels that a JPEG of quality 100 may be off in the ramp of these frames.
 JPEG_LEVELS = 4
 
@@ -53,7 +56,7 @@ def test_the_table_says_what_the_formats_declare(table):
     for name, format in FORMATS.items():
         row = table[name]
         colour, depth = (format.image(frame, kind).rpartition(".")[2] for kind in (RGB, DEPTH))
-        assert row["colour"] == {"png": "PNG", "jpg": "JPEG"}[colour]
+        assert row["colour"] == {"png": "PNG", "jpg": JPEG}[colour]
         assert ("NPY" in row["depth"]) == (depth == "npy")
         assert row["stamps"] == words[format.stamps]
         assert (row["poses"] == "one a frame") == format.every_pose
@@ -71,8 +74,10 @@ def check_held(table, source, target, there, name):
     units = [read_camera(folder, pairs[0].rgb).depth_units_per_metre for folder, pairs in ((a, before), (there, after))]
     coarser = min(units if "NPY" not in row_a["depth"] + row_b["depth"] else [*units, 1e9])
     for one, other in zip(before, after, strict=True):
-        levels = np.abs(read_colour8(one.rgb).astype(int) - read_colour8(other.rgb)).max()
-        assert levels <= (JPEG_LEVELS if (row_a["colour"], row_b["colour"]) == ("PNG", "JPEG") else 0), name
+        images = read_colour8(one.rgb), read_colour8(other.rgb)
+        lossy = (row_a["colour"], row_b["colour"]) == ("PNG", JPEG)
+        assert np.abs(images[0].astype(int) - images[1]).max() <= (JPEG_LEVELS if lossy else 0), name
+        assert psnr_db(*images) >= (JPEG_DB if lossy else np.inf), name
         if row_a["colour"] == row_b["colour"]:
             assert one.rgb.read_bytes() == other.rgb.read_bytes(), name
         depth = read_depth_m(one.depth, units[0]) - read_depth_m(other.depth, units[1])

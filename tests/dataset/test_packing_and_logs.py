@@ -1,6 +1,7 @@
 """Archives, ElasticFusion logs and ROS bags: complete, checked by others, the same each time."""
 
 import hashlib
+import shutil
 import struct
 import tarfile
 import zlib
@@ -101,3 +102,22 @@ def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
     with pytest.raises(InputError, match="a name that is free"):
         write_rosbag(sequence, out, ros)
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_each_image_keeps_its_own_stamp_to_the_nanosecond_in_a_bag(sequence, tmp_path):
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    folder, ns = tmp_path / "s", 1305031102_175304123
+    shutil.copytree(sequence, folder)
+    rows = []
+    for i in range(4):
+        texts = [f"{(ns + 10**8 * i + off) // 10**9}.{(ns + 10**8 * i + off) % 10**9:09}" for off in (0, 7_000_001)]
+        rows.append(f"{texts[0]} rgb/{i:06}.png {texts[1]} depth/{i:06}.png\n")
+    (folder / "associations.txt").write_text("".join(rows))
+    (folder / "groundtruth.txt").unlink()
+    write_rosbag(folder, tmp_path / "s_ros2", 2)
+    with highlevel.AnyReader([tmp_path / "s_ros2"]) as reader:
+        found = {}
+        for connection, stamp, _ in reader.messages():
+            found.setdefault(connection.topic, []).append(stamp)
+    for kind, off in (("rgb/image_color", 0), ("rgb/camera_info", 0), ("depth/image", 7_000_001)):
+        assert found[f"/camera/{kind}"] == [ns + 10**8 * i + off for i in range(4)]

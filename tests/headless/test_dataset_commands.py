@@ -168,6 +168,20 @@ def test_convert_notes_what_a_format_does_not_hold(freiburg, tmp_path, capsys):
     assert "tartanair: its programs know only the camera 640x480,320,320,319.5,239.5" in said
 
 
+def test_convert_notes_what_rtabmap_takes_for_granted(freiburg, tmp_path, capsys):
+    stamps = ("0.000000", "0.033333", "0.066667")
+    rows = zip(stamps, RGB_STAMPS, DEPTH_STAMPS, strict=True)
+    (freiburg / "associations.txt").write_text("".join(f"{t} rgb/{a}.png {t} depth/{b}.png\n" for t, a, b in rows))
+    (freiburg / "groundtruth.txt").unlink()
+    camera = ["--camera", "64x48,48,48,31.5,23.5", "--units", "10000"]
+    assert main(["convert", str(freiburg), str(tmp_path / "a"), "--format", "rtabmap", *camera]) == 0
+    said = capsys.readouterr().err
+    assert "rtabmap: its programs take a stamp of 0 for none, and fail; the stamps are kept as they are" in said
+    assert "rtabmap: depth is stored in 5000 units a metre; the source has 10000" in said
+    depth = sorted((tmp_path / "a/depth_sync").iterdir())[0]
+    assert depth.name == "0.000000.png" and (read_depth16(depth) == 4500).all()
+
+
 def test_some_frames_carry_only_their_own_poses(freiburg, tmp_path, capsys):
     dense = [f"{1305031102.0 + i / 200:.4f} {i / 1000} 0 0 0 0 0 1" for i in range(80)]
     (freiburg / "groundtruth.txt").write_text("# mocap\n" + "\n".join(dense) + "\n")

@@ -1,7 +1,8 @@
 """A sequence in one file: ROS 1 and ROS 2 bags, through the optional package rosbags (no ROS needed), and .klg logs.
 
 Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info each, and with
-ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of the sequence.
+ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of the sequence, of each image its own, to the
+nanosecond.
 """
 
 import struct
@@ -122,57 +123,60 @@ class _Bag:
         """Both images and their camera."""
         rgb, depth = read_images(pair, camera)
         depth = np.where(depth > 0, depth, np.nan).astype("<f4")
-        for name, encoding, pixels in (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth)):
-            data, size = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8), self._size(pair.stamp_s, pixels.shape)
+        images = (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth))
+        for (name, encoding, pixels), text in zip(images, pair.written, strict=True):
+            stamp_ns = self._nanoseconds(text or pair.stamp_s)
+            data, size = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8), self._size(stamp_ns, pixels.shape)
             layout = {"encoding": encoding, "is_bigendian": 0, "step": data.size // pixels.shape[0], "data": data}
-            self._write(f"/camera/{name}", self._new("sensor_msgs/msg/Image", **size, **layout), pair.stamp_s)
-            info = self._camera_info(pair.stamp_s, camera.pinhole)
-            self._write(f"/camera/{name.split('/')[0]}/camera_info", info, pair.stamp_s)
+            self._write(f"/camera/{name}", self._new("sensor_msgs/msg/Image", **size, **layout), stamp_ns)
+            info = self._camera_info(stamp_ns, camera.pinhole)
+            self._write(f"/camera/{name.split('/')[0]}/camera_info", info, stamp_ns)
 
-    def _size(self, stamp_s: float, shape: tuple[int, ...]) -> dict[str, Any]:
-        return {"header": self._header(stamp_s, FRAME), "height": shape[0], "width": shape[1]}
+    def _size(self, stamp_ns: int, shape: tuple[int, ...]) -> dict[str, Any]:
+        return {"header": self._header(stamp_ns, FRAME), "height": shape[0], "width": shape[1]}
 
     def truth(self, truth: Trajectory) -> None:
         """Poses, and the same as transforms."""
         for i, stamp_s in enumerate(truth.stamps_s.tolist()):
-            T, header = truth.T_world_camera[i], self._header(stamp_s, WORLD)
+            stamp_ns = self._nanoseconds(stamp_s)
+            T, header = truth.T_world_camera[i], self._header(stamp_ns, WORLD)
             place = dict(zip("xyz", T.translation.tolist(), strict=True))
             turn = self._new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)))
             point, move = (self._new(f"geometry_msgs/msg/{kind}", **place) for kind in ("Point", "Vector3"))
             pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=turn)
             posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
-            self._write("/ground_truth/pose", posed, stamp_s)
+            self._write("/ground_truth/pose", posed, stamp_ns)
             named = {"header": header, "child_frame_id": FRAME}
             transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=turn)
             stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
-            self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_s)
+            self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
 
-    def _camera_info(self, stamp_s: float, c: PinholeCamera) -> Any:
+    def _camera_info(self, stamp_ns: int, c: PinholeCamera) -> Any:
         roi = self._new("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         d, k, r, p = np.zeros(5), c.K.ravel(), np.eye(3).ravel(), np.hstack([c.K, np.zeros((3, 1))]).ravel()
         # ROS 1 writes the matrices' names in capitals
         matrices = dict(zip("DKRP" if self.ros == 1 else "dkrp", (d, k, r, p), strict=True))
         model = {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, "roi": roi, **matrices}
-        return self._new("sensor_msgs/msg/CameraInfo", **self._size(stamp_s, (c.height, c.width)), **model)
+        return self._new("sensor_msgs/msg/CameraInfo", **self._size(stamp_ns, (c.height, c.width)), **model)
 
-    def _header(self, stamp_s: float, frame: str) -> Any:
-        ns = self._nanoseconds(stamp_s)
-        stamp = self._new("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self._new("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **({"seq": 0} if self.ros == 1 else {}))
 
     def _new(self, kind: str, **values: Any) -> Any:
         return self.store.types[kind](**values)
 
-    def _write(self, topic: str, message: Any, stamp_s: float) -> None:
+    def _write(self, topic: str, message: Any, stamp_ns: int) -> None:
         kind = message.__msgtype__
         if topic not in self.connections:
             self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
         serialize = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
-        self.writer.write(self.connections[topic], self._nanoseconds(stamp_s), serialize(message, kind))
+        self.writer.write(self.connections[topic], stamp_ns, serialize(message, kind))
 
     @staticmethod
-    def _nanoseconds(stamp_s: float) -> int:
-        return round(Decimal(repr(stamp_s)) * 10**9)
+    def _nanoseconds(stamp: float | str) -> int:
+        """Of seconds; of a stamp as the lists write it, all its digits."""
+        return round(Decimal(stamp if isinstance(stamp, str) else repr(stamp)) * 10**9)
 
 
 def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:

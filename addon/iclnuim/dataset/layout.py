@@ -141,7 +141,8 @@ class SequenceFormat:
     stamps: what it has of them: "text" (to the character), "ns" (whole nanoseconds), "ids" (frame numbers), or nothing but names with
     the frames' "numbers" or the order of the "rows". fixed_units:
     depth units a metre that its readers take for granted; else those asked for. every_pose: a frame without a pose cannot stand in it.
-    keeps_names: images keep the paths that they have in a sequence of such a format. fixed_camera: the only one that its programs know.
+    keeps_names: images keep the paths that they have in a sequence of such a format. fixed_camera: the only one that its programs know. zero_stamp: whether they take a
+    stamp of 0.
     """
 
     name: str
@@ -155,6 +156,7 @@ class SequenceFormat:
     every_pose: bool = False
     keeps_names: bool = False
     fixed_camera: PinholeCamera | None = None
+    zero_stamp: bool = True
 
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
@@ -180,6 +182,8 @@ class SequenceFormat:
             counted = [frame.number if self.stamps == "numbers" else row for row, frame in enumerate(frames)]
             kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6
             found += [] if kept else ["there are no stamps in this format; its frames are read at 30 a second"]
+        if not self.zero_stamp and contents.stamps_s.min() <= 0:
+            found.append("its programs take a stamp of 0 for none, and fail; the stamps are kept as they are")
         if self.image(frames[0], RGB).endswith(JPEG):
             found.append("colour is stored as JPEG, with loss")
         units = contents.depth_units_per_metre

@@ -5,6 +5,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...formats.files import atomic_write_text
 from .. import slam_settings
+from ..depth_units import UNITS_PER_METRE
 from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceFormat
 from . import listed
 
@@ -49,4 +50,6 @@ RTABMAP = SequenceFormat(
     lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
     _write,
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
+    fixed_units=UNITS_PER_METRE,
+    zero_stamp=False,
 )
