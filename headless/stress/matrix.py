@@ -102,7 +102,7 @@ class Matrix:
     @property
     def names(self) -> list[str]:
         """Of all methods, as results call them."""
-        return [*self.methods, *(system.name for system in self.systems)]
+        return [*self.methods, *map(label, self.systems)]
 
     def tasks(self) -> list[Task]:
         """Unperturbed stretches first: what others are compared with."""
@@ -131,7 +131,7 @@ class Matrix:
                 self._track_all(some, workers, progress)
         for task in self.tasks():
             for system in self.systems:
-                if self._missing(task, [system.name]):
+                if self._missing(task, [label(system)]):
                     self._run_system(task, system)
                     progress(1)
 
@@ -181,7 +181,7 @@ class Matrix:
             file = experiment.folder / f"run_{number}" / "matched" / f"{name}.txt"
             poses = Poses.of_file(_read(file), staged.stamps_s)
             found.append(cell(poses, Trajectory(staged.stamps_s, truth), self.plan.bounds, not task.severity))
-        self._write(task, system.name, _median_cell(found))
+        self._write(task, label(system), _median_cell(found))
         shutil.rmtree(work)
 
     def _missing(self, task: Task, names: Iterable[str]) -> list[str]:
@@ -207,7 +207,7 @@ class Matrix:
     def _identity(self, task: Task, name: str) -> dict[str, Any]:
         """All that decides a cell."""
         plan, p = self.plan, self.plan.perturbations.get(task.perturbation)
-        system = next((s for s in self.systems if s.name == name), None)
+        system = next((s for s in self.systems if label(s) == name), None)
         return {
             "schema_version": _SCHEMA_VERSION,
             **asdict(task),
@@ -233,6 +233,11 @@ class Matrix:
             "source_commit": source_commit(),
             "machine": {"system": platform.platform(), "cores": os.cpu_count()},
         }
+
+
+def label(system: System) -> str:
+    """What cells call a system of `iclnuim run`: dvo is also an odometer of ours."""
+    return f"run:{system.name}"
 
 
 def _versions() -> dict[str, str]:

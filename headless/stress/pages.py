@@ -18,6 +18,14 @@ from .plan import SEVERITIES, Plan
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Odometers of ours -> third-party ones of the same kind.
+RELATIVES = {
+    "fovis": ("run:fovis",),
+    "rgbd": ("baseline:opencv-rgbd", "baseline:open3d-intensity"),
+    "dvo": ("run:dvo",),
+    "icp": ("baseline:opencv-icp", "baseline:open3d-plane"),
+    "icp_rgbd": ("baseline:opencv-rgbd-icp",),
+}
 #: Ends of the colours of an ATE, in millimetres, on a logarithmic scale.
 _COLOURS_MM = (0.1, 100.0)
 #: Colours from small to large, told apart also without colour vision and in grey.
@@ -150,6 +158,9 @@ class Summary:
         for title, values in self.totals().items():
             cells = [f"{v:>{len(name)}}" for v, name in zip(values, short, strict=True)]
             lines.append(f"{title:<{width}}  {'  '.join(cells)}")
+        for ours, other, total, good, theirs, alone in self.relatives():
+            where = f"; it alone in {', '.join(alone)}" if alone else ""
+            lines.append(f"{ours} succeeds in {good} of {total} cells, {other} in {theirs}{where}")
         return "\n".join(lines)
 
     def calibration(self) -> str:
@@ -186,6 +197,18 @@ class Summary:
                 return math.nan
             ratios.append(math.inf if group.failed or group.ate_m is None else group.ate_m / clean.ate_m)
         return float(np.median(ratios)) if ratios else math.nan
+
+    def relatives(self) -> list[tuple[str, str, int, int, int, list[str]]]:
+        """Ours, a third-party relative, perturbed cells that both have, those in which each succeeded, and where the relative alone did."""
+        found = []
+        for ours, other in ((m, r) for m in self.methods for r in RELATIVES.get(m, ()) if r in self.methods):
+            pairs = {key[1:]: (g, self.cells.get((other, *key[1:]))) for key, g in self.cells.items() if key[0] == ours}
+            both = {key: (g, h) for key, (g, h) in pairs.items() if h and key[0] != CLEAN}
+            good = sum(not g.failed for g, _ in both.values())
+            theirs = sum(not h.failed for _, h in both.values())
+            alone = [f"{name} {severity}" for (name, severity), (g, h) in both.items() if g.failed and not h.failed]
+            found.append((ours, other, len(both), good, theirs, alone))
+        return found
 
     def totals(self) -> dict[str, list[str]]:
         """Of each method, in their order."""
@@ -234,6 +257,7 @@ def figure(summary: Summary) -> "Figure":
                     axes.text(x, y, _mark(g), ha="center", va="center", fontsize=6.5, color=_ink(_ate_mm(g)))
         axes.set_title(method.removeprefix("baseline:"), fontsize=9)
         axes.set_xticks(range(SEVERITIES + 1))
+        axes.tick_params(labelbottom=True)
         axes.set_yticks(range(len(names)), labels=[n.replace("_", " ") for n in names], fontsize=8)
     for axes in panels.flat[len(methods) :]:
         axes.set_visible(False)
@@ -254,7 +278,7 @@ def _ate_mm(group: Group | None) -> float:
 
 
 def _mark(group: Group) -> str:
-    failed = "\u00d7" if group.failed else _mm(group.ate_m)
+    failed = "\u00d7" if group.failed or group.ate_m is None else f"{1e3 * group.ate_m:.2g}"
     return failed + ("!" if group.failed and group.false_successes > 0 else "")
 
 
@@ -287,7 +311,21 @@ def _overview(summary: Summary) -> str:
         "<h1>Where methods fail</h1>\n<p>The mildest severity at which half of the stretches or more fail: ATE above "
         f"{1e3 * summary.plan.bounds.success_m:g} mm, or poses for less than {summary.plan.bounds.min_coverage:.0%} of the frames. "
         "A dash: none of the five. In the tables below a number is the median ATE in mm; \u00d7: it fails, !: and calls poses good that are wrong.</p>\n"
-        f"<div class='wide'><table><tr><th></th>{links}</tr>\n{chr(10).join(rows)}</table></div>"
+        f"<div class='wide'><table><tr><th></th>{links}</tr>\n{chr(10).join(rows)}</table></div>{_relatives(summary)}"
+    )
+
+
+def _relatives(summary: Summary) -> str:
+    rows = [
+        f"<tr><th>{_text(ours)}</th><td>{good}</td><td class='left'>{_text(other)}</td><td>{theirs}</td><td>{total}</td>"
+        f"<td class='left'>{_text(', '.join(alone).replace('_', ' '))}</td></tr>"
+        for ours, other, total, good, theirs, alone in summary.relatives()
+    ]
+    head = "<tr><th>ours</th><th>succeeds in</th><th>third-party relative</th><th>succeeds in</th><th>cells</th><th>it alone</th></tr>"
+    return (
+        f"<h2>Beside third-party relatives</h2><div class='wide'><table>{head}{''.join(rows)}</table></div>"
+        if rows
+        else ""
     )
 
 

@@ -96,7 +96,8 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(command_he
     assert code == 0, err
     both = ("--methods", "baseline:opencv-rgbd-icp")
     assert command_here(*words[:-4], *both, "-o", tmp_path / "again", "--workers", "1")[0] == 0
-    place = "cells/box_clean/4/holes_5/baseline_opencv-rgbd-icp.json"
-    system, own = (json.loads((tmp_path / name / place).read_text())["cell"] for name in ("out", "again"))
+    place, name = "cells/box_clean/4/holes_5", "baseline_opencv-rgbd-icp.json"
+    files = tmp_path / "out" / place / f"run_{name}", tmp_path / "again" / place / name
+    system, own = (json.loads(file.read_text())["cell"] for file in files)
     assert system["ate_m"] == pytest.approx(own["ate_m"], rel=0.02) and system["coverage"] == own["coverage"]
     assert not (tmp_path / "out/work").exists() or not any((tmp_path / "out/work").rglob("*.png"))
