@@ -188,10 +188,10 @@ def _difference(one, other, limit):
     """The sum of absolute differences of two descriptions; any number that reaches the limit where the sum does."""
     score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
     for begin in range(0, size, at_once):
-        part = 0
+        part = np.int32(0)  # int() of a byte has no sign in compiled code
         for k in range(begin, min(begin + at_once, size)):
-            part += abs(int(one[k]) - int(other[k]))
-        score += part
+            part += abs(np.int32(one[k]) - np.int32(other[k]))
+        score += int(part)
         if score >= limit:
             break
     return score
