@@ -1,11 +1,13 @@
 """Damaged files of each format, five hundred and, slow, two thousand: each gives a valid result or InputError, never anything else."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from iclnuim import frames_from
-from iclnuim.dataset.frames import find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.rendered_views import read_keyframes
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.associations import (
@@ -230,6 +232,19 @@ def test_damaged_image_lists_are_read_or_refused(tmp_path, files):
 
     taken, refused = read_all(path, path.read_bytes(), [3], files, lambda: read_image_list(path), check)
     assert taken > files / 40 and refused > files / 4
+
+
+@pytest.mark.parametrize("files", [100, pytest.param(2000, marks=pytest.mark.slow)])
+def test_damaged_lists_of_keyframes_are_read_or_refused(tmp_path, files):
+    path, every = tmp_path / "keyframes.txt", set(range(FRAMES))
+    pairs = [ImagePair(i, 1 + i / 30, Path(f"rgb/{i:06}.png"), Path(f"depth/{i:06}.png")) for i in range(FRAMES)]
+
+    def check(rows):
+        assert rows <= every
+
+    for content in (trajectory_text(WALK[::2], "tum"), "# keyframes\n000000\n2\nrgb/000003.png\n"):
+        taken, refused = read_all(path, content.encode(), [5], files, lambda: read_keyframes(path, pairs), check)
+        assert taken > files / 40 and refused > files / 8
 
 
 #: Files of the sequence formats that are damaged in turn.
