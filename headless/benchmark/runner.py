@@ -66,6 +66,9 @@ class Benchmark:
         made = {task.cell.sequence: task.cell for task in missing if task.cell.seed}
         frames = sum(map(self._frames, missing)) + sum(self.sources.frames(cell, self.first) for cell in made.values())
         progress, problems = self.console.progress(frames, "benchmark"), list[str]()
+        for cell in self.cells:  # a kill may have left the noise of cells that are measured
+            if cell.seed and cell.sequence not in made:
+                self.sources.remove_noise(cell)
         with ThreadPoolExecutor(self.workers) as pool:
             pending: set[Future] = set()
             try:

@@ -131,7 +131,7 @@ def external_cells(systems: Path, given: list[Cell], sources: Sources, first: in
         if where is None or "system" not in content:
             continue
         for number, name, path in _matched(recipe.parent):
-            title = content["system"].get("title") or recipe.relative_to(systems).parts[0]
+            title = content["system"].get("title") or recipe.parent.parent.name
             found[replace(where, odometer=title, preset=name, run=number)] = path
     return found
 
