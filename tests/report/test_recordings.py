@@ -147,7 +147,7 @@ def test_the_commands_write_them(sequence, tmp_path, command_here):
 
 
 def test_what_cannot_be_written_is_refused_before_the_work(sequence, tmp_path, command_here, monkeypatch):
-    code, _, said = command_here("odometry", "icp", sequence, "--rerun", tmp_path / "run.txt")
+    code, _, said = command_here("inspect", sequence, "--rerun", tmp_path / "run.txt")
     assert code == 2 and "run.txt: expected a recording's name ending in .rrd, found .txt" in said
     with pytest.raises(InputError):
         check_recording(tmp_path / "nowhere/run.rrd")
