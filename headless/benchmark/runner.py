@@ -73,14 +73,14 @@ class Benchmark:
             pending: set[Future] = set()
             try:
                 for sequence, tasks in _by_sequence(missing).items():
-                    if cell := made.get(sequence):
-                        self.sources.make_noise(cell, self.first, lambda number: self._advance(progress, 1))
+                    if noisy := made.get(sequence):
+                        self.sources.make_noise(noisy, self.first, lambda number: self._advance(progress, 1))
                     for task in tasks:
                         self._collect(pending, self.workers - 1, problems)
                         pending.add(pool.submit(self._measure, task, progress))
-                    if cell:
+                    if noisy:
                         self._collect(pending, 0, problems)
-                        self.sources.remove_noise(cell)
+                        self.sources.remove_noise(noisy)
                 self._collect(pending, 0, problems)
             except BaseException:
                 self._stop()
