@@ -69,6 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     )  # before Open3D is loaded: its results change with the number of threads
     from ..stress import pages
     from ..stress.matrix import Base, Matrix
+    from ..stress.summary import Summary
 
     chosen = tuple(n for n in plan.perturbations if not args.only or any(text in n for text in args.only))
     if not chosen:
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if not args.report_only:
         progress = console.progress(matrix.missing(), "stress", "cells")
         matrix.run(args.workers or cores(), progress.advance)
-    summary = pages.Summary.of(matrix)
+    summary = Summary.of(matrix)
     if not summary.cells:
         raise WorkError(f"{args.out}: no cells", hint="the same command without --report-only")
     pages.write(summary, args.out)
