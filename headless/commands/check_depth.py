@@ -55,7 +55,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     result = depth_summary(errors)
     truth = truth_summary(truths) if truths else None
     failed = _failed(result, truth)
-    values = {"frames": picked, **asdict(result), **(asdict(truth) if truth else {}), "failed": failed}
+    figures = {**asdict(result), **(asdict(truth) if truth else {})}
+    figures = {name: None if np.isnan(value) else value for name, value in figures.items()}  # JSON has no NaN
+    values = {"frames": picked, **figures, "failed": failed}
     console.result(values, "\n".join([_text(len(picked), result, truth), *(f"failed: {text}" for text in failed)]))
     return 3 if failed else 0
 
@@ -107,7 +109,7 @@ def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | 
 
     found = surfaces.triangles()
     behind = surfaces.triangles(panes=False) if job.glass != "surface" else found
-    truth_caster = TruthCaster(model.scene_model()) if job.ground_truth else None
+    truth_caster = TruthCaster(model.scene_model(job.light == "path")) if job.ground_truth else None
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
     caster = RayCaster(found.vertices, found.triangles, found.held_out)
     if behind is not found:

@@ -323,6 +323,48 @@ def fog_that_is_instanced(folder: Path) -> None:
     bpy.context.scene.collection.objects.link(carrier)
 
 
+@scene(light="path", note="hair")
+def hair_in_an_instance(folder: Path) -> None:
+    """Hair in a collection that stands elsewhere: no object of the scene has any."""
+    hair_curves(folder)
+    instanced(bpy.data.objects["strands"], (0.2, 0.1, 0.0))
+
+
+@scene(light="path", note="points")
+def points_by_nodes(folder: Path) -> None:
+    """Geometry Nodes that make points of a mesh."""
+    room()
+    made_by_nodes(bpy.data.objects["box"], "GeometryNodeMeshToPoints")
+
+
+@scene(light="path", note="volume")
+def fog_by_nodes(folder: Path) -> None:
+    """Geometry Nodes that make a volume of a mesh, and give it its material."""
+    room()
+    fog = bpy.data.materials.new("fog")
+    fog.use_nodes = True
+    fog.node_tree.nodes.clear()
+    fog.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    fill_with_fog(fog.node_tree, 5.0)
+    made_by_nodes(bpy.data.objects["box"], "GeometryNodeMeshToVolume", fog)
+
+
+def made_by_nodes(thing: bpy.types.Object, kind: str, surface: bpy.types.Material | None = None) -> None:
+    """A node in place of a thing's own mesh, and a material on what it makes."""
+    tree, _, start, end = nodes_that_shift(thing)
+    node, paint = tree.nodes.new(kind), tree.nodes.new("GeometryNodeSetMaterial")
+    paint.inputs["Material"].default_value = surface
+    for source, target in ((start, node), (node, paint), (paint, end)):
+        tree.links.new(source.outputs[0], target.inputs[0])
+
+
+@scene(light="path", note="link")
+def link_in_an_instance(folder: Path) -> None:
+    """A linked lamp in a collection that stands elsewhere."""
+    light_linking(folder)
+    instanced(bpy.data.objects["lamp"], (0, 0, 0))
+
+
 @scene(light="path", note="no light reaches")
 def lamp_outside(folder: Path) -> None:
     """A closed room whose only lamp stands outside, seen with hair so that no light is baked: black."""
@@ -693,16 +735,7 @@ def colour_changes_in_a_group(folder: Path) -> None:
 def displaced_instances(folder: Path) -> None:
     """A displaced thing that only an instance shows, one in a collection that is excluded, and a file that simplifies."""
     room(furnished=False)
-    bumpy = material("bumpy", (0.2, 0.5, 0.2))
-    bumpy.displacement_method = "DISPLACEMENT"
-    tree = bumpy.node_tree
-    noise, moves = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
-    noise.inputs["Scale"].default_value, moves.inputs["Scale"].default_value = 3.0, 0.3
-    tree.links.new(noise.outputs[0], moves.inputs["Height"])
-    tree.links.new(moves.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
-    pieces = [box(name, (-0.4, -0.4, 0), (0.4, 0.4, 0.5), bumpy) for name in ("piece", "excluded")]
-    for piece in pieces:
-        piece.modifiers.new("subdivision", "SUBSURF").render_levels = 4
+    pieces = [displaced_piece(name) for name in ("piece", "excluded")]
     instanced(pieces[0], (0.6, 0.4, 0.2))
     moved(pieces[1], collection("out"))
     bpy.context.view_layer.layer_collection.children["out"].exclude = True
@@ -769,6 +802,134 @@ def displaced_in_a_library(folder: Path) -> None:
     with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (_, linked):
         linked.objects = ["sheet"]
     bpy.context.scene.collection.objects.link(bpy.data.objects["sheet"])
+
+
+@scene(note="displaced surfaces (piece)")
+def displaced_twice_in_a_library(folder: Path) -> Path:
+    """A linked collection, seen as two instances, one of them mirrored; a texture by Generated coordinates moves its vertices."""
+    library = collection("library")
+    moved(displaced_piece(), library)
+    moved(box("wedge", (0.35, -0.1, 0), (0.5, 0.3, 0.7), material("blue", (0.2, 0.3, 0.7))), library)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    room(furnished=False)
+    path = folder / "displaced_twice_in_a_library.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (_, linked):
+        linked.collections = ["library"]
+    standing(bpy.data.collections["library"], (0.8, 0.6, 0))
+    standing(bpy.data.collections["library"], (-0.7, 0.9, 0.2), (-1, 1, 1.3), 0.6)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def displaced_piece(name: str = "piece") -> bpy.types.Object:
+    """A subdivided box under noise."""
+    bumpy = material("bumpy", (0.2, 0.5, 0.2))
+    bumpy.displacement_method = "DISPLACEMENT"
+    tree = bumpy.node_tree
+    noise, moves = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+    noise.inputs["Scale"].default_value, moves.inputs["Scale"].default_value = 3.0, 0.3
+    tree.links.new(noise.outputs[0], moves.inputs["Height"])
+    tree.links.new(moves.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
+    piece = box(name, (-0.3, -0.3, 0), (0.3, 0.3, 0.5), bumpy)
+    piece.modifiers.new("subdivision", "SUBSURF").render_levels = 4
+    return piece
+
+
+def standing(what: bpy.types.Collection, place: tuple, scale: tuple = (1, 1, 1), turn: float = 0.0) -> bpy.types.Object:
+    """An instance of a collection."""
+    carrier = bpy.data.objects.new("stand", None)
+    carrier.instance_type, carrier.instance_collection = "COLLECTION", what
+    carrier.location, carrier.scale, carrier.rotation_euler = place, scale, (0, 0, turn)
+    bpy.context.scene.collection.objects.link(carrier)
+    return carrier
+
+
+@scene(map_samples=16)
+def instances_in_instances(folder: Path) -> None:
+    """A collection of instances below a mirrored parent; things on the faces and on the vertices of others, themselves mirrored."""
+    room(furnished=False)
+    inner, outer = bpy.data.collections.new("inner"), bpy.data.collections.new("outer")
+    moved(box("post", (-0.1, -0.1, 0), (0.25, 0.1, 0.4), material("green", (0.2, 0.6, 0.2))), inner)
+    moved(
+        mesh("sail", [(0, 0, 0.4), (0.3, 0, 0.4), (0, 0.2, 0.8)], [(0, 1, 2)], material("sand", (0.7, 0.6, 0.1))), inner
+    )
+    for k in range(3):
+        moved(standing(inner, (0.45 * k, 0, 0), (1, -1 if k == 1 else 1, 1), 0.5 * k), outer)
+    mirror = bpy.data.objects.new("mirror", None)
+    mirror.scale = (-1, 1, 1)
+    bpy.context.scene.collection.objects.link(mirror)
+    standing(outer, (-0.3, 0.2, 0)).parent = mirror
+    standing(outer, (-0.9, 1.2, 1.2), (1, 1, -1))
+    for kind, place in (("FACES", (-1.2, 1.2, 0.6)), ("VERTS", (1.0, 1.5, 1.3))):
+        carrier = mesh(kind, [(0, 0, 0), (0.6, 0, 0), (0.6, 0.3, 0.4), (0, 0.3, 0.4)], [(0, 1, 2, 3)], material("red"))
+        carrier.location, carrier.instance_type = place, kind
+        carrier.use_instance_faces_scale, carrier.show_instancer_for_render = True, kind == "VERTS"
+        child = box(f"on {kind}", (-0.05, -0.05, 0), (0.05, 0.05, 0.2), material("blue", (0.2, 0.2, 0.7)))
+        child.parent, child.scale = carrier, (-1, 1, 1)
+
+
+@scene()
+def smooth_twins_of_other_proportions(folder: Path) -> None:
+    """Objects that share a smooth mesh, stretched along different axes."""
+    room(furnished=False)
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=6, radius=0.3)
+    one = bpy.context.object
+    one.data.materials.append(material("green", (0.2, 0.6, 0.2)))
+    for face in one.data.polygons:
+        face.use_smooth = True
+    other = bpy.data.objects.new("other", one.data)
+    bpy.context.scene.collection.objects.link(other)
+    one.location, one.scale = (-0.3, 1.0, 0.7), (1, 0.6, 2)
+    other.location, other.scale = (0.6, 0.9, 0.4), (1.6, 0.6, 1)
+
+
+@scene()
+def background_set(folder: Path) -> None:
+    """A thing and a lamp of another scene, which is the background set of this one."""
+    room()
+    behind = bpy.data.scenes.new("behind")
+    for thing in (box("far", (-0.9, 0.9, 0), (-0.5, 1.3, 1.2), material("sand", (0.7, 0.6, 0.1))), lamp((-1, 0, 2))):
+        behind.collection.objects.link(thing)
+        bpy.context.scene.collection.objects.unlink(thing)
+    bpy.context.scene.background_set = behind
+
+
+@scene(note="Grease Pencil")
+def grease_pencil(folder: Path) -> None:
+    """A drawing in the room: with it, Blender rounds the depth of every pixel."""
+    room()
+    data = (bpy.data.grease_pencils_v3 if hasattr(bpy.data, "grease_pencils_v3") else bpy.data.grease_pencils).new(
+        "drawing"
+    )
+    drawing = data.layers.new("layer").frames.new(0).drawing
+    drawing.add_strokes([3])
+    for point, place in zip(drawing.strokes[0].points, ((-1, 0.5, 0.4), (0, 0.5, 0.4), (0, 0.5, 1.4)), strict=True):
+        point.position, point.radius = place, 0.05
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("drawing", data))
+
+
+@scene()
+def settings_that_spoil(folder: Path) -> None:
+    """Render settings of a file that would hide surfaces, change light or samples, or move the camera."""
+    room()
+    scene, render, layer = bpy.context.scene, bpy.context.scene.render, bpy.context.scene.view_layers[0]
+    render.engine = "CYCLES"
+    for owner, values in (
+        (render, {"frame_map_old": 100, "frame_map_new": 300, "use_border": True, "border_max_x": 0.3}),
+        (render, {"film_transparent": True, "use_simplify": True, "use_multiview": True, "pixel_aspect_x": 2.0}),
+        (layer, {"samples": 1, "use_solid": False, "use_sky": False, "material_override": material("over", (1, 0, 0))}),
+        (layer.cycles, {"use_denoising": False}),
+        (
+            scene.cycles,
+            {"use_sample_subset": True, "sample_subset_length": 1, "use_fast_gi": True, "blur_glossy": 10.0},
+        ),
+        (scene.cycles, {"light_sampling_threshold": 1.0, "scrambling_distance": 0.0, "texture_limit_render": "128"}),
+        (scene.cycles, {"sampling_pattern": "TABULATED_SOBOL", "film_exposure": 4.0}),
+    ):
+        for name, value in values.items():
+            setattr(owner, name, value)
 
 
 @scene(refused=True, note="surface")

@@ -36,11 +36,14 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     lens.dof.use_dof = False
     lens.clip_start, lens.clip_end = 1e-3, 1e4
     thing.rotation_mode = "QUATERNION"
+    pace = (
+        render.frame_map_old / render.frame_map_new
+    )  # of Time Stretching: frame n shows what is keyed at n times this
     curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
     for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
         for index in range(values.shape[1]):
             curve = curves.new(data_path=path, index=index)
-            co = np.stack([np.arange(len(values)), values[:, index]], -1)
+            co = np.stack([np.arange(len(values)) * pace, values[:, index]], -1)
             curve.keyframe_points.add(len(values))
             curve.keyframe_points.foreach_set("co", co.astype(np.float32).ravel())
             curve.keyframe_points.foreach_set("interpolation", np.ones(len(values), np.int32))  # 1 is LINEAR

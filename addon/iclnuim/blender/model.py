@@ -19,8 +19,12 @@ _SHADERS = {
 }  # fmt: skip
 
 
-def scene_model() -> SceneModel:
-    """Numbers its objects as frames have them; those that are held out are 0 there, and here. Raises InputError for a scene without surfaces."""
+def scene_model(stretched: bool = False) -> SceneModel:
+    """Numbers its objects as frames have them; those that are held out are 0 there, and here. Raises InputError for a scene without surfaces.
+
+    stretched: normals of meshes that several objects share are as long as their matrices make them, not 1: Cycles interpolates them on the
+    mesh, and those of other meshes in the world.
+    """
     ground_truth.number_objects()
     with surfaces.rendered_parts() as (found, _):
         parts = [part for part in found if part.source.visible_camera]
@@ -34,6 +38,8 @@ def scene_model() -> SceneModel:
         ends = np.cumsum([len(part.mesh.loop_triangles) for part in parts])[:-1]
         for part, corners, shown in zip(parts, np.split(corners_m, ends), np.split(normals, ends), strict=True):
             _shade_as_cycles(part, corners, shown)
+            if stretched and part.shared:
+                shown /= np.linalg.norm(shown @ np.array(part.matrix)[:3, :3], axis=-1, keepdims=True).clip(1e-12)
         model = SceneModel(
             corners_m=corners_m,
             normals=normals,

@@ -158,14 +158,28 @@ def _spread(curve: bpy.types.FCurve) -> float:
 
 
 def strand_names(scene: bpy.types.Scene) -> list[str]:
-    """Objects that render as hair, curves or points, which have no faces for a light map."""
-    shown = [o for o in scene.objects if not o.hide_render]
-    hairy = {o for o in shown for m in o.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render}
-    strands = [o for o in shown if o.type in ("CURVES", "POINTCLOUD")]
-    if any(m.type == "NODES" for o in strands for m in o.modifiers):
-        with surfaces.as_rendered(scene) as depsgraph:
-            strands = [o for o in strands if not _is_instances(o.evaluated_get(depsgraph))]
-    return sorted(o.name for o in {*strands, *hairy})
+    """Objects that render as hair, curves or points, which have no faces for a light map; instances and what Geometry Nodes make, too."""
+    with surfaces.as_rendered(scene) as depsgraph:
+        return sorted({i.object.name for i in depsgraph.object_instances if _shows_strands(i)})
+
+
+def _shows_strands(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    thing, made = instance.object, instance.is_instance
+    if thing.original.hide_render and not made:
+        return False
+    strands = instance.show_self and thing.type in ("CURVES", "POINTCLOUD") and (made or not _is_instances(thing))
+    return strands or (instance.show_particles and _has_particles(thing))
+
+
+def made_volume_names(scene: bpy.types.Scene) -> list[str]:
+    """Objects whose Geometry Nodes make a volume."""
+    with surfaces.as_rendered(scene) as depsgraph:
+        made = (i.object for i in depsgraph.object_instances if i.is_instance and i.show_self)
+        return sorted({thing.name for thing in made if thing.type == "VOLUME"})
+
+
+def _has_particles(thing: bpy.types.Object) -> bool:
+    return any(m.type == "PARTICLE_SYSTEM" and m.show_render for m in thing.modifiers)
 
 
 def _is_instances(evaluated: bpy.types.Object) -> bool:
@@ -192,7 +206,8 @@ def _has_volume(tree: bpy.types.NodeTree) -> bool:
 
 def light_linking_names(scene: bpy.types.Scene) -> list[str]:
     """Lamps and glowing things that light, or are shadowed by, some objects only."""
-    linked = [(o.name, getattr(o, "light_linking", None)) for o in scene.objects]
+    things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}  # instanced ones too
+    linked = [(o.name, getattr(o, "light_linking", None)) for o in things]
     return sorted(name for name, link in linked if link and (link.receiver_collection or link.blocker_collection))
 
 

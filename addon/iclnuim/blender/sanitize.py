@@ -156,8 +156,9 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
     if moved:
         with _in_view(scene, moved):
             _as_rendered_meshes(scene, moved)
-            for thing in moved:
-                _displace(scene, thing)
+            with _without_others(moved):
+                for thing in moved:
+                    _displace(scene, thing)
     for material in materials:
         # what the meshes hold now, the material no longer does; where it displaces things that have no own mesh it becomes a bump
         material.displacement_method = "BUMP"
@@ -176,6 +177,17 @@ def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator
             if bpy.context.view_layer.objects.get(thing.name) != thing:
                 scene.collection.objects.link(thing)
                 stack.callback(scene.collection.objects.unlink, thing)
+        yield
+
+
+@contextmanager
+def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
+    """Nothing else rendered for a while, and no instances: baking finds what it bakes by its name, which those share."""
+    here = set(things)
+    with ExitStack() as stack:
+        for thing in bpy.data.objects:
+            hidden = thing.hide_render or thing not in here
+            stack.enter_context(temporarily(thing, hide_render=hidden, instance_type="NONE"))
         yield
 
 
@@ -206,8 +218,11 @@ def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object])
         made = [bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects]
     for thing, mesh in zip(objects, made, strict=True):
         slots = [slot.material for slot in thing.material_slots]
+        space = tuple(thing.data.texspace_location), tuple(thing.data.texspace_size)
         thing.modifiers.clear()
         thing.data = mesh
+        mesh.use_auto_texspace = False  # generated coordinates span its box before the modifiers
+        mesh.texspace_location, mesh.texspace_size = space
         for slot, material in zip(thing.material_slots, slots, strict=False):
             slot.material = material
 
@@ -497,6 +512,7 @@ def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
     following = np.arange(len(corners)) + 1
     following[np.append(starts[1:], len(corners)) - 1] = starts
     normals = np.add.reduceat(np.cross(corners, corners[following]), starts) / 2
+    normals *= -1 if thing.matrix_world.is_negative else 1  # a mirrored object's faces are wound the other way
     area = np.linalg.norm(normals, axis=1)
     with np.errstate(over="ignore"):
         keys = np.add.reduceat(_mixed(np.round(corners / _SAME_PLACE_M)), starts)

@@ -97,8 +97,9 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
         bpy.ops.object.make_local(type="ALL")
     scene = bpy.context.scene
     _neutral_settings(path, scene)
+    _with_background_sets(scene)
     _look_at_rendered_layer(scene)
-    notes = [*missing, *sanitize.sanitize(scene)]
+    notes = [*missing, *_without_grease_pencil(), *sanitize.sanitize(scene)]
     if path.suffix.lower() == ".obj":
         notes += sanitize.without_false_glass(path)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
@@ -131,6 +132,27 @@ def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
         scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
 
 
+def _with_background_sets(scene: bpy.types.Scene) -> None:
+    """What renders from other scenes, as the background set of this one, becomes its own."""
+    behind, scene.background_set = scene.background_set, None
+    while behind is not None:
+        for name in ("objects", "children"):
+            own = getattr(scene.collection, name)
+            for thing in getattr(behind.collection, name):
+                if thing.name not in own:
+                    own.link(thing)
+        behind = behind.background_set
+
+
+def _without_grease_pencil() -> list[str]:
+    """Blender draws it over the picture by another engine, which rounds the depth of all pixels."""
+    drawings = [o for o in bpy.data.objects if o.type in ("GREASEPENCIL", "GPENCIL") and not o.hide_render]
+    for thing in drawings:
+        thing.hide_render = True
+    names = ", ".join(sorted(o.name for o in drawings))[:120]
+    return [f"Grease Pencil ({names}): left out, it is drawn over the picture and has no depth"] if drawings else []
+
+
 def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
     """The first view layer is rendered: it is the one looked at, too; what its collections hold out or hide from cameras, objects do."""
     layer = scene.view_layers[0]
@@ -143,6 +165,8 @@ def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
             thing.is_holdout = True
     for collection in surfaces.layers_below(layer.layer_collection):
         collection.indirect_only = collection.holdout = False
+    if getattr(layer, "world_override", None):  # from Blender 4.4 on
+        scene.world, layer.world_override = layer.world_override, None
 
 
 def _light_passes_glass() -> list[str]:
@@ -170,7 +194,7 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
     hindrances = {
         "objects or lights that move": preflight.moving_names(scene),
         "hair, curves or points": preflight.strand_names(scene),
-        "volumes": preflight.volume_names(scene),
+        "volumes": preflight.volume_names(scene) or preflight.made_volume_names(scene),
         "light linking": preflight.light_linking_names(scene),
         "toon or sheen shaders, over 6 UV maps, or materials that differ by instance": preflight.unmappable_names(
             scene

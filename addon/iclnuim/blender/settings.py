@@ -21,8 +21,19 @@ _CYCLES = {
     "use_animated_seed": True, "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8,
     "transparent_max_bounces": 16, "caustics_reflective": False, "caustics_refractive": False, "sample_clamp_direct": 0.0,
     "sample_clamp_indirect": 10.0, "use_light_tree": True, "use_guiding": False, "debug_use_spatial_splits": True,
-    "pixel_filter_type": "BLACKMAN_HARRIS", "film_exposure": 1.0,
+    "pixel_filter_type": "BLACKMAN_HARRIS", "film_exposure": 1.0, "use_sample_subset": False,
+    "use_fast_gi": False, "blur_glossy": 1.0, "light_sampling_threshold": 0.01, "texture_limit_render": "OFF",
+    "sampling_pattern": "AUTOMATIC", "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
+#: Of the view layer: files hide surfaces or the sky with these, or give it samples of its own.
+_LAYER = {
+    "samples": 0,
+    "use_solid": True,
+    "use_sky": True,
+    "use_strand": True,
+    "use_volumes": True,
+    "material_override": None,
+}
 _DENOISER = {
     "denoiser": "OPENIMAGEDENOISE", "denoising_use_gpu": False, "denoising_input_passes": "RGB_ALBEDO_NORMAL",
     "denoising_prefilter": "FAST",
@@ -57,8 +68,8 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     passes = [name for name in dir(layer) if name.startswith("use_pass_")]
     assign(layer, {name: name in ("use_pass_combined", "use_pass_z") for name in passes})
     layer.pass_alpha_threshold = 0.0  # the pane counts as a surface: Z is that of the first one a ray meets
-    layer.material_override = None
-    layer.cycles.denoising_store_passes = False
+    assign(layer, _LAYER)
+    assign(layer.cycles, {"denoising_store_passes": False, "use_denoising": True})
     if threads:
         scene.render.threads_mode, scene.render.threads = "FIXED", threads
 

@@ -1,8 +1,9 @@
 """The surfaces that the open scene shows in a render: as triangles in the world, and as mesh objects that may be given light maps."""
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -37,7 +38,8 @@ class Surface:
 class Part:
     """One thing in the render: a mesh of its own as evaluated, where it stands, and what it was made from.
 
-    `origin` is the object to hide when the part takes its place; `single` says that the part is all that this object shows.
+    `origin` is the object to hide when the part takes its place; `single` says that the part is all that this object shows, `shared` that
+    other parts show the same mesh.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Part:
     source: bpy.types.Object
     origin: bpy.types.Object
     single: bool
+    shared: bool = False
 
     def vertices_m(self) -> np.ndarray:
         """(n, 3) in metres, our world."""
@@ -80,7 +83,7 @@ def triangles(panes: bool = True) -> Surface:
 def triangle_count() -> int:
     """How many triangles the open scene renders, those of every instance counted; curves and texts left out."""
     with as_rendered(bpy.context.scene) as depsgraph:
-        shown = ((i.object, i.is_instance) for i in depsgraph.object_instances)
+        shown = ((i.object, i.is_instance) for i in depsgraph.object_instances if i.show_self)
         seen = (thing for thing, instanced in shown if thing.visible_camera and (instanced or not thing.hide_render))
         meshes = (thing.data for thing in seen if thing.type == "MESH")
         return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
@@ -131,7 +134,8 @@ def layers_below(layer: bpy.types.LayerCollection, rendered: bool = False) -> li
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
     """Every surface that renders, instances made real, in Blender's own order. The caller removes the meshes."""
-    found = []
+    found: list[Part] = []
+    data: list[int] = []
     for instance in depsgraph.object_instances:
         thing = instance.object
         hidden = thing.original.hide_render and not instance.is_instance
@@ -160,7 +164,9 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         origin = instance.parent.original if instance.is_instance else thing.original
         matrix, single = instance.matrix_world.copy(), not instance.is_instance
         found.append(Part(thing.name, mesh, matrix, thing.original, origin, single))
-    return found
+        data.append(thing.data.as_pointer())
+    users = Counter(data)
+    return [replace(part, shared=users[pointer] > 1) for part, pointer in zip(found, data, strict=True)]
 
 
 @contextmanager

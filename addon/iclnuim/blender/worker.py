@@ -235,7 +235,8 @@ def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path, Path |
     frames.render(number, raw)
     # one narrow ray a pixel, so that Z is the same bits as without antialiasing
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
-    if job.antialias or preflight.volume_names(scene) or (job.ground_truth and job.samples != 1):
+    volumes = preflight.volume_names(scene) or compat.volume_outputs()  # those that Geometry Nodes fill, too
+    if job.antialias or volumes or (job.ground_truth and job.samples != 1):
         raw_depth = name.with_name(f"{name.name}-depth.exr")
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
             frames.render(number, raw_depth)
