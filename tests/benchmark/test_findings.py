@@ -73,11 +73,11 @@ def test_the_rank_correlation_and_its_interval_are_scipys():
         return stats.spearmanr(a, b).statistic
 
     theirs = stats.bootstrap(
-        (x, y), rho, paired=True, vectorized=False, n_resamples=600, method="percentile", rng=np.random.default_rng(0)
+        (x, y), rho, paired=True, vectorized=False, n_resamples=300, method="percentile", rng=np.random.default_rng(0)
     )
     low, high = interval(x, y)
-    assert low == pytest.approx(theirs.confidence_interval.low, abs=0.04)
-    assert high == pytest.approx(theirs.confidence_interval.high, abs=0.04)
+    assert low == pytest.approx(theirs.confidence_interval.low, abs=0.05)
+    assert high == pytest.approx(theirs.confidence_interval.high, abs=0.05)
 
 
 def test_pairs_on_one_sequence_say_whether_a_better_trajectory_means_a_better_surface():
