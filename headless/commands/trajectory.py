@@ -226,6 +226,8 @@ def run_camera(args: argparse.Namespace, console: Console) -> None:
         camera = cameras.active(bpy.context.scene, args.camera_object)
         animated = cameras.trajectory(bpy.context.scene, camera if args.camera_object else None)
         lens = cameras.pinhole(bpy.context.scene, camera)
+        if note := cameras.timeline_note(bpy.context.scene):
+            console.note(f"note: {note}")
     files.write_trajectory(out, animated, "tum")
     figures = asdict(trajectories.statistics(animated)) if len(animated) > 1 else {"frames": len(animated)}
     option = lens and f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"

@@ -12,7 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender import preflight, sanitize, scene, surfaces  # noqa: E402
+from iclnuim.blender import camera, preflight, sanitize, scene, surfaces  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
@@ -302,6 +302,18 @@ def test_what_moves_leads_to_path_tracing_with_a_word(room):
     changed, words = scene.lit_as_it_can_be(job)
     assert changed.light == "path"
     assert "move (crate): path traced" in words[0]
+
+
+def test_a_timeline_that_does_not_start_at_0_is_named_where_things_move(room):
+    opened(room)
+    here, crate = bpy.context.scene, bpy.data.objects["crate"]
+    assert camera.timeline_note(here) is None  # the camera moves, nothing else
+    for frame, z in ((1, 0.0), (9, 1.0)):
+        crate.location.z = z
+        crate.keyframe_insert("location", frame=frame)
+    assert "starts at frame 1" in camera.timeline_note(here)
+    here.frame_start = 0
+    assert camera.timeline_note(here) is None
 
 
 def test_what_hangs_on_a_moving_thing_moves_and_a_constant_action_does_not(room):

@@ -193,6 +193,11 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
     scene_gallery.mesh("floor seen from above", floor, [(0, 1, 2, 3)])
     stack = [scene_gallery.box(f"box {k}", (0, 0, k), (1, 1, k + 1)) for k in range(3)]
     assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
+    ell = [(-2, -2), (-1, -2), (-1, -1.7), (-1.7, -1.7), (-1.7, -1), (-2, -1)]  # its centre lies beside it
+    sides = [(k, (k + 1) % 6, 6 + (k + 1) % 6, 6 + k) for k in range(6)]
+    scene_gallery.mesh(
+        "ell", [(x, y, z) for z in (0, 1) for x, y in ell], [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides]
+    )
     scene_gallery.bpy.data.objects["floor seen from above"].data.flip_normals()
     assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
     assert [len(box.data.polygons) for box in stack] == [6, 6, 6] and not any(box.location.length for box in stack)

@@ -9,7 +9,7 @@ from ..geometry import axes
 from ..geometry.camera import PinholeCamera, blender_from_pinhole
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from . import compat
+from . import compat, preflight
 
 NAME = "ICL-NUIM camera"
 
@@ -93,6 +93,15 @@ def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -
     scene.frame_set(before)
     rate_hz = scene.render.fps / scene.render.fps_base
     return Trajectory.at_rate(axes.world_cv_from_world_blender(_poses(np.array(matrices))), rate_hz)
+
+
+def timeline_note(scene: bpy.types.Scene) -> str | None:
+    """A sentence where poses of `trajectory` and what moves would be rendered at different times: pose 0 comes with frame 0 of the timeline."""
+    moves = preflight.moving_names(scene) if scene.frame_start else []
+    if not moves:
+        return None
+    shift = f"the timeline starts at frame {scene.frame_start}, and pose 0 is rendered with what moves as at frame 0"
+    return f"{shift} ({', '.join(moves)[:120]}): shift all animations so that the timeline starts at 0"
 
 
 def _poses(matrices: np.ndarray) -> SE3:

@@ -392,8 +392,11 @@ class _Faces:
 
     def _is_sheet(self, face: int) -> bool:
         """A box on the floor is none: one of the ways from its face leads through it."""
+        outline = self._outline(face)
+        ears = geometry.tessellate_polygon([[Vector(corner) for corner in outline]])
+        place_m = outline[list(ears[0])].mean(0) if ears else self.centres_m[face]  # the centre of an L lies beside it
         ways, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
-        return all(self.cast(self.owner[face], self.centres_m[face] + reach_m * w, w, 1e4) is None for w in ways)
+        return all(self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in ways)
 
     def overlapping(self, again: np.ndarray, raised: Iterable[bpy.types.Object]) -> tuple[np.ndarray, set[str]]:
         """Rows of faces that overlap larger ones that look the same way, and names of sheets that overlap others that look the other
