@@ -133,8 +133,9 @@ class Plan:
 
     def starts_of(self, sequence: str, length: int) -> list[int]:
         """First frames of the stretches of a sequence of so many frames, those that the file names, or by its shares."""
-        shares = [int(share * max(0, length - self.frames)) for share in self.starts["shares"]]
-        return list(self.starts.get(sequence, shares))
+        shares = sorted({int(share * max(0, length - self.frames)) for share in self.starts["shares"]})
+        fixed = list(self.starts.get(sequence, shares))
+        return fixed if max(fixed) + self.frames <= length else shares
 
     def table(self) -> str:
         """One perturbation a line, with its severities."""

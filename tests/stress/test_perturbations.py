@@ -100,3 +100,9 @@ def test_a_file_that_does_not_fit_is_refused_with_its_place(tmp_path):
         with pytest.raises(InputError) as error:
             read_plan(path)
         assert message in str(error.value)
+
+
+def test_a_short_sequence_has_stretches_of_its_own():
+    assert PLAN.starts_of("living_room/kt2", 882) == PLAN.starts["living_room/kt2"]
+    assert PLAN.starts_of("living_room/kt2", PLAN.frames + 60) == [6, 27, 48]
+    assert PLAN.starts_of("living_room/kt2", PLAN.frames) == [0]
