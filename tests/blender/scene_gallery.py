@@ -885,6 +885,22 @@ def smooth_twins_of_other_proportions(folder: Path) -> None:
     other.location, other.scale = (0.6, 0.9, 0.4), (1.6, 0.6, 1)
 
 
+@scene(map_samples=16)
+def instanced_lamps_and_shear(folder: Path) -> None:
+    """A collection with a turned box and a lamp stands twice, once below a parent that is longer than wide: no other lamp is there."""
+    room(furnished=False, lit=False)
+    library = bpy.data.collections.new("library")
+    piece = box("piece", (-0.2, -0.2, 0), (0.2, 0.2, 0.6), material("green", (0.2, 0.6, 0.2)))
+    piece.rotation_euler = (0, 0, 0.7)
+    moved(piece, library)
+    moved(lamp((0, 0, 1.4), 15.0, 0.1), library)
+    shear = bpy.data.objects.new("shear", None)
+    shear.scale = (1, 2, 0.7)
+    bpy.context.scene.collection.objects.link(shear)
+    standing(library, (0.5, 0.2, 0), turn=0.4).parent = shear
+    standing(library, (-0.9, 0.9, 0.1), (-1, 1, 1))
+
+
 @scene()
 def background_set(folder: Path) -> None:
     """A thing and a lamp of another scene, which is the background set of this one."""

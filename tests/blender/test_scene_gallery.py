@@ -103,7 +103,7 @@ def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
 
 #: Of these, plain Cycles is the judge, with the bounces and settings of the file; without caustics, glass and transparency it agrees.
 PLAIN = {
-    "plain_room", "displaced_twice_in_a_library", "displaced_instances", "instances_in_instances", "background_set", "mirrored_object",
+    "plain_room", "displaced_twice_in_a_library", "displaced_instances", "instances_in_instances", "instanced_lamps_and_shear", "background_set", "mirrored_object",
     "levels_for_rendering", "is_viewport", "instances_on_a_point_cloud", "lamp_in_excluded_collection", "mixed_normals", "point_lamp_without_size",
 }  # fmt: skip
 

@@ -18,6 +18,7 @@ from bpy.types import Image, Material, Node, NodeSocket, NodeTree
 
 from ..errors import WorkError
 from ..lightmap.surfaces import BACK, FRONT
+from . import surfaces
 from .compat import matt_material, nodes_of, redirect, unlink
 from .surfaces import Part, array_of, material_of_face
 
@@ -77,7 +78,6 @@ def show(
     lit = LitScene()
     materials: dict[tuple, bpy.types.Material] = {}
     starts = np.cumsum((0, *corners))
-    _keep_instanced_lamps(lit, {p.origin for p in found if not p.single})
     for part, start in zip(found, starts[:-1], strict=True):
         if not any(part.origin == thing for thing, _, _ in lit.hidden):
             lit.hidden.append((part.origin, part.origin.name, part.origin.hide_render))
@@ -97,9 +97,8 @@ def show(
                 part.mesh.materials.append(materials[key])
         thing = bpy.data.objects.new(part.name, part.mesh)
         _copy_settings(part.source, thing)
-        thing.matrix_world = part.matrix
+        lit.made.extend([thing, part.mesh, *surfaces.put(thing, part.matrix)])
         bpy.context.scene.collection.objects.link(thing)
-        lit.made.extend([thing, part.mesh])
     lit.made.extend(materials.values())
     return lit
 
@@ -133,18 +132,6 @@ def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
         for old, new in ((source, target), (getattr(source, "cycles", None), getattr(target, "cycles", None))):
             if hasattr(old, name) and hasattr(new, name):
                 setattr(new, name, getattr(old, name))
-
-
-def _keep_instanced_lamps(lit: LitScene, instancers: set[bpy.types.Object]) -> None:
-    """Hiding an instancer would put out the lamps it carries: give them objects of their own."""
-    if not instancers:
-        return
-    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
-        if instance.is_instance and instance.object.type == "LIGHT" and instance.parent.original in instancers:
-            lamp = bpy.data.objects.new(instance.object.name, instance.object.original.data)
-            lamp.matrix_world = instance.matrix_world.copy()
-            bpy.context.scene.collection.objects.link(lamp)
-            lit.made.append(lamp)
 
 
 # Materials

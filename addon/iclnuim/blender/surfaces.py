@@ -225,6 +225,39 @@ def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render and thing in shown]
 
 
+def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:
+    """Give an object without a parent its place in the world; the empty that it gets for a parent where the matrix shears, as an object's own cannot."""
+    matrix = matrix.copy()
+    thing.matrix_world = matrix
+    if np.allclose(np.array(mathutils.Matrix.LocRotScale(*matrix.decompose())), np.array(matrix), atol=1e-5):
+        return []
+    parent = bpy.data.objects.new("sheared", None)
+    bpy.context.scene.collection.objects.link(parent)
+    thing.matrix_basis.identity()
+    thing.parent, thing.matrix_parent_inverse = parent, matrix
+    return [parent]
+
+
+def make_lamps_real() -> None:
+    """Lamps that instances show become objects of the scene: a light map is sampled lamp by lamp."""
+    with as_rendered(bpy.context.scene) as depsgraph:
+        shown = [
+            (i.object.original, i.matrix_world.copy(), i.is_instance)
+            for i in depsgraph.object_instances
+            if i.object.type == "LIGHT"
+        ]
+    instanced = {lamp for lamp, _, is_instance in shown if is_instance}
+    for lamp, matrix, _ in (row for row in shown if row[0] in instanced):
+        made = lamp.copy()
+        made.animation_data_clear()
+        made.constraints.clear()
+        made.parent = None
+        bpy.context.scene.collection.objects.link(made)
+        put(made, matrix)
+    for lamp in instanced:
+        lamp.hide_render = True
+
+
 def material_of_face(part: Part) -> np.ndarray:
     """(F,) index into part.mesh.materials, clipped as Blender does; -1 where the mesh has none."""
     slots = len(part.mesh.materials)

@@ -25,7 +25,7 @@ from ..formats.files import make_folder, process_lives, read_bytes, sha256, writ
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
-from . import camera, compat, first_look, frames, ground_truth, light_map, output, preflight, scene, settings
+from . import camera, compat, first_look, frames, ground_truth, light_map, output, preflight, scene, settings, surfaces
 
 Emit = Callable[[Event], None]
 
@@ -216,6 +216,8 @@ def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_
         wanted = "a scene whose light can be baked"
         raise InputError(wanted, path=job.scene, found=hindrance, hint="{light} path")
     _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
+    if must_bake or job.light == "baked":
+        surfaces.make_lamps_real()
     settings.apply(job, threads)
 
 
