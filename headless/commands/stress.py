@@ -64,9 +64,8 @@ def run(args: argparse.Namespace, console: Console) -> None:
         values = {name: p.to_dict() for name, p in plan.perturbations.items()}
         console.result(values, plan.table())
         return
-    os.environ.setdefault(
-        "OMP_NUM_THREADS", "1"
-    )  # before Open3D is loaded: its results change with the number of threads
+    # before Open3D is loaded, whose results change with the number of threads
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     from ..stress import pages
     from ..stress.matrix import Base, Matrix
     from ..stress.summary import Summary
