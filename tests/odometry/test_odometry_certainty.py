@@ -12,7 +12,7 @@ from iclnuim.odometry.icp import Icp  # noqa: E402
 from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
 from iclnuim.odometry.registry import odometer  # noqa: E402
-from iclnuim.odometry.solver import Limits  # noqa: E402
+from iclnuim.odometry.solver import Limits, Pass, Stop, System, solve  # noqa: E402
 from iclnuim.odometry.track import EntropyReference, KeyframeReference, Reference, Tracker, track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
@@ -161,3 +161,16 @@ def test_errors_add_up_once_a_kept_frame():
         tracker = Tracker(odometer("dvo"), CAMERA, against=reference)
         found.append(error_m([tracker.add(f.stamp_s, f) for f in frames]))
     assert found[1] < found[0]
+
+
+def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
+    """Holes may leave a coarse level without normals; every frame was lost then."""
+    term = System(np.eye(6) * 1e6, np.eye(6)[0] * 1e3, 1.0, 500, np.zeros(3), 1.0)
+    empty = replace(term, count=0)
+
+    def result(*systems):
+        passes = [Pass(lambda T, i, s=s: replace(s, b=s.b * (i == 0)), 3, 1000, Stop()) for s in systems]
+        return solve(passes, SE3.identity(), Limits())
+
+    assert result(empty, term).T_reference_camera.translation == pytest.approx([1e-3, 0, 0])
+    assert result(term, empty).status is Status.FAILED

@@ -235,13 +235,17 @@ class Pass(NamedTuple):
 
 
 def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
-    """All passes, coarse to fine, from `guess` (T_reference_current). The result's inliers are the last pass's."""
+    """All passes, coarse to fine, from `guess` (T_reference_current); those without overlap are left out, but for the last. The result's
+    inliers are the last pass's.
+    """
     T, used, free, system, pixels, converged, gone = guess, 0, 0, None, 1, False, np.zeros(6)
-    for linearise, iterations, pixels, stop, rotation_only in passes:
+    for n, (linearise, iterations, pixels, stop, rotation_only) in enumerate(passes, 1):
         best, before = np.inf, T
         for i in range(iterations):
             system = linearise(T, i)
             if system.count < max(6, limits.min_inliers * pixels):
+                if i == 0 and n < len(passes):  # holes may leave a coarse level empty: a finer one decides
+                    break
                 return failure(f"overlap: {system.count:.0f} of {pixels} pixels")
             if stop.undo and system.error > best:
                 T, converged = before, True
