@@ -83,8 +83,11 @@ def number_objects() -> None:
     that are left, in alphabetical order. Instances of one object share its number. Raises InputError for more than 32767 objects.
     """
     things = sorted((o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name)
-    instanced = {i.object.original for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance}
-    things += sorted((o for o in instanced if o.type in SURFACE_TYPES and o not in things), key=lambda o: o.name)
+    instances = (i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance)
+    instanced = {
+        i.object.original for i in instances if i.object.type in SURFACE_TYPES
+    }  # what a point cloud carries is its own
+    things += sorted((o for o in instanced if o not in things), key=lambda o: o.name)
     if len(things) > _MAX_OBJECTS:
         raise InputError(f"at most {_MAX_OBJECTS} objects for instance numbers", found=len(things), hint="joining some")
     taken: set[int] = set()
