@@ -73,11 +73,13 @@ def test_what_cannot_be_is_said_in_one_line(command_here, folder, tmp_path, word
 def test_killed_twenty_times_it_ends_with_the_same_table(folder, tmp_path):
     words = [sys.executable, "-m", "iclnuim", "stress", folder, "--only", "holes", "--only", "noise", "--only", "speed"]
     words += [*SMALL[:-2], "--workers", "2", "--quiet"]
+    begun = time.monotonic()
     whole = subprocess.run([*words, "-o", tmp_path / "whole"], capture_output=True, text=True, check=True)
+    took_s = time.monotonic() - begun
     kills, out = 0, tmp_path / "out"
     while kills < 20:
         process = subprocess.Popen([*words, "-o", out], stdout=subprocess.DEVNULL)
-        time.sleep(1.5 + 0.15 * kills)
+        time.sleep(took_s * (0.4 + 0.03 * kills))
         if process.poll() is not None:
             break
         os.kill(process.pid, signal.SIGKILL)
