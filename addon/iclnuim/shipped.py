@@ -4,8 +4,10 @@ The code that builds the scenes lies in blend/builder/ of the repository.
 """
 
 import os
+import platform
 import subprocess
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from .errors import InputError
@@ -80,6 +82,17 @@ def full_name(sequence: str) -> str:
 def trajectory_file(name: str) -> Path:
     """The TUM file of `living_room/kt2`."""
     return folder("trajectories") / f"{full_name(name)}.txt"
+
+
+def versions(*packages: str) -> dict[str, str | None]:
+    """Of Python and of installed packages, for a recipe; None for a package that is not there."""
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
 
 
 def source_commit() -> str | None:

@@ -13,16 +13,16 @@ import threading
 from collections.abc import Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import PackageNotFoundError, version
+from functools import cached_property
 from pathlib import Path
 from typing import IO
 
-import iclnuim
+from iclnuim import __version__
 from iclnuim.dataset.run_folder import refuse_other
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import make_folder, read_json, sha256, write_json
 from iclnuim.fusion.settings import QualitySettings
-from iclnuim.shipped import source_commit
+from iclnuim.shipped import source_commit, versions
 
 from ..options import Console, Progress
 from .cells import Cell
@@ -30,6 +30,8 @@ from .measure import HEAT_MM, Task, fuse_settings
 from .sources import Sources, environment, task_text
 
 _SCHEMA_VERSION = 1
+#: Libraries that take part, for the recipes.
+_LIBRARIES = ("numpy", "numba", "scipy", "embreex", "libigl")
 
 
 @dataclass(eq=False)
@@ -46,6 +48,11 @@ class Benchmark:
     _processes: set[subprocess.Popen] = field(default_factory=set)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
+    @cached_property
+    def _made_by(self) -> dict:
+        """What made the results, for all recipes: git and the packages are asked once."""
+        return {"versions": {"iclnuim": __version__, **versions(*_LIBRARIES)}, "source_commit": source_commit()}
+
     def open(self) -> None:
         """Make the folder, or open the benchmark that is there. Raises InputError where it has another number of frames."""
         out, place = self.sources.out, self.sources.out / "recipe.json"
@@ -55,7 +62,7 @@ class Benchmark:
             refuse_other("benchmark", place, {key: there.get(key) for key in asked}, asked, "another {out}")
             return
         make_folder(out, hint="another {out}")
-        write_json(place, {**asked, "versions": _versions(), "source_commit": source_commit(), "machine": _machine()})
+        write_json(place, {**asked, **self._made_by, "machine": _machine()})
 
     def run(self) -> list[str]:
         """Measure what is missing; a sentence for each cell that could not be measured. Interrupted, its processes are ended."""
@@ -178,7 +185,7 @@ class Benchmark:
             "quality": QualitySettings().to_dict(),
             "heat_mm": list(HEAT_MM),
         }
-        return replace(task, recipe={**recipe, "versions": _versions(), "source_commit": source_commit()})
+        return replace(task, recipe={**recipe, **self._made_by})
 
     def _model(self, name: str) -> str | None:
         try:
@@ -210,16 +217,6 @@ def _by_sequence(tasks: Iterable[Task]) -> dict[str, list[Task]]:
     found: dict[str, list[Task]] = {}
     for task in tasks:
         found.setdefault(task.cell.sequence, []).append(task)
-    return found
-
-
-def _versions() -> dict[str, str | None]:
-    found: dict[str, str | None] = {"iclnuim": iclnuim.__version__, "python": platform.python_version()}
-    for name in ("numpy", "numba", "scipy", "embreex", "libigl"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
     return found
 
 

@@ -25,7 +25,7 @@ from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.odometry.registry import ODOMETERS, odometer
 from iclnuim.odometry.run import Sequence
 from iclnuim.sensor.transfer import light_from_srgb8
-from iclnuim.shipped import source_commit
+from iclnuim.shipped import source_commit, versions
 
 from ..systems.experiment import Experiment
 from ..systems.staging import StagedSequence
@@ -123,10 +123,8 @@ class Matrix:
         make_folder(self.out, hint="another {out}")
         write_json(self.out / "recipe.json", self._recipe())
         todo = [task for task in self.tasks() if self._missing(task, self.methods)]
-        for some in (
-            [t for t in todo if not t.severity],
-            [t for t in todo if t.severity],
-        ):  # the unperturbed come first
+        perturbed = [task for task in todo if task.severity]
+        for some in ([task for task in todo if not task.severity], perturbed):  # what others are compared with first
             if some:
                 self._track_all(some, workers, progress)
         for task in self.tasks():
@@ -229,7 +227,7 @@ class Matrix:
             "perturbations": self.plan.text,
             "methods": self.names,
             "sequences": {name: str(base.sequence.folder) for name, base in self.bases.items()},
-            "versions": {"iclnuim": __version__, "python": platform.python_version(), **_versions()},
+            "versions": {"iclnuim": __version__, **{name: one for name, one in versions(*_LIBRARIES).items() if one}},
             "source_commit": source_commit(),
             "machine": {"system": platform.platform(), "cores": os.cpu_count()},
         }
@@ -238,18 +236,6 @@ class Matrix:
 def label(system: System) -> str:
     """What cells call a system of `iclnuim run`: dvo is also an odometer of ours."""
     return f"run:{system.name}"
-
-
-def _versions() -> dict[str, str]:
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = {}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 def _one_thread() -> None:

@@ -216,10 +216,8 @@ def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_name
     rug = scene_gallery.mesh("rug", [(1.3, 1, 0), (5, 1, 0), (5, 5, 0), (1.3, 5, 0)], [(0, 1, 2, 3)])
     assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert rug.location.z > 0 and floor.location.z == 0
-    rug.location, rug.scale = (
-        (6.3, 0, 0),
-        (-1, 1, 1),
-    )  # a mirrored one is wound the other way, and faces up all the same
+    # a mirrored one is wound the other way, and faces up all the same
+    rug.location, rug.scale = (6.3, 0, 0), (-1, 1, 1)
     scene_gallery.bpy.context.view_layer.update()
     assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     rug.matrix_basis.identity()

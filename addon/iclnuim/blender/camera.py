@@ -36,9 +36,8 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     lens.dof.use_dof = False
     lens.clip_start, lens.clip_end = 1e-3, 1e4
     thing.rotation_mode = "QUATERNION"
-    pace = (
-        render.frame_map_old / render.frame_map_new
-    )  # of Time Stretching: frame n shows what is keyed at n times this
+    # Time Stretching: frame n shows what is keyed at n times this
+    pace = render.frame_map_old / render.frame_map_new
     curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
     for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
         for index in range(values.shape[1]):

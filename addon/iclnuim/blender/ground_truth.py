@@ -84,9 +84,8 @@ def number_objects() -> None:
     """
     things = sorted((o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name)
     instances = (i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance)
-    instanced = {
-        i.object.original for i in instances if i.object.type in SURFACE_TYPES
-    }  # what a point cloud carries is its own
+    # by the type of what is shown: a point cloud carries meshes of its own
+    instanced = {i.object.original for i in instances if i.object.type in SURFACE_TYPES}
     things += sorted((o for o in instanced if o not in things), key=lambda o: o.name)
     if len(things) > _MAX_OBJECTS:
         raise InputError(f"at most {_MAX_OBJECTS} objects for instance numbers", found=len(things), hint="joining some")

@@ -21,7 +21,7 @@ from .solver import Limits, Pass, Stop, System, solve
 
 #: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
-#: A motion that others start from is found until a step is shorter (metres, radians): the steps after it are a thousandth of it.
+#: A motion that others only start from is found until a step is shorter (metres, radians; half a pixel).
 ROUGH = Stop(min_step=1e-3)
 #: Where a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), the prediction may have
 #: missed a sudden turn: small images are asked.

@@ -54,9 +54,8 @@ class Recorder:
     def pose(self, entity: str, T_world_camera: SE3) -> None:
         """Camera to world."""
         R, t = T_world_camera.rotation, T_world_camera.translation
-        self.log(
-            entity, self.rerun.Transform3D(translation=t, mat3x3=R)
-        )  # rerun 0.23 takes no quaternion with numpy < 2
+        # not a quaternion, which rerun 0.23 does not take with numpy < 2
+        self.log(entity, self.rerun.Transform3D(translation=t, mat3x3=R))
 
     def camera(self, entity: str, camera: PinholeCamera) -> None:
         """The pinhole below a pose, at all moments."""
