@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from iclnuim import shipped
-from iclnuim.dataset.frames import find_pairs, image_frames, read_truth
+from iclnuim.dataset.frames import find_pairs, image_frames, read_truth, rendered_job
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_options import SequenceSettings
 from iclnuim.errors import IclnuimError, InputError, WorkError
@@ -112,9 +112,8 @@ class Sources:
         """The room that the sequence was rendered in; None for a sequence of other origin, whose surfaces are not measured."""
         folder = self.data / cell.room / cell.trajectory / cell.noise
         try:
-            job = read_json(folder / "recipe.json")["source"]["run"]["job"]
-            return cell.room if job["scene"] == cell.room else None
-        except (IclnuimError, KeyError, TypeError):
+            return cell.room if rendered_job(folder).get("scene") == cell.room else None
+        except IclnuimError:
             return None
 
 

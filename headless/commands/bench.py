@@ -224,14 +224,14 @@ def _compare_odometers(
     sequence: "Sequence", names: list[str], preset: str, frames: int | None, progress: Callable
 ) -> dict:
     """`sequence`, `preset`, and `runs` (Run.to_dict()). Raises InputError without ground truth."""
+    from iclnuim.dataset.frames import sequence_name
     from iclnuim.odometry.run import run_together
 
     run_together([odometer(name, preset) for name in names], sequence, frames=_WARM_UP)
     runs = run_together([odometer(name, preset) for name in names], sequence, progress=progress, frames=frames)
     if runs[0].truth is None:
         raise InputError("a ground truth in the folder", path=sequence.folder)
-    name = "/".join(sequence.folder.resolve().parts[-2:])
-    return {"sequence": name, "preset": preset, "runs": [run.to_dict() for run in runs]}
+    return {"sequence": sequence_name(sequence.folder), "preset": preset, "runs": [run.to_dict() for run in runs]}
 
 
 def _read_results(path: Path) -> list[dict]:

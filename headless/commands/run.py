@@ -42,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         note_assumed_camera(folder, sequence.camera, console)
         experiments.append(Experiment(system, sequence, args.out))
     if len({e.folder for e in experiments}) < len(experiments):
-        raise InputError("sequences whose last two folders differ in name", found=", ".join(map(str, args.folders)))
+        raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))
     if args.stage_only:
         commands = [system.filled(system.settings.command, {**e.prepare(), "out": "OUT"}) for e in experiments]
         console.result({"commands": commands}, "\n".join(" ".join(command) for command in commands))

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.depth_units import depth16_from_metres
-from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth, sequence_name
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.slam_settings import SLAM_SETTINGS
 from iclnuim.errors import InputError, WorkError
@@ -45,8 +45,7 @@ class StagedSequence:
         pairs = find_pairs(folder)[:first]
         if missing := [path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()]:
             raise InputError("all images of the sequence", path=folder, found=f"no {missing[0]}")
-        name = "/".join(folder.resolve().parts[-2:])
-        return cls(name, tuple(pairs), camera or read_camera(folder, pairs[0].rgb), read_truth(folder))
+        return cls(sequence_name(folder), tuple(pairs), camera or read_camera(folder, pairs[0].rgb), read_truth(folder))
 
     @property
     def stamps_s(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 from iclnuim.formats.associations import read_image_list
 from iclnuim.formats.png import read_depth16
 from iclnuim.headless import cli
+from iclnuim.headless.systems.staging import StagedSequence
 from iclnuim.headless.systems.system import built_in, read_system
 
 
@@ -140,3 +141,14 @@ def test_a_packed_file_among_the_options_is_unpacked_once(run, fake, tmp_path):
     run(system, "--vocabulary", tmp_path / "words.txt.xz")
     (given,) = json.loads(next(tmp_path.glob("out/good/*/run_1/out/arguments.json")).read_text())
     assert Path(given).read_text() == "a vocabulary" and given.endswith("out/options/words.txt")
+
+
+def test_sequences_of_two_rooms_are_told_apart_by_their_recipes(make_sequence, tmp_path):
+    names = []
+    for room in ("living_room", "office"):
+        folder = make_sequence(tmp_path / room / "kt2/clean")
+        recipe = {"source": {"run": {"job": {"sequence": f"{room}/kt2"}}}}
+        (folder / "recipe.json").write_text(json.dumps(recipe))
+        names.append(StagedSequence.of(folder).name)
+    (folder / "recipe.json").write_text('{"source": []}')
+    assert [*names, StagedSequence.of(folder).name] == ["living_room/kt2/clean", "office/kt2/clean", "kt2/clean"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.exr import read_exr
-from ..formats.files import data_lines, read_bytes, read_json, sha256
+from ..formats.files import data_lines, is_file, read_bytes, read_json, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
 from ..formats.trajectories import read_trajectory
@@ -82,6 +82,26 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     if None in numbers or len(set(numbers)) < len(rows):
         numbers = list(range(len(rows)))
     return [ImagePair(n or 0, r.stamp_s, r.rgb, r.depth, r.written) for n, r in zip(numbers, rows, strict=True)]
+
+
+def rendered_job(folder: Path) -> dict:
+    """The job of the run that a sequence's images come from, as its recipe.json says; {} for images of other origin.
+
+    Raises InputError where the recipe is no JSON."""
+    path = Path(folder) / "recipe.json"
+    found: object = read_json(path) if is_file(path) else {}
+    for key in ("source", "run", "job"):
+        found = found.get(key) if isinstance(found, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def sequence_name(folder: Path) -> str:
+    """What a sequence is called in results: `living_room/kt2/clean` where its recipe says which it is, else its last two folders.
+
+    Raises InputError where the recipe is no JSON."""
+    folder = Path(folder).resolve()
+    sequence = rendered_job(folder).get("sequence")
+    return f"{sequence}/{folder.name}" if isinstance(sequence, str) and sequence else "/".join(folder.parts[-2:])
 
 
 def _number(stem: str) -> int | None:
