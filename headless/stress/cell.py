@@ -106,11 +106,14 @@ class Poses:
     frames: int
 
     @classmethod
-    def of(cls, tracked: list[Tracked], bounds: Bounds) -> "Poses":
-        """Of our protocol: good is OK, and of Open3D a fitness that is not too small; a pose that is not finite is none."""
+    def of(cls, tracked: list[Tracked], min_fitness: float = 0.0) -> "Poses":
+        """Of our protocol: good is OK, and of Open3D a fitness that is not too small; a pose that is not finite is none.
+
+        min_fitness: of Open3D alone; the inliers of ours are a share of all pixels, and few of them may suffice.
+        """
         kept = [f for f in tracked if not f.lost and np.isfinite(f.T_world_camera.matrix).all()]
-        good = np.array([_called_good(f.result, bounds) for f in kept])
-        bad = [f.stamp_s for f in tracked[1:] if f.lost or not _called_good(f.result, bounds)]
+        good = np.array([_called_good(f.result, min_fitness) for f in kept])
+        bad = [f.stamp_s for f in tracked[1:] if f.lost or not _called_good(f.result, min_fitness)]
         poses = SE3.from_matrix(np.array([f.T_world_camera.matrix for f in kept]).reshape(-1, 4, 4))
         trajectory = Trajectory(np.array([f.stamp_s for f in kept]), poses)
         return cls(trajectory, good, np.array(bad), len(tracked))
@@ -122,9 +125,9 @@ class Poses:
         return cls(trajectory, np.ones(len(trajectory), bool), missing[missing > stamps_s[0]], len(stamps_s))
 
 
-def _called_good(result: Result, bounds: Bounds) -> bool:
+def _called_good(result: Result, min_fitness: float) -> bool:
     """A baseline without inliers does not report any."""
-    return result.status is Status.OK and not 0 < result.inliers < bounds.min_fitness
+    return result.status is Status.OK and not 0 < result.inliers < min_fitness
 
 
 def cell(poses: Poses, truth: Trajectory, bounds: Bounds, clean: bool, extra: dict[str, Any] | None = None) -> Cell:

@@ -158,7 +158,8 @@ class Matrix:
             clean = self._clean(task, name)
             extra = diagnostics(tracked, references_s, stretch.truth, clean)
             bounds = self.plan.bounds
-            self._write(task, name, cell(Poses.of(tracked, bounds), stretch.truth, bounds, not task.severity, extra))
+            poses = Poses.of(tracked, 0.0 if name in ODOMETERS else bounds.min_fitness)
+            self._write(task, name, cell(poses, stretch.truth, bounds, not task.severity, extra))
         return len(missing)
 
     def _run_system(self, task: Task, system: System) -> None:
