@@ -8,7 +8,8 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.odometry.icp import Icp  # noqa: E402
+from iclnuim.odometry import kernels  # noqa: E402
+from iclnuim.odometry.icp import ACROSS, DOWN, Icp, informed  # noqa: E402
 from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
 from iclnuim.odometry.registry import odometer  # noqa: E402
@@ -71,6 +72,39 @@ def test_the_stated_deviation_is_of_the_size_of_the_error():
     errors = [np.linalg.norm((STEP.inverse() @ step).translation) for step in steps[1:]]
     stated = [np.sqrt(np.trace(np.linalg.inv(f.result.information)[:3, :3])) for f in found[2:]]
     assert 0.1 < np.sqrt(np.mean(np.square(errors))) / np.mean(stated) < 3
+
+
+@pytest.mark.parametrize("shared", [0.0, 1.0])
+def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_not(shared):
+    """Squared errors by their information, a degree of freedom, are 1 in the mean, however far an error reaches."""
+    rng, nees = np.random.default_rng(7), []
+    blocks = np.repeat(np.arange(ACROSS * DOWN, dtype=np.int16), 100)
+    for _ in range(60):
+        J = rng.normal(size=(len(blocks), 6)).astype(np.float32) + rng.normal(size=(ACROSS * DOWN, 6))[blocks]
+        J, points = J.astype(np.float32), rng.uniform(1, 2, (len(blocks), 3)).astype(np.float32)
+        r = (rng.normal(size=len(blocks)) + shared * rng.normal(size=ACROSS * DOWN)[blocks]).astype(np.float32) * 1e-3
+        sums = np.empty((ACROSS * DOWN, 34))
+        kernels.block_sums(points, J, r, J, r, 1.0, 0.0, blocks, sums)
+        said = informed(System.of_sums(sums.sum(axis=0)), sums)
+        twist = np.linalg.solve(said.A, said.b)
+        nees.append(twist @ said.A @ twist / 6)
+    assert 0.5 < np.mean(nees) < 2
+
+
+def test_normals_and_pyramids_bear_single_missing_pixels():
+    frame, missing = view(0, ROOM, camera=BIG), np.random.default_rng(8).random((240, 320)) < 0.1
+    whole, holey = frame.depth_z_m, np.where(missing, np.float32(0), frame.depth_z_m)
+    true = kernels.normals(whole, BIG.intrinsics, 1)
+    for step in (1, 2):
+        found = kernels.normals(holey, BIG.intrinsics, step)
+        has = found[..., 2] != 0
+        assert has.mean() > 0.8
+        assert np.median(np.abs(found - true)[has].max(axis=-1)) < 1e-3
+    for halve in (kernels.halve_depth, kernels.halve_depth_median):
+        half, half_true = halve(holey), halve(whole)
+        assert (half > 0).mean() > 0.95
+        assert np.abs(half / half_true - 1)[half > 0].max() < 0.05 and (half[half > 0] > 1).all()
+    assert np.median(np.abs(kernels.halve_depth(holey) / kernels.halve_depth(whole) - 1)) < 1e-6
 
 
 @pytest.mark.parametrize("bare", ["light", "geometry"])

@@ -17,7 +17,19 @@ from ..geometry.se3 import SE3
 from . import kernels
 from .photometric import PhotometricSettings, Rgbd, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
-from .solver import MIN_EIGENVALUE, Level, Limits, Linearise, Pass, PyramidOdometer, Stop, System, pyramid, solve
+from .solver import (
+    MIN_EIGENVALUE,
+    RANK_TOLERANCE,
+    Level,
+    Limits,
+    Linearise,
+    Pass,
+    PyramidOdometer,
+    Stop,
+    System,
+    pyramid,
+    solve,
+)
 
 #: Disagreement of normals (1 - cosine) that is not yet noise: steps of 0.2 mm make less.
 MIN_NOISE = 1e-4
@@ -25,13 +37,15 @@ MIN_NOISE = 1e-4
 MAX_DISTANCE_M = 0.10
 #: 1 - cosine of normals, in the median: `released` noise has 0.006, clean frames below 1e-4.
 MAX_ROUGHNESS = 1e-3
+#: Blocks of the image, each to err by itself; errors reach farther than pixels, tiles or textures, and less far than these.
+ACROSS, DOWN = 4, 3
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
 #: Of the photometric term, where its equations are no information (Whelan 2013).
 WEIGHT_RGBD = 0.1
-#: Of a sensor's frames. So many pixels share one error of the planes, as these reach farther; standard deviation of the
-#: motion's length as a share, as depth is biased (`released` noise by 0.16 % a metre, and so 0.6 % of a motion seen from
-#: 2 m); of the motion about its prediction, as where the image alone holds the motion.
-ROUGH_SPREAD, ROUGH_SCALE, ROUGH_PRIOR_M = 300.0, 0.1, 0.01
+#: Of a sensor's frames: standard deviation of the motion's length as a share, as depth is biased (`released` noise by
+#: 0.16 % a metre, and so 0.6 % of a motion seen from 2 m); of the motion about its prediction, as where the image alone
+#: holds the motion.
+ROUGH_SCALE, ROUGH_PRIOR_M = 0.1, 0.01
 
 
 @dataclass(frozen=True)
@@ -48,8 +62,9 @@ class IcpSettings:
     bilateral: bool = True  # depth filter, 13 x 13, 4.5 px, 30 mm
     max_angle_deg: float = 20.0
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
-    two_normals: bool = False  # products of the residuals along both images' normals, not squares along one
-    spread: float = 0.0  # so many pixels share one error (fitted on kt2); 0: no noise model
+    two_normals: bool = (
+        False  # products of the residuals along both images' normals, not squares along one; information
+    )
     rough_step: int = 0  # pixels; 0: no frame is taken for a sensor's
     stop: Stop = Stop()
     limits: Limits = Limits(min_eigenvalue=MIN_EIGENVALUE)
@@ -63,11 +78,13 @@ class PlaneTerm:
         self, reference: Level, current: Level, settings: IcpSettings, n: int, noise_share: float = 1.0
     ) -> None:
         self.reference, self.settings, self.noise_share = reference, settings, noise_share
-        found = kernels.flat_points(current.camera.intrinsics, current.depth_z_m, current.normals, settings.strides[n])
-        self.pixels, self.points, self.directions = found
+        rule = (settings.strides[n], ACROSS, DOWN)
+        found = kernels.flat_points(current.camera.intrinsics, current.depth_z_m, current.normals, *rule)
+        self.pixels, self.points, self.directions, self.blocks = found
         count = len(self.points)
         self.residual, self.residual1 = np.empty((2, count), np.float32)
         self.J, self.J1 = np.empty((2, count, 6), np.float32)
+        self.sums = np.empty((ACROSS * DOWN, 34))
         self.sigma, self.disagreement = 0.005, 0.0
 
     def __call__(self, T: SE3, iteration: int) -> System:
@@ -87,13 +104,15 @@ class PlaneTerm:
         if s.nu > 0:
             self.sigma = max(kernels.student_scale(self.residual, s.nu, self.sigma, 10), 1e-5)
         J1, residual1 = (self.J1, self.residual1) if s.two_normals else (self.J, self.residual)
-        system = System.of_sums(kernels.sums(self.points, self.J, self.residual, J1, residual1, self.sigma, s.nu))
+        pairs = (self.J, self.residual, J1, residual1)
+        kernels.block_sums(self.points, *pairs, self.sigma, s.nu, self.blocks, self.sums)
+        system = System.of_sums(self.sums.sum(axis=0))
         if s.two_normals:
             if iteration == 0:
                 self.disagreement = self._disagreement()
             # What two normals of one place disagree about is noise; a sensor's steps may let them agree on as much again.
-            system = system.less_noise(self.noise_share * self.disagreement * system.weight)
-        return system.as_information(s.spread)
+            system = informed(system.less_noise(self.noise_share * self.disagreement * system.weight), self.sums)
+        return system
 
     def _disagreement(self) -> float:
         """1 - n0 . n1 in the mean, from the median of some 2000 pairs: true normals differ by more at edges."""
@@ -102,6 +121,29 @@ class PlaneTerm:
         cosines = np.sum(self.J[::step, :3][some] * self.J1[::step, :3][some], axis=1)
         mean = (1.0 - float(np.median(cosines))) / math.log(2.0) if len(cosines) else 0.0
         return max(mean - MIN_NOISE, 0.0)
+
+
+def informed(system: System, sums: np.ndarray) -> System:
+    """A and b as information (1 / variance), of `system` from kernels.block_sums() (blocks, 34).
+
+    The variance is that of the motions found with one block left out in turn (the delete-a-group jackknife), along each
+    eigenvector of the centred A. In units of what it is where each pixel errs by itself, it is nowhere less than its median.
+    """
+    own, G = system.centred()
+    values, vectors = np.linalg.eigh(own)
+    A = np.zeros((len(sums), 6, 6))
+    A[:, *np.triu_indices(6)] = sums[:, :21]
+    A, b = G @ (A + np.triu(A, 1).transpose(0, 2, 1)) @ G.T, sums[:, 21:27] @ G.T
+    total, all_b = A.sum(axis=0), b.sum(axis=0)
+    total += np.eye(6) * (1e-6 * np.trace(total) + 1e-12)  # of a bare wall some directions are not known
+    steps = np.linalg.solve(total - A, (all_b - b)[..., None])[..., 0] - np.linalg.solve(total, all_b)
+    known = values > RANK_TOLERANCE * max(values[-1], 1e-30)
+    error = max(system.error, 1e-12)
+    spread = np.square(steps @ total @ vectors).sum(axis=0) / np.where(known, values * error, np.inf)
+    spread = np.maximum(spread, max(float(np.median(spread[known])), 1.0) if known.any() else 1.0)
+    back, right = np.linalg.solve(G, vectors), vectors.T @ (G @ system.b)
+    weights = known / (spread * error)
+    return replace(system, A=(back * (weights * values)) @ back.T, b=back @ (weights * right), informed=True)
 
 
 class Icp(PyramidOdometer):
@@ -115,7 +157,6 @@ class Icp(PyramidOdometer):
             two_normals=True,
             max_angle_deg=12.0,
             nu=10.0,
-            spread=30.0,
             rough_step=3,
             stop=Stop(min_step=5e-6),
             limits=Limits(prior_m=0.003),
@@ -185,7 +226,7 @@ class IcpRgbd(Icp):
         icp, rough, schedule = self.settings, self.rough(current), self.schedule(reference)
         limits = replace(icp.limits, min_eigenvalue=0.0)
         if rough:
-            icp, limits = replace(icp, spread=ROUGH_SPREAD), replace(limits, prior_m=ROUGH_PRIOR_M)
+            limits = replace(limits, prior_m=ROUGH_PRIOR_M)
         planes = {n: PlaneTerm(reference[n], current[n], icp, n) for n, _ in schedule}
         passes, finest = photometric_passes(reference, current, self.photometric, schedule)
         levels = [n for n, _ in schedule] + [schedule[-1][0]] * (len(passes) - len(schedule))

@@ -26,44 +26,73 @@ def halve_grey(grey):
 
 @njit(cache=True)
 def halve_depth(z):
-    """2x2 mean in inverse depth (exact on planes) where the four belong together, else their nearest; 0 = missing."""
-    out = np.empty((z.shape[0] // 2, z.shape[1] // 2), np.float32)
+    """2x2 mean in inverse depth (exact on planes) where the four belong together, else their nearest; 0 = missing.
+
+    Where some are missing, the mean of a diagonal, which lies in the middle as well.
+    """
+    out = np.zeros((z.shape[0] // 2, z.shape[1] // 2), np.float32)
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
-            near, far, inverse, n = 1e9, 0.0, 0.0, 0
-            for i in range(2):
-                for j in range(2):
-                    d = z[2 * v + i, 2 * u + j]
-                    if d > 0:
-                        near, far, n = min(near, d), max(far, d), n + 1
-                        inverse += 1.0 / d
-            if n == 0:
-                out[v, u] = 0
-            elif n == 4 and far - near < 0.05 * near:
-                out[v, u] = 4.0 / inverse
-            else:
-                out[v, u] = near if n == 4 else 0
+            a, b, c, d = z[2 * v, 2 * u], z[2 * v, 2 * u + 1], z[2 * v + 1, 2 * u], z[2 * v + 1, 2 * u + 1]
+            if a > 0 and b > 0 and c > 0 and d > 0:
+                near, far = min(a, b, c, d), max(a, b, c, d)
+                out[v, u] = 4.0 / (1.0 / a + 1.0 / b + 1.0 / c + 1.0 / d) if far - near < 0.05 * near else near
+                continue
+            if not (a > 0 and d > 0):
+                a, d = b, c
+            if a > 0 and d > 0 and abs(a - d) < 0.05 * min(a, d):
+                out[v, u] = 2.0 / (1.0 / a + 1.0 / d)
+    return out
+
+
+@njit(cache=True)
+def halve_depth_median(z):
+    """Of every second pixel the median of its 3x3, of those that have depth; 0 where that is fewer than half of them."""
+    h, w = z.shape
+    out, seen = np.zeros((h // 2, w // 2), np.float32), np.empty(9, np.float32)
+    for v in range(out.shape[0]):
+        for u in range(out.shape[1]):
+            n = 0
+            for i in range(2 * v - 1, 2 * v + 2):
+                for j in range(2 * u - 1, 2 * u + 2):
+                    d = z[min(max(i, 0), h - 1), min(max(j, 0), w - 1)]
+                    if not d > 0:
+                        continue
+                    k, n = n, n + 1
+                    while k > 0 and seen[k - 1] > d:
+                        seen[k] = seen[k - 1]
+                        k -= 1
+                    seen[k] = d
+            if n > 4:
+                out[v, u] = seen[n // 2] if n % 2 else (seen[n // 2 - 1] + seen[n // 2]) / 2
     return out
 
 
 @njit(cache=True)
 def normals(z, k, s):
-    """Unit normals (h, w, 3) by differences over +-s pixels; 0 where depth jumps or a neighbour is missing."""
+    """Unit normals (h, w, 3) by differences over +-s pixels, to one side where the other is missing; 0 where depth jumps."""
     h, w = z.shape
     out = np.zeros((h, w, 3), np.float32)
     fx, fy, cx, cy = k
-    for v in range(h):
-        for u in range(w):
-            if v < s or v >= h - s or u < s or u >= w - s or not z[v, u] > 0:
+    for v in range(s, h - s):
+        for u in range(s, w - s):
+            d = z[v, u]
+            if not d > 0:
                 continue
             e, r, a, b = z[v, u - s], z[v, u + s], z[v - s, u], z[v + s, u]
-            limit = (0.02 + 0.02 * s) * z[v, u]
+            left, right, above, below = u - s, u + s, v - s, v + s
             if not (e > 0 and r > 0 and a > 0 and b > 0):
+                if (e <= 0 and r <= 0) or (a <= 0 and b <= 0):
+                    continue
+                left, e = (left, e) if e > 0 else (u, d)
+                right, r = (right, r) if r > 0 else (u, d)
+                above, a = (above, a) if a > 0 else (v, d)
+                below, b = (below, b) if b > 0 else (v, d)
+            limit = (0.02 + 0.02 * s) * d
+            if max(abs(e - d), abs(r - d), abs(a - d), abs(b - d)) > limit:
                 continue
-            if max(abs(e - z[v, u]), abs(r - z[v, u]), abs(a - z[v, u]), abs(b - z[v, u])) > limit:
-                continue
-            x1, y1, z1 = ((u + s - cx) * r - (u - s - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
-            x2, y2, z2 = (u - cx) * (b - a) / fx, ((v + s - cy) * b - (v - s - cy) * a) / fy, b - a
+            x1, y1, z1 = ((right - cx) * r - (left - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
+            x2, y2, z2 = (u - cx) * (b - a) / fx, ((below - cy) * b - (above - cy) * a) / fy, b - a
             nx, ny, nz = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
             length = math.sqrt(nx * nx + ny * ny + nz * nz)
             if length > 0:
@@ -150,20 +179,28 @@ def grey_residuals(T, k, points, greys, grey, z, max_dz, residual, J, mean, tile
 
 
 @njit(cache=True)
-def flat_points(k, z, normals, stride):
-    """Of every stride-th row and column: how many pixels, and lists of point (n, 3) and normal (n, 3) where there is one."""
+def flat_points(k, z, normals, stride, across, down):
+    """Of every stride-th row and column: how many pixels, and where there is a normal, lists of point (n, 3), normal (n, 3)
+    and which of across x down blocks of the image, row by row.
+    """
+    h, w = z.shape
     fx, fy, cx, cy = k
-    size, n = -(-z.shape[0] // stride) * -(-z.shape[1] // stride), 0
-    points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
-    for v in range(0, z.shape[0], stride):
-        for u in range(0, z.shape[1], stride):
+    size, n = -(-h // stride) * -(-w // stride), 0
+    points, directions, blocks = (
+        np.empty((size, 3), np.float32),
+        np.empty((size, 3), np.float32),
+        np.empty(size, np.int16),
+    )
+    for v in range(0, h, stride):
+        for u in range(0, w, stride):
             if normals[v, u, 2] == 0:
                 continue
             d = z[v, u]
             points[n, 0], points[n, 1], points[n, 2] = (u - cx) / fx * d, (v - cy) / fy * d, d
             directions[n] = normals[v, u]
+            blocks[n] = (v * down // h) * across + u * across // w
             n += 1
-    return size, points[:n], directions[:n]
+    return size, points[:n], directions[:n], blocks[:n]
 
 
 @njit(cache=True)
@@ -209,34 +246,42 @@ def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosi
 
 
 @njit(cache=True)
-def sums(points, J, residual, J1, residual1, sigma, nu):
-    """(34,): 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both made symmetric, w r^2, w, count, w p, w |p|^2.
+def block_sums(points, J, residual, J1, residual1, sigma, nu, blocks, out):
+    """out (blocks, 34), of each block: 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both made symmetric, w r^2, w,
+    count, w p, w |p|^2.
 
     Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J: the usual squares. J1 of the other
     image: products, whose noise is independent, where squares would draw the motion to nothing and fake constraint.
     """
-    out = np.zeros(34)
+    out[:] = 0
     for i in range(len(residual)):
         r, q = residual[i], residual1[i]
         if not math.isfinite(r):
             continue
         weight = 1.0 if nu <= 0 else (nu + 1) / (nu + (r / sigma) ** 2)
-        half = 0.5 * weight
+        half, o = 0.5 * weight, out[blocks[i]]
         n = 0
         for a in range(6):
             for b in range(a, 6):
-                out[n] += half * (J[i, a] * J1[i, b] + J1[i, a] * J[i, b])
+                o[n] += half * (J[i, a] * J1[i, b] + J1[i, a] * J[i, b])
                 n += 1
-            out[21 + a] += half * (J[i, a] * q + J1[i, a] * r)
+            o[21 + a] += half * (J[i, a] * q + J1[i, a] * r)
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        out[27] += weight * r * r
-        out[28] += weight
-        out[29] += 1
-        out[30] += weight * x
-        out[31] += weight * y
-        out[32] += weight * z
-        out[33] += weight * (x * x + y * y + z * z)
-    return out
+        o[27] += weight * r * r
+        o[28] += weight
+        o[29] += 1
+        o[30] += weight * x
+        o[31] += weight * y
+        o[32] += weight * z
+        o[33] += weight * (x * x + y * y + z * z)
+
+
+@njit(cache=True)
+def sums(points, J, residual, J1, residual1, sigma, nu):
+    """(34,): block_sums() of all pixels as one block."""
+    out = np.empty((1, 34))
+    block_sums(points, J, residual, J1, residual1, sigma, nu, np.zeros(len(residual), np.int16), out)
+    return out[0]
 
 
 @njit(cache=True)

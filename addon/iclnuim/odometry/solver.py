@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 from ..geometry import so3
@@ -73,10 +72,7 @@ def pyramid(
             break
         camera = camera.halved()
         grey = kernels.halve_grey(grey)
-        if median_depth:
-            z = np.ascontiguousarray(cv2.medianBlur(z, 3)[: 2 * camera.height : 2, : 2 * camera.width : 2])
-        else:
-            z = kernels.halve_depth(z)
+        z = kernels.halve_depth_median(z) if median_depth else kernels.halve_depth(z)
         result.append(Level(grey, z, camera, normal_step))
     return result
 
