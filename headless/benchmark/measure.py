@@ -30,6 +30,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 from .cells import Cell
+from .seen_cache import cached_seen
 
 if TYPE_CHECKING:
     from iclnuim.fusion.mesh import Mesh
@@ -47,7 +48,8 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 @dataclass(frozen=True)
 class Task:
     """folder: of the sequence. first: only so many frames. model: file of the room's triangles; None: no surface is measured.
-    trajectory: what an external system wrote; None: the cell's odometer estimates it. recipe: what decides the result.
+    trajectory: what an external system wrote; None: the cell's odometer estimates it. recipe: what decides the result. work: folder of
+    what cells share, which can be made again.
     """
 
     cell: Cell
@@ -57,6 +59,7 @@ class Task:
     model: str | None
     trajectory: str | None
     recipe: dict
+    work: str
 
     @classmethod
     def read(cls, path: Path) -> "Task":
@@ -189,8 +192,7 @@ def _surface(
     from iclnuim.fusion.surface_error import TrueSurface, first_poses_transform
 
     started = time.process_time()
-    settings = fuse_settings(task)
-    fused = fuse_sequence(task.folder, trajectory, settings, lambda *about: meter)
+    fused = fuse_sequence(task.folder, trajectory, fuse_settings(task), lambda *about: meter)
     times["fuse_s"] = time.process_time() - started
     started = time.process_time()
     with np.load(str(task.model)) as model:
@@ -208,7 +210,9 @@ def _surface(
         result["not_fitted"] = problem.worded()
     result["fitted_m"] = ErrorStatistics.of(distances_m).to_dict()
     seen_by = SeenBy(fused.camera.pinhole, truth.T_world_camera[: task.first])
-    quality = surface_quality(surface, points, fused.mesh.triangles, T_given, seen_by, settings=QualitySettings())
+    settings = QualitySettings()
+    seen = cached_seen(Path(task.work) / "seen", Path(str(task.model)).name, surface, seen_by, settings)
+    quality = surface_quality(surface, points, fused.mesh.triangles, T_given, seen, settings=settings)
     result["quality"] = quality.to_dict()
     _draw(folder, fused.mesh, T.apply(points), distances_m)
     times["surface_s"] = time.process_time() - started

@@ -3,6 +3,7 @@
 OUT/recipe.json                      what the whole was asked for, and what it was measured on
 OUT/cells/ROOM/TRAJECTORY/NOISE/CELL/  recipe.json, result.json, times.json, trajectory.txt, path.json, surface.jpg, heat.jpg: written by measure.py
 OUT/tables/, OUT/report.html         made of the cells alone
+OUT/work/                            what cells share while they are measured
 """
 
 import platform
@@ -20,7 +21,7 @@ from typing import IO
 from iclnuim import __version__
 from iclnuim.dataset.run_folder import refuse_other
 from iclnuim.errors import WorkError
-from iclnuim.formats.files import make_folder, read_json, sha256, write_json
+from iclnuim.formats.files import atomic_write_text, make_folder, read_json, sha256, write_json
 from iclnuim.fusion.settings import QualitySettings
 from iclnuim.shipped import source_commit, versions
 
@@ -92,6 +93,8 @@ class Benchmark:
             except BaseException:
                 self._stop()
                 raise
+        if not problems:
+            self.sources.remove_work()
         return problems
 
     def _missing(self) -> list[Task]:
@@ -124,7 +127,7 @@ class Benchmark:
         frames, done = self._frames(task), 0
         with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile("w+") as errors:
             file = Path(scratch) / "task.json"
-            file.write_text(task_text(asdict(task)), "utf-8")
+            atomic_write_text(file, task_text(asdict(task)))
             process = self._begun([sys.executable, "-m", f"{__package__}.measure", str(file)], errors)
             if process is None:
                 return ""
@@ -172,6 +175,7 @@ class Benchmark:
             self.sources.model_name(cell),
             str(path) if path else None,
             {},
+            str(self.sources.work),
         )
         recipe = {
             "schema_version": _SCHEMA_VERSION,

@@ -42,6 +42,11 @@ class Sources:
         """Of the cell's sequence: the one that is given, or noise of another seed, made while its cells are measured."""
         return self.out / "noise" / cell.sequence if cell.seed else self.data / cell.sequence
 
+    @property
+    def work(self) -> Path:
+        """Of what cells share while they are measured."""
+        return self.out / "work"
+
     def fault(self, cell: Cell, first: int | None) -> str:
         """Why the cell cannot be measured; empty where it can. Noise of other seeds is made of the clean sequence."""
         for noise in {cell.noise, "clean"} if cell.seed else {cell.noise}:
@@ -96,6 +101,10 @@ class Sources:
         """Once all its cells are measured."""
         shutil.rmtree(self.folder(cell), ignore_errors=True)
 
+    def remove_work(self) -> None:
+        """Once all cells are measured; the lock stays."""
+        shutil.rmtree(self.work / "seen", ignore_errors=True)
+
     def model(self, room: str) -> Path:
         """The room's triangles as a file, made in a process of its own, as Blender takes memory. Raises WorkError where that fails."""
         blend = shipped.folder("blend") / f"{room}.blend"
@@ -144,7 +153,7 @@ def _matched(folder: Path) -> Iterator[tuple[int, str, Path]]:
 
 def environment() -> dict[str, str]:
     """Of a process that measures a cell: one thread, as there is a process for every core."""
-    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS")
     return {**os.environ, **dict.fromkeys(names, "1")}
 
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from iclnuim.errors import WorkError
-from iclnuim.formats.files import process_lives
+from iclnuim.formats.files import not_written, process_lives
 
 #: The holder touches its file this often; on other hosts a file that was not touched for STALE_S is stale.
 BEAT_S, STALE_S = 5.0, 90.0
@@ -64,6 +64,8 @@ class OutputLock:
             return True
         except FileExistsError:
             return False
+        except OSError as error:
+            raise not_written(self.path, error) from error
         finally:
             draft.unlink(missing_ok=True)
 

@@ -1,5 +1,6 @@
 """Writing so that a file is whole or absent, and reading text with errors that name the place."""
 
+import errno
 import hashlib
 import json
 import os
@@ -27,9 +28,15 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         write(temporary)
         os.replace(temporary, path)
     except OSError as error:
-        raise WorkError(f"{path}: cannot write: {error.strerror or error}") from error
+        raise not_written(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
+    """The error of a file that could not be written; errors of a full disk do not name it."""
+    hint = "freeing space there, then the same command again" if error.errno in (errno.ENOSPC, errno.EDQUOT) else None
+    return WorkError(f"{os.fspath(path)}: cannot write: {error.strerror or error}", hint=hint)
 
 
 def make_folder(folder: Path, hint: str | None = None) -> None:

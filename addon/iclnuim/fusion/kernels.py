@@ -156,74 +156,78 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
 
 
 @njit(cache=True, inline="always")
-def _sample(inverse, u, v, jump):
-    """(inverse depth, whether depth jumps here): bilinear, exact on planes, else the nearest pixel's; 0 = missing."""
-    i, j = int(math.floor(v)), int(math.floor(u))
-    if i < 0 or j < 0 or i + 1 >= inverse.shape[0] or j + 1 >= inverse.shape[1]:
-        return 0.0, False
-    a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
-    near, far = max(a, b, c, d), min(a, b, c, d)
-    if far <= 0.0:
-        return 0.0, False
-    p, q = v - i, u - j
-    if near - far > jump * near * far:
-        return inverse[i + (1 if p >= 0.5 else 0), j + (1 if q >= 0.5 else 0)], True
-    return (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d), False
-
-
-@njit(cache=True, inline="always")
-def _slant(inverse, K, u, v, found):
-    """Distance along the normal as a share of that along z, where depth does not jump.
+def _slant(K, u, v, found, across, down):
+    """Distance along the normal as a share of that along z, by the slopes of the inverse depth across and down the image.
 
     On a plane the inverse depth is linear in the image, and its slopes are the normal's: n . ray = inverse depth.
     """
-    i, j = int(math.floor(v)), int(math.floor(u))
-    a, b, c, d = inverse[i, j], inverse[i, j + 1], inverse[i + 1, j], inverse[i + 1, j + 1]
-    across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
     nz = found - (u - K[2]) * across - (v - K[3]) * down
     return found / math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
 
 
 @njit(cache=True, inline="always")
-def _colour(image, u, v, colour):
-    """One more sample, bilinear, into the running mean; the last channel of colour (channels + 1,) counts."""
-    i, j = int(math.floor(v)), int(math.floor(u))
-    p, q = v - i, u - j
-    last = colour.shape[0] - 1
-    n = colour[last]
+def _colour(image, i, j, p, q, colour, at):
+    """One more sample, bilinear at (i + p, j + q), into the running mean colour[at] (channels + 1,), whose last channel counts."""
+    last, one = colour.shape[1] - 1, np.uint64(1)
+    n = float(colour[at, last])
     for c in range(last):
-        upper = (1 - q) * image[i, j, c] + q * image[i, j + 1, c]
-        lower = (1 - q) * image[i + 1, j, c] + q * image[i + 1, j + 1, c]
+        upper = (1 - q) * image[i, j, c] + q * image[i, j + one, c]
+        lower = (1 - q) * image[i + one, j, c] + q * image[i + one, j + one, c]
         seen = 256.0 * ((1 - p) * upper + p * lower)
-        colour[c] = np.uint16((float(colour[c]) * n + seen) / (n + 1) + 0.5)
-    colour[last] = min(n + 1, 255)
+        colour[at, c] = np.uint16((float(colour[at, c]) * n + seen) / (n + 1.0) + 0.5)
+    colour[at, last] = np.uint16(min(n + 1.0, 255.0))
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, inline="always")
+def _project(x, y, z, voxel, K, R, t, out):
+    """Of the eight voxels along k of a line of a block: pixel columns, rows and depths, into out (3, 8). (x, y, z): the first, in voxels."""
+    px, py = x * voxel, y * voxel
+    a, b, c = R[0, 0] * px + R[0, 1] * py, R[1, 0] * px + R[1, 1] * py, R[2, 0] * px + R[2, 1] * py
+    a2, b2, c2, t0, t1, t2 = R[0, 2], R[1, 2], R[2, 2], t[0], t[1], t[2]
+    fx, fy, cx, cy = K
+    for k in range(8):  # without branches, so that it is computed several at a time
+        pz = (z + k) * voxel
+        depth = c + c2 * pz + t2
+        out[0, k] = fx * (a + a2 * pz + t0) / depth + cx
+        out[1, k] = fy * (b + b2 * pz + t1) / depth + cy
+        out[2, k] = depth
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
 def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, n):
     """Running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
 
-    Along z, from `trunc` before the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight
-    that is less where the surface is slanted, and falls to 0 that far behind it.
-    image (h, w, channels), or (1, 1, channels) for none.
+    Inverse depth is bilinear, exact on planes, but the nearest pixel's where depth jumps. Distances are along z, from `trunc` before
+    the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight that is less where the surface is slanted,
+    and falls to 0 that far behind it. image (h, w, channels), or (1, 1, channels) for none.
     """
-    coloured = image.shape[0] > 1
+    coloured, free = image.shape[0] > 1, np.float32(trunc)
+    height, width = np.uint64(inverse.shape[0] - 1), np.uint64(inverse.shape[1] - 1)
+    one = np.uint64(1)  # unsigned indices are not asked whether they count from the end
+    camera = (K[0], K[1], K[2], K[3])
     for r in prange(n):
-        row = rows[r]
+        row, line8 = rows[r], np.empty((3, 8))
         tsdf, weight, colour = grid.tsdf[row], grid.weight[row], grid.colour[row]
+        x0, y0, z0 = grid.place[row, 0] * 8, grid.place[row, 1] * 8, grid.place[row, 2] * 8
         for line in range(64):
-            px = (grid.place[row, 0] * 8 + (line >> 3)) * voxel
-            py = (grid.place[row, 1] * 8 + (line & 7)) * voxel
+            _project(x0 + (line >> 3), y0 + (line & 7), z0, voxel, camera, R, t, line8)
             for k in range(8):
-                pz = (grid.place[row, 2] * 8 + k) * voxel
-                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + t[2]
-                if z <= voxel:
+                u, v, z = line8[0, k], line8[1, k], line8[2, k]
+                if not (z > voxel and u >= 0.0 and v >= 0.0):
                     continue
-                u = K[0] * (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]) / z + K[2]
-                v = K[1] * (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]) / z + K[3]
-                found, jumps = _sample(inverse, u, v, trunc)
-                if found <= 0.0:
+                p, q = v - int(v), u - int(u)
+                i, j = np.uint64(int(v)), np.uint64(int(u))
+                if i >= height or j >= width:
                     continue
+                a, b, c, d = inverse[i, j], inverse[i, j + one], inverse[i + one, j], inverse[i + one, j + one]
+                near, far = max(a, b, c, d), min(a, b, c, d)
+                if far <= 0.0:
+                    continue
+                jumps = near - far > trunc * near * far
+                if jumps:
+                    found = float((d if q >= 0.5 else c) if p >= 0.5 else (b if q >= 0.5 else a))
+                else:
+                    found = (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d)
                 distance = 1.0 / found - z
                 if distance < -trunc:
                     continue
@@ -232,17 +236,18 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, 
                     if jumps:  # one of two surfaces, or one that is almost edge-on: it hardly counts
                         more = 1.0 if distance > -behind else 0.0
                     elif distance < trunc:
-                        slant = _slant(inverse, K, u, v, found)
+                        slant = _slant(camera, u, v, found, 0.5 * (b - a + d - c), 0.5 * (c - a + d - b))
                         distance *= slant
-                        more = math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind))
+                        more = float(math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind)))
                     if more < 1.0:
                         continue
                 at = line * 8 + k
                 w = float(weight[at])
-                tsdf[at] = (tsdf[at] * w + more * min(distance, trunc)) / (w + more)
+                if distance < trunc or tsdf[at] != free:
+                    tsdf[at] = (tsdf[at] * w + more * min(distance, trunc)) / (w + more)
                 weight[at] = np.uint16(min(w + more, max_weight))
                 if coloured and distance < trunc:
-                    _colour(image, u, v, colour[at])
+                    _colour(image, i, j, p, q, colour, at)
 
 
 # -- looking: rays from front to back to the trilinear zero crossing

@@ -34,6 +34,18 @@ class SeenBy:
 
 
 @dataclass(frozen=True, eq=False)
+class Seen:
+    """What views saw of a model, whatever is compared with it: samples points_m (n, 3), evenly over the area area_m2 that they stand for;
+    the views, and depth_z_m (k, h, w) of the model in each of them, in a quarter of the image's size.
+    """
+
+    points_m: np.ndarray
+    area_m2: float
+    views: SeenBy
+    depth_z_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class SurfaceQuality:
     """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m (m,): of each sample of the model, where
     a trajectory is known of each that it saw, to the reconstruction. seen_m2: area of the model that these stand for. depth_l1_m: None
@@ -88,7 +100,7 @@ def surface_quality(
     points: np.ndarray,
     triangles: np.ndarray,
     T_model_mesh: SE3 | None = None,
-    seen_by: SeenBy | None = None,
+    seen_by: SeenBy | Seen | None = None,
     whole: bool = False,
     settings: QualitySettings | None = None,
     on_pose: Callable[[], object] = lambda: None,
@@ -96,40 +108,45 @@ def surface_quality(
     """Of a reconstruction's points (n, 3) in metres and triangles (m, 3), m = 0 for a cloud.
 
     Accuracy is measured to the whole model, so that nothing is gained by surfaces that no pose saw. Completion is measured over what
-    `seen_by` saw, or over all of the model (whole), else not at all. Raises InputError where no pose sees any of the model, or no triangle
+    `seen_by` saw, or over all of the model (whole), else not at all; of several reconstructions `what_was_seen` need be asked only once. Raises InputError where no pose sees any of the model, or no triangle
     has an area; WorkError where embreex or libigl is missing.
     """
     settings = settings or QualitySettings()
     moved, cloud = points if T_model_mesh is None else T_model_mesh.apply(points), not len(triangles)
     spread = thinned if cloud else partial(sampled, triangles=triangles)
     own, to_samples = spread(moved, count=settings.samples, seed=settings.seed), settings.nearest == "sample"
-    truth, seen_m2, depth_l1_m = (
-        sampled(surface.vertices, surface.triangles, settings.samples, settings.seed),
-        None,
-        None,
-    )
-    accuracy_m = _to_points(own, truth) if to_samples else surface.distance(own)
-    if seen_by is None and not whole:
+    model, seen = np.zeros((0, 3)), seen_by
+    if isinstance(seen_by, SeenBy):
+        seen = what_was_seen(surface, seen_by, settings, on_pose)
+    if to_samples or seen is None:
+        model = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
+    accuracy_m = _to_points(own, model) if to_samples else surface.distance(own)
+    if seen is None and not whole:
         return SurfaceQuality(accuracy_m)
-    if seen_by is not None:
-        views = SeenBy(seen_by.camera, seen_by.T_world_camera[:: settings.every])
-        truth, seen_m2 = _seen(surface, views, settings, on_pose)
-        depth_l1_m = None if cloud else _depth_l1_m(surface.caster, moved, triangles, views, settings.far_m)
+    truth = model if seen is None else seen.points_m
     if cloud or to_samples:
         completion_m = _to_points(truth, moved if cloud else own)
     else:
         completion_m = TriangleDistance(moved, triangles).distance(truth)
-    return SurfaceQuality(accuracy_m, completion_m, seen_m2, depth_l1_m)
+    if seen is None:
+        return SurfaceQuality(accuracy_m, completion_m)
+    depth_l1_m = None if cloud else _depth_l1_m(seen, moved, triangles, settings.far_m)
+    return SurfaceQuality(accuracy_m, completion_m, seen.area_m2, depth_l1_m)
 
 
-def _seen(
-    surface: TrueSurface, views: SeenBy, settings: QualitySettings, on_pose: Callable[[], object]
-) -> tuple[np.ndarray, float]:
-    """About settings.samples points (n, 3) spread evenly over what the views saw of the model, and its area.
+def what_was_seen(
+    surface: TrueSurface,
+    seen_by: SeenBy,
+    settings: QualitySettings | None = None,
+    on_pose: Callable[[], object] = lambda: None,
+) -> Seen:
+    """About settings.samples points spread evenly over what every settings.every-th pose saw of the model.
 
-    A first lot finds the share that is seen, the second is as large as that asks for.
+    A first lot finds the share that is seen, the second is as large as that asks for. Raises InputError where nothing is seen,
+    WorkError where embreex is missing.
     """
-    camera, T = views.camera, views.T_world_camera
+    settings = settings or QualitySettings()
+    camera, T = seen_by.camera, seen_by.T_world_camera[:: settings.every]
     # the corner of an image is this much farther away than its depth
     slant = float(np.linalg.norm(camera.rays(), axis=2).max())
     corners = within_reach(surface.vertices[surface.triangles], T.translation, slant * settings.far_m)
@@ -143,7 +160,9 @@ def _seen(
         if lot or seen.mean() > _ENOUGH:
             break
         count = int(min(count / seen.mean(), _MOST * count))
-    return points[seen], float(seen.mean() * areas_m2(places, rows).sum())
+    quarter = camera.halved().halved()
+    depth_z_m = np.array([surface.caster.depth(quarter, T[k]) for k in range(len(T))], np.float32)
+    return Seen(points[seen], float(seen.mean() * areas_m2(places, rows).sum()), SeenBy(camera, T), depth_z_m)
 
 
 def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -153,21 +172,18 @@ def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return cKDTree(others).query(points, workers=-1)[0]
 
 
-def _depth_l1_m(
-    model: RayCaster, points: np.ndarray, triangles: np.ndarray, views: SeenBy, far_m: float
-) -> float | None:
+def _depth_l1_m(seen: Seen, points: np.ndarray, triangles: np.ndarray, far_m: float) -> float | None:
     """Mean over the views of the mean |depth of the model - depth of the reconstruction| over pixels with the former; a hole has depth 0."""
-    camera, T = views.camera.halved().halved(), views.T_world_camera
-    own = np.full((len(T), camera.height, camera.width), np.inf, np.float32)
+    camera, T = seen.views.camera.halved().halved(), seen.views.T_world_camera
+    own = np.full(seen.depth_z_m.shape, np.inf, np.float32)
     for rows in slabs(points, triangles):
         part = RayCaster(points, triangles[rows])
         for k in range(len(T)):
             depth = part.depth(camera, T[k])
             own[k] = np.minimum(own[k], np.where(depth > 0, depth, np.inf))
     errors_m = []
-    for k in range(len(T)):
-        truth = model.depth(camera, T[k])
+    for truth, depth in zip(seen.depth_z_m, own, strict=True):
         valid = (truth > 0) & (truth <= far_m)
         if valid.any():
-            errors_m.append(np.abs(truth - np.where(np.isfinite(own[k]), own[k], 0))[valid].mean())
+            errors_m.append(np.abs(truth - np.where(np.isfinite(depth), depth, 0))[valid].mean())
     return float(np.mean(errors_m)) if errors_m else None

@@ -1,0 +1,79 @@
+"""What cells share while they are measured, and a disk that is full."""
+
+import errno
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.headless import cli
+
+pytest.importorskip("embreex")
+pytest.importorskip("igl")
+from iclnuim.fusion.quality import SeenBy, surface_quality  # noqa: E402
+from iclnuim.fusion.settings import QualitySettings  # noqa: E402
+from iclnuim.fusion.surface_error import TrueSurface  # noqa: E402
+from iclnuim.headless.benchmark import seen_cache  # noqa: E402
+from iclnuim.headless.benchmark.sources import Sources  # noqa: E402
+
+#: Two walls, one before the other.
+WALLS = np.array([[x, y, z] for z in (2.0, 3.0) for x, y in ((-z, -1), (z, -1), (z, 1), (-z, 1))])
+SIDES = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+FEW = QualitySettings(samples=2000)
+
+
+@pytest.fixture
+def views():
+    steps = np.column_stack([0.01 * np.arange(30), np.zeros((30, 5))])
+    return SeenBy(PinholeCamera.parse("160x120"), SE3.exp(steps))
+
+
+def test_what_was_seen_is_computed_once_for_all_cells_and_again_if_its_file_is_damaged(tmp_path, monkeypatch, views):
+    surface, asked = TrueSurface(WALLS, SIDES), []
+
+    def counted(*args, compute=seen_cache.what_was_seen):
+        asked.append(args)
+        return compute(*args)
+
+    monkeypatch.setattr(seen_cache, "what_was_seen", counted)
+
+    def figures(seen_by=views, model="room_1.npz"):
+        seen = seen_cache.cached_seen(tmp_path / "seen", model, surface, seen_by, FEW)
+        return surface_quality(surface, WALLS + (0, 0, 0.004), SIDES, seen_by=seen, settings=FEW).to_dict()
+
+    plain = surface_quality(surface, WALLS + (0, 0, 0.004), SIDES, seen_by=views, settings=FEW).to_dict()
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(lambda _: figures(), range(3))) == [plain] * 3
+    assert len(asked) == 1
+    file = next((tmp_path / "seen").glob("*.npz"))
+    file.write_bytes(file.read_bytes()[:-1000])
+    assert figures() == plain and len(asked) == 2
+    figures(model="room_2.npz")
+    figures(replace(views, T_world_camera=SE3.exp(np.full(6, 0.01)) @ views.T_world_camera))
+    figures(replace(views, camera=PinholeCamera.parse("80x60")))
+    assert len(asked) == 5 and figures() == plain and len(asked) == 5
+
+
+def test_a_full_disk_is_one_line_with_the_file_and_what_to_try(tmp_path, monkeypatch, capsys):
+    """Writes into one file fail as those of a full disk do: without its name."""
+
+    def full(write):
+        def writes(path, *args, **options):
+            if path.name.startswith(".lock"):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return write(path, *args, **options)
+
+        return writes
+
+    for name in ("write_bytes", "write_text"):
+        monkeypatch.setattr(Path, name, full(getattr(Path, name)))
+    for name, value in (("fault", ""), ("frames", 1), ("model_name", None), ("identity", {})):
+        monkeypatch.setattr(Sources, name, lambda *args, value=value: value)
+    assert cli.main(["benchmark", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+    error = capsys.readouterr().err
+    assert str(tmp_path / "out/work/lock") in error and error.count("\n") == 1
+    assert "No space left on device; try freeing space there" in error
