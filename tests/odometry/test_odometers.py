@@ -172,6 +172,15 @@ def test_a_turn_is_the_rotation_that_least_squares_finds():
     assert not twist[:3].any()
 
 
+@pytest.mark.parametrize("name", ["icp", "icp_rgbd"])
+def test_a_first_guess_ten_degrees_off_ends_where_a_good_one_does(name):
+    method, turn = odometer(name), SE3.exp(np.array([0, 0, 0, 0.1, -0.12, 0.08]))
+    one, other = (method.prepare(seen(T), CAMERA) for T in path(2))
+    good, off = (method.align(one, other, guess) for guess in (SE3.identity(), turn))
+    assert off.status is Status.OK
+    assert np.abs(off.T_reference_camera.matrix - good.T_reference_camera.matrix).max() < 1e-4
+
+
 def test_an_unknown_odometer_names_the_known_ones():
     with pytest.raises(InputError, match="icp_rgbd"):
         odometer("orb")

@@ -35,6 +35,12 @@ from .solver import (
 MIN_NOISE = 1e-4
 #: Farther apart, two points are no match (KinectFusion).
 MAX_DISTANCE_M = 0.10
+#: Root mean square between surfaces at the first guess from which on it is poor (a prediction has 0.5 to 12 mm, clean and
+#: noisy; 5 degrees off 20 mm and more). A rotation alone is then found first, with every match on a coarse level that is
+#: not out of the question.
+POOR_M = 0.015
+WIDE_DISTANCE_M, WIDE_ANGLE_DEG, WIDE_NU, WIDE_LEVEL, WIDE_STRIDE, WIDE_ITERATIONS = 1.0, 60.0, 2.0, 2, 2, 20
+WIDE_STOP, WIDE_LIMITS = Stop(min_step=1e-3), Limits(min_inliers=0.01)
 #: 1 - cosine of normals, in the median: `released` noise has 0.006, clean frames below 1e-4.
 MAX_ROUGHNESS = 1e-3
 #: Blocks of the image, each to err by itself; errors reach farther than pixels, tiles or textures, and less far than these.
@@ -75,9 +81,16 @@ class PlaneTerm:
     """Point-to-plane equations in metres on level n; noise_share of what two normals disagree about counts as noise."""
 
     def __init__(
-        self, reference: Level, current: Level, settings: IcpSettings, n: int, noise_share: float = 1.0
+        self,
+        reference: Level,
+        current: Level,
+        settings: IcpSettings,
+        n: int,
+        noise_share: float = 1.0,
+        max_distance_m: float = MAX_DISTANCE_M,
     ) -> None:
         self.reference, self.settings, self.noise_share = reference, settings, noise_share
+        self.gate, self.first_m = (max_distance_m, math.cos(math.radians(settings.max_angle_deg))), math.nan
         rule = (settings.strides[n], ACROSS, DOWN)
         found = kernels.flat_points(current.camera.intrinsics, current.depth_z_m, current.normals, *rule)
         self.pixels, self.points, self.directions, self.blocks = found
@@ -89,7 +102,6 @@ class PlaneTerm:
 
     def __call__(self, T: SE3, iteration: int) -> System:
         level, s = self.reference, self.settings
-        gate = (MAX_DISTANCE_M, math.cos(math.radians(s.max_angle_deg)))
         found = (self.residual, self.J, self.residual1, self.J1)
         kernels.plane_residuals(
             T.matrix,
@@ -98,7 +110,7 @@ class PlaneTerm:
             self.directions,
             level.depth_z_m,
             level.normals,
-            *gate,
+            *self.gate,
             *found,
         )
         if s.nu > 0:
@@ -107,6 +119,8 @@ class PlaneTerm:
         pairs = (self.J, self.residual, J1, residual1)
         kernels.block_sums(self.points, *pairs, self.sigma, s.nu, self.blocks, self.sums)
         system = System.of_sums(self.sums.sum(axis=0))
+        if math.isnan(self.first_m):
+            self.first_m = math.sqrt(system.error) if system.count else math.inf
         if s.two_normals:
             if iteration == 0:
                 self.disagreement = self._disagreement()
@@ -179,13 +193,31 @@ class Icp(PyramidOdometer):
         return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
-        s, passes, noise_share = self.settings, [], 1.0
+        """In `best` a second time where the guess is poor, from the rotation that all matches give; what matches more is kept."""
+        result, off_m = self._from(reference, current, guess)
+        if off_m < POOR_M or not self.settings.two_normals:
+            return result
+        again, _ = self._from(reference, current, turned(reference, current, self.settings, guess))
+        return again if again.inliers > result.inliers else result
+
+    def _from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
+        """The alignment from a guess, and how far apart (metres, root mean square) the surfaces are there."""
+        s, noise_share, schedule = self.settings, 1.0, self.schedule(reference)
         if self.rough(current):
             s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0), ROUGH_NOISE
-        for n, iterations in self.schedule(reference):
-            term = PlaneTerm(reference[n], current[n], s, n, noise_share)
-            passes.append(Pass(term, iterations, term.pixels, s.stop))
-        return solve(passes, guess, s.limits)
+        terms = [PlaneTerm(reference[n], current[n], s, n, noise_share) for n, _ in schedule]
+        passes = [Pass(term, count, term.pixels, s.stop) for term, (_, count) in zip(terms, schedule, strict=True)]
+        return solve(passes, guess, s.limits), terms[0].first_m
+
+
+def turned(reference: list[Level], current: list[Level], settings: IcpSettings, guess: SE3) -> SE3:
+    """The guess, turned about the camera to where surfaces meet."""
+    n = min(WIDE_LEVEL, len(reference) - 1)
+    strides = (WIDE_STRIDE,) * len(reference)
+    wide = replace(settings, strides=strides, max_angle_deg=WIDE_ANGLE_DEG, nu=WIDE_NU, two_normals=False)
+    term = PlaneTerm(reference[n], current[n], wide, n, max_distance_m=WIDE_DISTANCE_M)
+    result = solve([Pass(term, WIDE_ITERATIONS, term.pixels, WIDE_STOP, rotation_only=True)], guess, WIDE_LIMITS)
+    return guess if result.status is Status.FAILED else result.T_reference_camera
 
 
 def roughness(level: Level) -> float:
@@ -217,12 +249,12 @@ class IcpRgbd(Icp):
         super().__init__(settings[0])
         _, self.photometric, self.weight_b = settings
 
-    def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
+    def _from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """By geometry alone where the images hold nothing to align, or are unrelated. Where both terms are information, each
         counts by its own variance, independent of units.
         """
         if no_contrast(reference, current):
-            return super().align(reference, current, guess)
+            return super()._from(reference, current, guess)
         icp, rough, schedule = self.settings, self.rough(current), self.schedule(reference)
         limits = replace(icp.limits, min_eigenvalue=0.0)
         if rough:
@@ -236,8 +268,8 @@ class IcpRgbd(Icp):
         ]
         result = solve(joint, guess, limits)
         if result.status is not Status.FAILED and finest.unrelated():
-            return super().align(reference, current, guess)
-        return result
+            return super()._from(reference, current, guess)
+        return result, planes[schedule[0][0]].first_m
 
     def _joint(self, plane: PlaneTerm, photometric: Linearise, rough: bool, T: SE3, iteration: int) -> System:
         geometry, image = plane(T, iteration), photometric(T, iteration)
