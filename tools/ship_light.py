@@ -1,4 +1,4 @@
-"""The light that travels with the built-in rooms: baked, made small, put into blend/light. `python -m iclnuim.tools.ship_light [ROOM]...`
+"""The light that travels with the built-in rooms: baked, made small, put into blend/light. `python tools/ship_light.py [ROOM]...`
 
 A lossy EXR codec (DWAB) at the strongest level that keeps the map within 55 dB; PSNR over lit texels as a screen shows them.
 """

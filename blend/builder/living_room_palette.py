@@ -54,10 +54,9 @@ def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material
         "floor": glossy(
             "floor",
             paint("boards", textures.boards, size["large"], 22, (0.36, 0.185, 0.115), (0.60, 0.365, 0.25)),
-            0.05,
             1.38,
         ),
-        "white paint": glossy("white paint", (0.74, 0.74, 0.73), 0.12),
+        "white paint": glossy("white paint", (0.74, 0.74, 0.73)),
         "paving": matte("paving", paint("paving", textures.stone, size["small"], (0.70, 0.66, 0.60), 4)),
     }
 
@@ -84,45 +83,45 @@ def _woods(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material
     nut = paint("nut", textures.timber, size["mid"], (0.29, 0.18, 0.11), (0.50, 0.34, 0.22), 5)
     oak = paint("oak", textures.timber, size["mid"], (0.60, 0.42, 0.25), (0.76, 0.58, 0.39))
     return {
-        "nut": glossy("nut", nut, 0.12),
-        "frame wood": glossy("frame wood", walnut, 0.10),
-        "oak": glossy("oak", oak, 0.12),
+        "nut": glossy("nut", nut),
+        "frame wood": glossy("frame wood", walnut),
+        "oak": glossy("oak", oak),
     }
 
 
 def _pictures(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     w = size["mid"]
     return {
-        "mat": glossy("mat", (0.80, 0.80, 0.78), 0.03),
-        "landscape": glossy("landscape", paint("landscape", paintings.landscape, (w * 2 // 3, w)), 0.03),
-        "coast": glossy("coast", paint("coast", paintings.coast, (w * 2 // 3, w)), 0.03),
+        "mat": glossy("mat", (0.80, 0.80, 0.78)),
+        "landscape": glossy("landscape", paint("landscape", paintings.landscape, (w * 2 // 3, w))),
+        "coast": glossy("coast", paint("coast", paintings.coast, (w * 2 // 3, w))),
         "view": glow("view", paint("view", paintings.view, (size["small"], size["large"]), paint.seed), 1.6),
     }
 
 
 def _plain(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "steel": metal("steel", (0.56, 0.55, 0.53), 0.06),
-        "trim": glossy("trim", (0.16, 0.16, 0.16), 0.12),
-        "brass": metal("brass", (0.62, 0.45, 0.22), 0.10),
-        "dark metal": glossy("dark metal", (0.03, 0.03, 0.032), 0.15),
+        "steel": metal("steel", (0.56, 0.55, 0.53)),
+        "trim": glossy("trim", (0.16, 0.16, 0.16)),
+        "brass": metal("brass", (0.62, 0.45, 0.22)),
+        "dark metal": glossy("dark metal", (0.03, 0.03, 0.032)),
         "lens": glow("lens", (1.0, 0.93, 0.80), 9.0),
         "bulb": glow("bulb", (1.0, 0.78, 0.50), 8.0),
         "glass": pane("glass"),
-        "screen": glossy("screen", (0.010, 0.010, 0.012), 0.04, 1.5),
-        "leaf": glossy("leaf", paint("leaf", textures.leaf, size["small"]), 0.30),
-        "stalk": glossy("stalk", (0.055, 0.13, 0.035), 0.35),
-        "pot": glossy("pot", (0.55, 0.53, 0.49), 0.08),
+        "screen": glossy("screen", (0.010, 0.010, 0.012), 1.5),
+        "leaf": glossy("leaf", paint("leaf", textures.leaf, size["small"])),
+        "stalk": glossy("stalk", (0.055, 0.13, 0.035)),
+        "pot": glossy("pot", (0.55, 0.53, 0.49)),
         "soil": matte("soil", (0.035, 0.024, 0.016)),
-        "glaze": glossy("glaze", (0.05, 0.16, 0.20), 0.08),
-        "porcelain": glossy("porcelain", (0.72, 0.71, 0.68), 0.06),
-        "orange": glossy("orange", (0.75, 0.25, 0.03), 0.15),
+        "glaze": glossy("glaze", (0.05, 0.16, 0.20)),
+        "porcelain": glossy("porcelain", (0.72, 0.71, 0.68)),
+        "orange": glossy("orange", (0.75, 0.25, 0.03)),
         "bark": matte("bark", (0.10, 0.065, 0.04)),
         "bud": matte("bud", (0.62, 0.60, 0.55)),
         "paper": matte("paper", (0.74, 0.71, 0.64)),
-        "book red": glossy("book red", (0.30, 0.035, 0.03), 0.15),
-        "book blue": glossy("book blue", (0.03, 0.07, 0.16), 0.15),
-        "book cream": glossy("book cream", (0.60, 0.54, 0.42), 0.15),
+        "book red": glossy("book red", (0.30, 0.035, 0.03)),
+        "book blue": glossy("book blue", (0.03, 0.07, 0.16)),
+        "book cream": glossy("book cream", (0.60, 0.54, 0.42)),
         "terracotta": matte("terracotta", (0.42, 0.17, 0.09)),
         "shrub": matte("shrub", (0.07, 0.17, 0.04)),
     }

@@ -59,13 +59,18 @@ def _colour(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket, colour: Colo
 
 
 def _shader(
-    tree: bpy.types.NodeTree, kind: str, colour: Colour = (1.0, 1.0, 1.0), roughness: float | None = None
+    tree: bpy.types.NodeTree, kind: str, colour: Colour, roughness: float | None = None
 ) -> bpy.types.NodeSocket:
     node = tree.nodes.new(kind)
     _colour(tree, node.inputs["Color"], colour)
     if roughness is not None:
         node.inputs["Roughness"].default_value = roughness
     return node.outputs[0]
+
+
+def _mirror(tree: bpy.types.NodeTree, colour: Colour = (1.0, 1.0, 1.0)) -> bpy.types.NodeSocket:
+    """All gloss of the rooms: a mirrored ray shows without grain at one ray a pixel, where a rough surface's would be noise."""
+    return _shader(tree, "ShaderNodeBsdfGlossy", colour, 0.0)
 
 
 def _mix(
@@ -100,23 +105,23 @@ def matte(name: str, colour: Colour) -> bpy.types.Material:
     return _finish(material, _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0))
 
 
-def glossy(name: str, colour: Colour, roughness: float, ior: float = 1.45) -> bpy.types.Material:
+def glossy(name: str, colour: Colour, ior: float = 1.45) -> bpy.types.Material:
     """Diffuse under a clear coat."""
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
-    return _finish(material, _mix(tree, below, _shader(tree, "ShaderNodeBsdfGlossy", roughness=roughness), ior=ior))
+    return _finish(material, _mix(tree, below, _mirror(tree), ior=ior))
 
 
 def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
     """Diffuse that mirrors the same share of light at every angle, as polished aluminium profiles do."""
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
-    return _finish(material, _mix(tree, below, _shader(tree, "ShaderNodeBsdfGlossy", roughness=0.0), share=share))
+    return _finish(material, _mix(tree, below, _mirror(tree), share=share))
 
 
-def metal(name: str, colour: tuple[float, float, float], roughness: float) -> bpy.types.Material:
+def metal(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
     material, tree = _new(name)
-    return _finish(material, _shader(tree, "ShaderNodeBsdfGlossy", colour, roughness))
+    return _finish(material, _mirror(tree, colour))
 
 
 def pane(name: str) -> bpy.types.Material:

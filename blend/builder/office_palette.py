@@ -13,9 +13,6 @@ from . import paintings, textures
 from .materials import glossy, glow, image, matte, metal, polished
 from .office_storage import BINDER_CELLS, BOOK_CELLS
 
-#: Roughness of all gloss: a mirrored ray then shows without grain at one ray a pixel.
-SHARP = 0.0
-
 
 class _Painter:
     """Paints images one after the other, each from its own stream of the seed, smaller for a coarse room."""
@@ -51,7 +48,7 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
         # of 12 official frames: a bar shows 0.27 of the wall's light that it mirrors, and 0.015 of its own (correlation 0.96)
         "rail": polished("rail", (0.20, 0.20, 0.19), 0.27),
         "vent": matte("vent", (0.64, 0.64, 0.60)),
-        "skirting": glossy("skirting", brown, SHARP),
+        "skirting": glossy("skirting", brown),
         "louver": glow("louver", (1.0, 0.985, 0.88), 0.85),
         "louver across": glow("louver across", (1.0, 0.985, 0.87), 0.58),
         "tube light": glow("tube light", (1.0, 0.995, 0.93), 1.05),
@@ -64,16 +61,14 @@ def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
     beech = paint("beech", textures.timber, size(1024), (0.55, 0.40, 0.26), (0.70, 0.54, 0.37))
     ochre = paint("ochre", tex.worn_paint, size(768), (0.57, 0.476, 0.324))
     return {
-        "laminate": glossy("laminate", red, SHARP),
-        "beech": glossy("beech", beech, SHARP),
-        "ochre": glossy("ochre", ochre, SHARP),
-        "grey case": glossy("grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60)), SHARP),
+        "laminate": glossy("laminate", red),
+        "beech": glossy("beech", beech),
+        "ochre": glossy("ochre", ochre),
+        "grey case": glossy("grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60))),
         "cloth": matte("cloth", paint("cloth", textures.cloth, size(512), 60, (0.20, 0.24, 0.34), 0.35)),
         "cork": matte("cork", paint("cork", tex.cork, size(512))),
-        "cream": glossy("cream", paint("cream", tex.worn_paint, size(512), (0.76, 0.74, 0.66)), SHARP),
-        "door": glossy(
-            "door", paint("door", textures.timber, size(768), (0.50, 0.36, 0.24), (0.60, 0.45, 0.31)), SHARP
-        ),
+        "cream": glossy("cream", paint("cream", tex.worn_paint, size(512), (0.76, 0.74, 0.66))),
+        "door": glossy("door", paint("door", textures.timber, size(768), (0.50, 0.36, 0.24), (0.60, 0.45, 0.31))),
     }
 
 
@@ -81,8 +76,7 @@ def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
     n = paint.size(768)
     shapes = {"rocks": tex.rocks, "coast": paintings.coast, "still life": tex.still_life}
     made = {
-        k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n)), SHARP)
-        for k, f in shapes.items()
+        k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n))) for k, f in shapes.items()
     }
     backs = paint("spines", tex.spines, (n, paint.size(1024)), BOOK_CELLS, BINDER_CELLS)
     return {
@@ -90,7 +84,7 @@ def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
         "spines": matte("spines", backs),
         "pages": matte("pages", paint("pages", tex.pages, paint.size(1024))),
         "labels": matte("labels", paint("labels", tex.labels, paint.size(56))),
-        "dial": glossy("dial", paint("dial", tex.dial, paint.size(512)), SHARP),
+        "dial": glossy("dial", paint("dial", tex.dial, paint.size(512))),
         "lit screen": glow(
             "lit screen", paint("spreadsheet", tex.spreadsheet, (paint.size(480), paint.size(640))), 0.55
         ),
@@ -99,32 +93,32 @@ def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
 
 def _plain() -> dict[str, bpy.types.Material]:
     return {
-        "mat": glossy("mat", (0.66, 0.66, 0.64), SHARP),
-        "black": glossy("black", (0.022, 0.022, 0.024), SHARP),
+        "mat": glossy("mat", (0.66, 0.66, 0.64)),
+        "black": glossy("black", (0.022, 0.022, 0.024)),
         "slot": matte("slot", (0.44, 0.42, 0.335)),
         "dark": matte("dark", (0.035, 0.033, 0.030)),
-        "screen": glossy("screen", (0.008, 0.009, 0.010), SHARP, 1.5),
-        "steel paint": glossy("steel paint", (0.19, 0.194, 0.19), SHARP),
-        "steel": metal("steel", (0.66, 0.66, 0.64), SHARP),
-        "chrome": metal("chrome", (0.82, 0.82, 0.80), SHARP),
+        "screen": glossy("screen", (0.008, 0.009, 0.010), 1.5),
+        "steel paint": glossy("steel paint", (0.19, 0.194, 0.19)),
+        "steel": metal("steel", (0.66, 0.66, 0.64)),
+        "chrome": metal("chrome", (0.82, 0.82, 0.80)),
         "blue board": matte("blue board", (0.040, 0.075, 0.135)),
-        "blue plastic": glossy("blue plastic", (0.05, 0.17, 0.25), SHARP),
-        "red plastic": glossy("red plastic", (0.26, 0.05, 0.04), SHARP),
+        "blue plastic": glossy("blue plastic", (0.05, 0.17, 0.25)),
+        "red plastic": glossy("red plastic", (0.26, 0.05, 0.04)),
         "red card": matte("red card", (0.48, 0.07, 0.05)),
         "green card": matte("green card", (0.10, 0.28, 0.16)),
         "buff card": matte("buff card", (0.62, 0.48, 0.28)),
-        "white plastic": glossy("white plastic", (0.62, 0.62, 0.58), SHARP),
-        "white metal": glossy("white metal", (0.55, 0.55, 0.52), SHARP),
+        "white plastic": glossy("white plastic", (0.62, 0.62, 0.58)),
+        "white metal": glossy("white metal", (0.55, 0.55, 0.52)),
         "grey keys": matte("grey keys", (0.36, 0.35, 0.31)),
         "key": matte("key", (0.60, 0.57, 0.48)),
-        "yellow": glossy("yellow", (0.70, 0.42, 0.03), SHARP),
-        "green glass": glossy("green glass", (0.16, 0.26, 0.21), SHARP),
-        "glaze": glossy("glaze", (0.70, 0.69, 0.65), SHARP),
-        "coffee": glossy("coffee", (0.02, 0.011, 0.006), SHARP),
+        "yellow": glossy("yellow", (0.70, 0.42, 0.03)),
+        "green glass": glossy("green glass", (0.16, 0.26, 0.21)),
+        "glaze": glossy("glaze", (0.70, 0.69, 0.65)),
+        "coffee": glossy("coffee", (0.02, 0.011, 0.006)),
         "paper": matte("paper", (0.70, 0.68, 0.62)),
-        "bulb": glossy("bulb", (0.75, 0.75, 0.72), SHARP),
-        "phone": glossy("phone", (0.10, 0.105, 0.11), SHARP),
+        "bulb": glossy("bulb", (0.75, 0.75, 0.72)),
+        "phone": glossy("phone", (0.10, 0.105, 0.11)),
         "umbrella": matte("umbrella", (0.02, 0.022, 0.035)),
-        "leaf": glossy("leaf", (0.05, 0.14, 0.04), SHARP),
+        "leaf": glossy("leaf", (0.05, 0.14, 0.04)),
         "terracotta": matte("terracotta", (0.40, 0.17, 0.09)),
     }

@@ -64,15 +64,18 @@ def cloth(
 
 
 def boucle(rng: np.random.Generator, size: int, loops: int, tone: Colour, depth: float = 0.4) -> np.ndarray:
-    """Coarse looped upholstery: short bright yarns in rows with dark gaps between."""
+    """Coarse looped upholstery: short bright yarns with dark gaps between, in rows that wander by more than their
+    distance. Even rows would beat with the rows of pixels (moire), and an image moved by one would match itself.
+    """
+    shape = (size, size)
     y, x = np.mgrid[0:size, 0:size] / size
-    jitter = cloud(rng, (size, size), 1.0, 2, loops)
-    row = y * loops + 0.16 * jitter
-    col = x * loops / 2 + 0.5 * (np.floor(row) % 2) + 0.18 * cloud(rng, (size, size), 1.0, 2, loops)
+    row = y * loops + 1.2 * cloud(rng, shape, 1.2, 3, loops)
+    col = x * loops / 2 + 0.5 * (np.floor(row) % 2) + 1.2 * cloud(rng, shape, 1.2, 3, loops)
     loop = np.sin(np.pi * (row % 1)) ** 0.5 * (0.4 + 0.6 * np.abs(np.sin(np.pi * col)) ** 0.5)
-    each = enlarged(rng.normal(0, 1, (loops, loops // 2)), (size, size))
-    fine = cloud(rng, (size, size), 0.3, loops)
-    value = 1 - depth * (1 - loop) + 0.10 * depth * each * loop + 0.08 * depth * fine
+    each = enlarged(rng.normal(0, 1, (loops, loops // 2)), shape)
+    fine = cloud(rng, shape, 0.3, loops)
+    pressed = cloud(rng, shape, 1.5, 1, loops // 2)
+    value = 1 - depth * (1 - loop) + depth * (0.10 * each * loop + 0.08 * fine + 0.1 * pressed)
     return to_bytes(np.array(tone) * value[..., None])
 
 
