@@ -46,8 +46,8 @@ def run(method, frames, camera=CAMERA):
     return list(track(method, camera, [(f.stamp_s, f) for f in frames]))
 
 
-def error_m(found):
-    true = after(len(found) - 1)
+def error_m(found, last=None):
+    true = after(len(found) - 1 if last is None else last)
     return float(np.linalg.norm(found[-1].T_world_camera.translation - true.translation))
 
 
@@ -124,7 +124,7 @@ def test_student_weights_withstand_something_that_moves_through_the_picture():
     assert error_m(run(robust, frames)) < 0.5 * error_m(run(plain, frames))
 
 
-def behind_glass(i):
+def behind_glass(i, to_m=-0.9):
     """A corner whose left part, x < -0.9 m, is glass: its depth is the corner's, its light that of a wall 6 m off."""
     frame, T = view(i, ROOM, camera=BIG), after(i)
     rays = BIG.rays() @ T.rotation.T
@@ -132,7 +132,7 @@ def behind_glass(i):
     near = 128 + 40 * np.sin(27 * x + 6 * z) + 40 * np.sin(33 * y - 9 * z) + 20 * np.sin(21 * z + 12 * x)
     a, b, _ = np.moveaxis(T.translation + rays * ((6 - T.translation[2]) / rays[..., 2])[..., None], -1, 0)
     far = 128 + 50 * np.sin(10 * a) + 50 * np.sin(12 * b)
-    return Frame.of(np.where(x < -0.9, far, near), frame.depth_z_m, frame.stamp_s)
+    return Frame.of(np.where(x < to_m, far, near), frame.depth_z_m, frame.stamp_s)
 
 
 @pytest.mark.parametrize("name", ["rgbd", "dvo"])
@@ -142,6 +142,30 @@ def test_light_through_a_glass_does_not_pull_the_motion_along(name):
     found = run(method, frames, BIG)
     assert error_m(found) < 0.25 * error_m(run(rigid, frames, BIG))
     assert 0.5 < found[-1].result.inliers < 0.85  # what lies behind the glass is given up
+
+
+def test_a_glass_over_most_of_the_view_is_not_believed_because_depth_tells_which_part_it_is():
+    frames = [behind_glass(i, 0.2) for i in range(0, 10, 3)]
+    rigid = type(odometer("rgbd"))(replace(odometer("rgbd").settings, tiles=False))
+    found = run("rgbd", frames, BIG)
+    assert error_m(found, 9) < 0.1 * error_m(run(rigid, frames, BIG), 9)
+    assert found[-1].result.inliers < 0.5
+
+
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_intensities_that_move_against_depth_are_reported_and_depth_wins(name):
+    frames = [view(i, ROOM, camera=BIG) for i in range(3)]
+    still = [Frame.of(frames[0].grey, f.depth_z_m, f.stamp_s) for f in frames]
+    found = run(name, still, BIG)
+    assert found[-1].result.status is Status.DEGENERATE and found[-1].result.reason.startswith("depth: calls for")
+    assert error_m(found) < 0.2 * np.linalg.norm(after(2).translation)
+
+
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_a_change_of_exposure_is_no_motion(name):
+    frames = [view(i, ROOM, camera=BIG) for i in range(3)]
+    changed = [Frame.of(f.grey * (1, 0.6)[i % 2] + 20 * (i % 3), f.depth_z_m, f.stamp_s) for i, f in enumerate(frames)]
+    assert error_m(run(name, changed, BIG)) < error_m(run(name, frames, BIG)) + 5e-4
 
 
 @pytest.mark.parametrize("name", ["icp", "icp_rgbd", "rgbd", "dvo"])

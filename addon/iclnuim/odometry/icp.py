@@ -240,7 +240,7 @@ class IcpRgbd(Icp):
         "kintinuous2013": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD),
         "best": (
             replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1), reference="keyframe"),
-            replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3)),
+            replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3), spread=75.0),
             1.0,
         ),
     }

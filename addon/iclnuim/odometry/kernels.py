@@ -315,6 +315,97 @@ def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
 
 
 @njit(cache=True)
+def _normal(z, v, u, k):
+    """Unit normal by differences over a pixel to each side; its z is 0 where depth jumps or is missing."""
+    fx, fy, cx, cy = k
+    d, e, r, a, b = z[v, u], z[v, u - 1], z[v, u + 1], z[v - 1, u], z[v + 1, u]
+    if not (d > 0 and e > 0 and r > 0 and a > 0 and b > 0):
+        return 0.0, 0.0, 0.0
+    if max(abs(e - d), abs(r - d), abs(a - d), abs(b - d)) > 0.04 * d:
+        return 0.0, 0.0, 0.0
+    x1, y1, z1 = ((u + 1 - cx) * r - (u - 1 - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
+    x2, y2, z2 = (u - cx) * (b - a) / fx, ((v + 1 - cy) * b - (v - 1 - cy) * a) / fy, b - a
+    x, y, w = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
+    length = math.sqrt(x * x + y * y + w * w)
+    return (x / length, y / length, w / length) if length > 0 else (0.0, 0.0, 0.0)
+
+
+@njit(cache=True)
+def depth_points(k, z, stride):
+    """Of every stride-th row and column, lists of point (n, 3) and normal (n, 3) where there is one."""
+    fx, fy, cx, cy = k
+    size, n = -(-z.shape[0] // stride) * -(-z.shape[1] // stride), 0
+    points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
+    for v in range(1, z.shape[0] - 1, stride):
+        for u in range(1, z.shape[1] - 1, stride):
+            x, y, w = _normal(z, v, u, k)
+            if w == 0:
+                continue
+            d = z[v, u]
+            points[n, 0], points[n, 1], points[n, 2] = (u - cx) / fx * d, (v - cy) / fy * d, d
+            directions[n, 0], directions[n, 1], directions[n, 2] = x, y, w
+            n += 1
+    return points[:n], directions[:n]
+
+
+@njit(cache=True)
+def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu, residual, cosine):
+    """sums() of point-to-plane products, and residual = n . (p0 - T p1) in metres (NaN without a partner) and cosine of the normals.
+
+    Projective association; T is T_reference_current, z (h, w) the reference's, whose normals are made where they are needed.
+    """
+    h, w = z.shape
+    fx, fy, cx, cy = k
+    farthest = max_distance * max_distance
+    out, J, J1 = np.zeros(34), np.empty(6), np.empty(6)
+    for n in range(len(points)):
+        x, y, d = points[n, 0], points[n, 1], points[n, 2]
+        residual[n] = np.nan
+        qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
+        if qz < 0.05:
+            continue
+        qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + T[0, 3]
+        qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + T[1, 3]
+        a, b = fx * qx / qz + cx + 0.5, fy * qy / qz + cy + 0.5
+        if not (a >= 1 and b >= 1 and a < w - 1 and b < h - 1):
+            continue
+        j, i = int(a), int(b)
+        e = z[i, j]
+        dx, dy, dz = (j - cx) / fx * e - qx, (i - cy) / fy * e - qy, e - qz
+        if dx * dx + dy * dy + dz * dz > farthest:
+            continue
+        nx, ny, nz = _normal(z, i, j, k)
+        ox, oy, oz = directions[n, 0], directions[n, 1], directions[n, 2]
+        mx = T[0, 0] * ox + T[0, 1] * oy + T[0, 2] * oz
+        my = T[1, 0] * ox + T[1, 1] * oy + T[1, 2] * oz
+        mz = T[2, 0] * ox + T[2, 1] * oy + T[2, 2] * oz
+        cosine[n] = nx * mx + ny * my + nz * mz
+        if nz == 0 or cosine[n] < min_cosine:
+            continue
+        r, q = nx * dx + ny * dy + nz * dz, mx * dx + my * dy + mz * dz
+        residual[n] = r
+        J[0], J[1], J[2] = nx, ny, nz
+        J[3], J[4], J[5] = qy * nz - qz * ny, qz * nx - qx * nz, qx * ny - qy * nx
+        J1[0], J1[1], J1[2] = mx, my, mz
+        J1[3], J1[4], J1[5] = qy * mz - qz * my, qz * mx - qx * mz, qx * my - qy * mx
+        weight = (nu + 1) / (nu + (r / sigma) ** 2)
+        half, m = 0.5 * weight, 0
+        for one in range(6):
+            for other in range(one, 6):
+                out[m] += half * (J[one] * J1[other] + J1[one] * J[other])
+                m += 1
+            out[21 + one] += half * (J[one] * q + J1[one] * r)
+        out[27] += weight * r * r
+        out[28] += weight
+        out[29] += 1
+        out[30] += weight * qx
+        out[31] += weight * qy
+        out[32] += weight * qz
+        out[33] += weight * (qx * qx + qy * qy + qz * qz)
+    return out
+
+
+@njit(cache=True)
 def student_scale(residual, nu, start, rounds):
     """Sigma of Student's t by fixed-point iteration (Kerl 2013, eq. 13), on some 5000 of the residuals."""
     step = max(1, len(residual) // 5000) | 1
@@ -331,4 +422,33 @@ def student_scale(residual, nu, start, rounds):
         before, sigma = sigma, math.sqrt(total / n)
         if abs(sigma - before) < 1e-3 * sigma:
             break
+    return sigma
+
+
+@njit(cache=True)
+def take_brightness(residual, greys, nu, sigma, rounds):
+    """(residual, sigma): residual (n,) less a gain and an offset of `greys`, found with Student-t weights on some 5000, and
+    its scale (as student_scale)."""
+    step = max(1, len(residual) // 5000) | 1
+    gain, offset, before = 0.0, 0.0, sigma
+    for _ in range(rounds):
+        s, x, y, xx, xy, total, n = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
+        for i in range(0, len(residual), step):
+            r, grey = residual[i], greys[i] - 128.0
+            if not math.isfinite(r):
+                continue
+            off = r - offset - gain * grey
+            weight = (nu + 1) / (nu + (off / sigma) ** 2)
+            s, x, y, n = s + weight, x + weight * grey, y + weight * r, n + 1
+            xx, xy, total = xx + weight * grey * grey, xy + weight * grey * r, total + weight * off * off
+        if n == 0 or s <= 0:
+            break
+        spread = xx - x * x / s
+        gain = (xy - x * y / s) / (spread + s)  # a standard deviation of one grey level says nothing of a gain
+        offset = (y - gain * x) / s
+        before, sigma = sigma, max(math.sqrt(total / n), 1e-3)
+        if abs(sigma - before) < 1e-2 * sigma:
+            break
+    for i in range(len(residual)):
+        residual[i] -= offset + gain * (greys[i] - 128.0)
     return sigma

@@ -7,8 +7,12 @@ squares, as Kintinuous runs it. DVO: C. Kerl, J. Sturm, D. Cremers, "Robust odom
 Glass and mirrors have depth, and what is seen in them lies elsewhere: its parallax biases a photometric odometer (a window
 that fills a third of the view halves the motion found). So every tile's inverse depth is a second unknown, a factor near 1,
 eliminated from the equations of motion (Schur complement). At first its prior is loose, and the motion is that of a
-monocular camera; then the prior is firm in tiles where the factor came out near 1, and stays loose where it did not
-(Geman, McClure 1987).
+monocular camera, whose scale and weak directions a few points to planes decide (`depth_term`). Then the prior is firm in tiles
+where the factor came out near 1, and the others count no longer (Geman, McClure 1987): intensities alone decide the motion,
+and depth only which of them. Where depth does not know the length of the motion, the factor of most tiles stands for 1.
+
+The brightness of two images differs by a gain and an offset (S. Klose, P. Heise, A. Knoll, "Efficient compositional approaches
+for real-time robust direct visual odometry from RGB-D data", IROS 2013), found with the residuals' scale before each step.
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +23,7 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
+from .depth_term import DepthTerm
 from .protocol import Frame, Result, Status, failure
 from .solver import Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, solve
 
@@ -40,6 +45,8 @@ TILE_SPREAD = 25.0
 MAX_CHANGE = 0.5
 #: Mean square (grey levels) that gradients and interpolation leave at least.
 MIN_ERROR = 16.0
+#: Mean square (grey levels) of the difference of two images that are rounded to whole levels.
+ROUNDED = 1 / 6
 
 
 def no_contrast(*frames: list[Level]) -> bool:
@@ -61,8 +68,8 @@ class PhotometricSettings:
     nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
     scale_once: bool = False  # Student's scale: once on all levels but the coarsest (Kerl 2013); not with tiles
     mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
-    spread: float = 0.0  # so many pixels share one error (fitted on kt2); 0: no noise model
-    tiles: bool = False  # a depth factor a tile; coarse levels then find the rotation alone
+    spread: float = 0.0  # so many pixels share one error (fitted on kt2 and office kt0); 0: no noise model
+    tiles: bool = False  # a depth factor a tile, gain and offset a pair; coarse levels then find the rotation alone
     median_depth: bool = False  # depth pyramid by 3x3 median (Kerl 2013) instead of means
     stop: Stop = Stop()
     limits: Limits = Limits(min_inliers=0.001)
@@ -74,8 +81,9 @@ class Tiles:
 
     def __init__(self) -> None:
         self.factor = np.ones(ACROSS * DOWN)
+        self.free = 1.0  # share of a factor common to all that nothing but the tiles decides
         self._equations: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._T = SE3.identity()
+        self._T, self._error = SE3.identity(), 0.0
 
     def follow(self, T: SE3) -> None:
         """Update the factors, now that the pose went from that of the last equations to T."""
@@ -85,26 +93,38 @@ class Tiles:
             self.factor = np.clip(self.factor + np.clip(change, -MAX_CHANGE, MAX_CHANGE), 0.0, 2.5)
         self._T = T
 
+    def know(self, geometry: System, t_m: np.ndarray) -> None:
+        """How well `geometry` (information) knows the length of a motion t_m (3,), and so what a factor common to all is."""
+        along = np.r_[t_m, np.zeros(3)] / max(float(t_m @ t_m), 1e-12)
+        variance = float(along @ np.linalg.solve(geometry.A + 1e-3 * np.eye(6), along))
+        self.free = variance / (variance + FIRM**2)
+
     def eliminated(self, sums: np.ndarray, firm: bool) -> System:
-        """Equations of motion alone, from kernels.tile_sums() (tiles, 42). Their count: pixels whose depth is an inlier."""
-        system = System.of_sums(sums[:, :34].sum(axis=0))
+        """Equations of motion alone, from kernels.tile_sums() (tiles, 42). Their count: pixels whose depth is an inlier.
+
+        firm: tiles that do not agree with depth count as far as the length of the motion is not known without them.
+        """
         slopes, own, right = sums[:, 34:40], sums[:, 40], sums[:, 41]
-        off, unit = self.factor - 1.0, TILE_SPREAD * max(system.error, MIN_ERROR)
+        if not firm:
+            self._error = float(sums[:, 27].sum() / max(sums[:, 28].sum(), 1e-30))
+        off, unit = self.factor - 1.0, TILE_SPREAD * max(self._error, MIN_ERROR)
         weights = self._weights(unit / np.maximum(own, 1e-12)) if firm else np.ones(len(off))
         prior = weights * (unit * (FIRM if firm else LOOSE) ** -2)
         stiff, rest = own + prior + 1e-12, right - prior * off
         self._equations = slopes, stiff, rest
-        share = slopes / stiff[:, None]
-        count = float(weights @ sums[:, 29])
+        kept = weights + (1.0 - weights) * self.free
+        share = slopes * (kept / stiff)[:, None]
+        system = System.of_sums(kept @ sums[:, :34])
+        self._error, count = system.error, float(weights @ sums[:, 29])
         return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ rest, count=count)
 
     def _weights(self, variance: np.ndarray) -> np.ndarray:
-        """(tiles,) 0..1: where the factor, known to `variance`, is that of most tiles. While the priors are loose all can
-        share one factor, as one camera without depth knows no scale; motion and factors then find back together.
+        """(tiles,) 0..1: where the factor, known to `variance`, is 1, or as far as depth does not know the length of the motion,
+        that of most tiles: one camera without depth knows no scale, and all can share one factor.
         """
         informed = variance < LOOSE**2
-        common = float(np.median(self.factor[informed])) if informed.any() else 1.0
-        off = self.factor / max(common, FIRM) - 1.0
+        most = float(np.median(self.factor[informed])) if informed.any() else 1.0
+        off = self.factor / max(1.0 + (most - 1.0) * self.free, FIRM) - 1.0
         return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2
 
 
@@ -122,9 +142,10 @@ class PhotometricTerm:
         n: int,
         scale_once: bool = False,
         tiles: Tiles | None = None,
+        depth: DepthTerm | None = None,
     ) -> None:
         self.current, self.settings, self.scale_once, self.sigma = current, settings, scale_once, 5.0
-        self.tiles = tiles
+        self.tiles, self.depth = tiles, depth
         size, sparse = reference.grey.size, tiles is not None
         self.pixels = size // 2 if sparse else size
         rule = (settings.min_gradients[n], settings.max_depth_m, ACROSS, DOWN, sparse)
@@ -137,7 +158,7 @@ class PhotometricTerm:
         self.sums = np.empty((ACROSS * DOWN, 42))
 
     def __call__(self, T: SE3, iteration: int, firm: bool = False) -> System:
-        """firm: with a firm prior on depth in the tiles whose intensities agree with it."""
+        """firm: with a firm prior on depth in the tiles whose intensities agree with it; before, depth's own equations, if any, help."""
         level, nu = self.current, self.settings.nu
         if self.tiles:
             self.tiles.follow(T)
@@ -145,7 +166,9 @@ class PhotometricTerm:
         seen = (self.points, self.greys, level.grey, level.depth_z_m, self.settings.max_dz_m)
         found = (self.residual, self.J, self.mean, self.tile, factor, self.parallax)
         kernels.grey_residuals(T.inverse().matrix, level.camera.intrinsics, *seen, *found)
-        if nu > 0 and (iteration == 0 or not self.scale_once):
+        if self.settings.tiles:
+            self.sigma = kernels.take_brightness(self.residual, self.greys, nu, self.sigma, 5)
+        elif nu > 0 and (iteration == 0 or not self.scale_once):
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 20), 1e-3)
         J = self.mean if self.settings.mean_gradient else self.J
         if self.tiles:
@@ -153,7 +176,12 @@ class PhotometricTerm:
             system = self.tiles.eliminated(self.sums, firm)
         else:
             system = System.of_sums(kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, nu))
-        return system.as_information(self.settings.spread)
+        system = system.as_information(self.settings.spread, ROUNDED)
+        if self.depth and self.tiles and not firm:
+            geometry = self.depth.look(T)
+            self.tiles.know(geometry, T.translation)
+            system = system.plus(geometry, 1.0, 1.0)
+        return system
 
     def unrelated(self) -> str:
         """Why these cannot be two images of one place, after the last call; empty where they can: their correlation.
@@ -171,20 +199,25 @@ class PhotometricTerm:
 
 
 def photometric_passes(
-    reference: list[Level], current: list[Level], settings: PhotometricSettings, schedule: list[tuple[int, int]]
+    reference: list[Level],
+    current: list[Level],
+    settings: PhotometricSettings,
+    schedule: list[tuple[int, int]],
+    depth: DepthTerm | None = None,
 ) -> tuple[list[Pass], PhotometricTerm]:
     """What solve() does on the levels of `schedule`, (level, iterations) from coarse to fine, and the finest term.
 
     With `settings.tiles` the coarse levels find the rotation, which all layers of a view share, and the finest has two
-    passes: with the tiles' depth loose, then firm.
+    passes: with the tiles' depth loose and `depth` to help, then firm.
     """
     s, passes = settings, []
     for n, iterations in schedule:
         if s.tiles and n == schedule[-1][0]:
-            term = PhotometricTerm(reference[n], current[n], s, n, tiles=Tiles())
+            term = PhotometricTerm(reference[n], current[n], s, n, tiles=Tiles(), depth=depth)
             # factors that settle, and then their prior, may raise the error for a step
             stop = Stop(s.stop.min_step)
-            passes += [Pass(linearise, iterations, term.pixels, stop) for linearise in (term, partial(term, firm=True))]
+            passes.append(Pass(term, iterations, term.pixels, stop))
+            passes.append(Pass(partial(term, firm=True), iterations, term.pixels, stop, centre=depth is not None))
         else:
             term = PhotometricTerm(reference[n], current[n], s, n, s.scale_once and not s.tiles and n != schedule[0][0])
             passes.append(Pass(term, iterations, term.pixels, s.stop, rotation_only=s.tiles))
@@ -203,7 +236,7 @@ class Rgbd(PyramidOdometer):
             max_depth_m=13.0,
             nu=5.0,
             mean_gradient=True,
-            spread=75.0,
+            spread=12.0,
             tiles=True,
             stop=Stop(min_step=2e-5),
             limits=Limits(min_inliers=0.001, prior_m=0.03),
@@ -217,11 +250,14 @@ class Rgbd(PyramidOdometer):
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
         if no_contrast(reference, current):
             return failure("image: no contrast")
-        passes, finest = photometric_passes(reference, current, self.settings, self.schedule(reference))
+        schedule = self.schedule(reference)
+        n = schedule[-1][0]
+        depth = DepthTerm(reference[n], current[n]) if self.settings.tiles else None
+        passes, finest = photometric_passes(reference, current, self.settings, schedule, depth)
         result = solve(passes, guess, self.settings.limits)
         if result.status is not Status.FAILED and (reason := finest.unrelated()):
             return failure(reason)
-        return result
+        return depth.judged(result) if depth else result
 
 
 class Dvo(Rgbd):

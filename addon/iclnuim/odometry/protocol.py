@@ -47,7 +47,9 @@ class Frame:
 
 
 class Status(Enum):
-    """OK and DEGENERATE have a pose; DEGENERATE is under-constrained in some direction. FAILED has none: the frame is lost."""
+    """OK and DEGENERATE have a pose; DEGENERATE is under-constrained in some direction, or depth calls for another motion. FAILED
+    has none: the frame is lost.
+    """
 
     OK = "ok"
     DEGENERATE = "degenerate"

@@ -111,11 +111,11 @@ class System:
         b = back @ (vectors @ (share * (vectors.T @ (G @ self.b))))
         return replace(self, A=back @ (vectors * left) @ vectors.T @ back.T, b=b)
 
-    def as_information(self, spread: float) -> "System":
+    def as_information(self, spread: float, least_error: float = 1e-12) -> "System":
         """A and b as information (1 / variance) where `spread` pixels share one error; spread 0: unchanged."""
         if not spread:
             return self
-        weight = 1.0 / (spread * max(self.error, 1e-12))
+        weight = 1.0 / (spread * max(self.error, least_error))
         return replace(self, A=self.A * weight, b=self.b * weight, informed=True)
 
     def without_scale(self, t_m: np.ndarray, sigma: float) -> "System":
@@ -128,6 +128,10 @@ class System:
         stiff = along @ slopes + sigma**-2
         return replace(self, A=self.A - np.outer(slopes, slopes) / stiff, b=self.b - slopes * (along @ self.b) / stiff)
 
+    def moved(self, twist: np.ndarray) -> "System":
+        """As they are after a step `twist` (6,)."""
+        return replace(self, b=self.b - self.A @ twist)
+
     def plus(self, other: "System", factor: float, factor_b: float) -> "System":
         """Joint equations, with the other's A and b times a factor each; all else stays the first one's."""
         return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor_b)
@@ -138,6 +142,10 @@ class System:
         G[3:, :3] = -so3.hat(self.centre_m)
         G[3:] /= self.length_m
         return G @ self.A @ G.T, G
+
+    def length_of(self, twist: np.ndarray) -> float:
+        """How far a twist (6,) takes the points, in metres: their centre, and its rotation times their length."""
+        return float(np.linalg.norm(_twist_at(self.centre_m, self.length_m) @ twist))
 
     def smallest_eigenvalue(self) -> float:
         """Of the translation block after eliminating rotation (Schur complement), as a share of the block's trace."""
@@ -221,13 +229,16 @@ Linearise = Callable[[SE3, int], System]
 
 
 class Pass(NamedTuple):
-    """At most `iterations` on one level of `pixels`; rotation_only: the translation stays."""
+    """At most `iterations` on one level of `pixels`; rotation_only: the translation stays; centre: the prior is about where
+    this pass begins, not about the guess.
+    """
 
     linearise: Linearise
     iterations: int
     pixels: int
     stop: Stop
     rotation_only: bool = False
+    centre: bool = False
 
 
 def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
@@ -235,7 +246,8 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
     inliers are the last pass's.
     """
     T, used, free, system, pixels, converged, gone = guess, 0, 0, None, 1, False, np.zeros(6)
-    for n, (linearise, iterations, pixels, stop, rotation_only) in enumerate(passes, 1):
+    for n, (linearise, iterations, pixels, stop, rotation_only, centre) in enumerate(passes, 1):
+        gone = gone * (not centre)
         best, before = np.inf, T
         for i in range(iterations):
             system = linearise(T, i)

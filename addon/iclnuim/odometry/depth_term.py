@@ -1,0 +1,95 @@
+"""What depth says of a motion, at little cost: which tiles a photometric odometer may believe, and whether its motion can be."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry.se3 import SE3
+from . import kernels
+from .protocol import Result, Status
+from .solver import MAX_SIGMA_M, Level, System
+
+#: Every so many rows and columns are looked at.
+STRIDE = 4
+#: Farther apart, or with normals that differ by more, two points are no match (KinectFusion's distance).
+MAX_DISTANCE_M, MIN_COSINE = 0.10, math.cos(math.radians(30.0))
+#: Degrees of freedom of Student's t, and its first scale.
+NU, SIGMA_M = 10.0, 0.005
+#: With a smaller share of the points matched, depth shows another place and says nothing.
+MIN_MATCHED = 0.2
+#: Disagreement of normals (1 - cosine) that is not yet noise: steps of 0.2 mm make less.
+MIN_NOISE = 1e-4
+#: Off by 2 cm a motion is wrong; where depth calls for one that is a third of this away, it is reported.
+MAX_OFF_M = 0.02 / 3
+#: Standard deviation of a motion found by depth alone about the one that it is to judge.
+PRIOR_M = 0.03
+#: While the points move by less than this, their equations are taken along.
+MAX_TAKEN_M = 0.002
+
+
+class DepthTerm:
+    """Point-to-plane equations of one level, as information. Products of the residuals along both images' normals, whose noise is
+    independent, less what the normals disagree about: a bare wall says nothing of the motions along it (docs/odometry.md).
+    """
+
+    def __init__(self, reference: Level, current: Level) -> None:
+        self.reference = reference
+        self.points, self.normals = kernels.depth_points(current.camera.intrinsics, current.depth_z_m, STRIDE)
+        self.residual, self.cosine = np.empty((2, len(self.points)), np.float32)
+        self.sigma, self.noise, self.looks = SIGMA_M, 0.0, 0
+        self.system, self.T = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0), SE3.identity()
+
+    def at(self, T: SE3) -> System:
+        """Equations at T_reference_current, from those of the last look."""
+        return self.system.moved((T @ self.T.inverse()).log())
+
+    def look(self, T: SE3) -> System:
+        """Equations at T_reference_current, looked up anew where the points moved."""
+        if not self.looks or self.system.length_of((T @ self.T.inverse()).log()) > MAX_TAKEN_M:
+            self.system, self.looks, self.T = self._look(T), self.looks + 1, T
+        return self.at(T)
+
+    def judged(self, result: Result) -> Result:
+        """The result, as certain as it is by depth; where depth calls for another motion, the one that agrees with both best.
+
+        Both are not to be relied on where they are further off than MAX_OFF_M, or their deviation is larger than MAX_SIGMA_M.
+        """
+        if result.status is Status.FAILED or not self.looks:
+            return result
+        T = result.T_reference_camera
+        alone, _ = self.at(T).step(np.zeros(6), PRIOR_M, T.translation)
+        self.look(SE3.exp(alone) @ T)
+        geometry = self.at(T)
+        twist, _ = replace(geometry, A=geometry.A + result.information).step(np.zeros(6))
+        ratio = max(float(twist @ result.information @ twist) / 6, 1.0)  # squared error over variance, as in NEES
+        sigma_m, information = result.largest_sigma_m * math.sqrt(ratio), result.information / ratio
+        off_m, status, reason = geometry.length_of(twist), result.status, result.reason
+        if off_m > MAX_OFF_M:
+            T, reason = SE3.exp(twist) @ T, f"depth: calls for a motion {off_m * 1e3:.0f} mm away"
+        if off_m > MAX_OFF_M or sigma_m > MAX_SIGMA_M:
+            status = Status.DEGENERATE
+        return replace(
+            result,
+            T_reference_camera=T,
+            status=status,
+            information=information,
+            largest_sigma_m=sigma_m,
+            reason=reason,
+        )
+
+    def _look(self, T: SE3) -> System:
+        level, found = self.reference, (self.residual, self.cosine)
+        rule = (MAX_DISTANCE_M, MIN_COSINE, self.sigma, NU)
+        sums = kernels.depth_sums(
+            T.matrix, level.camera.intrinsics, self.points, self.normals, level.depth_z_m, *rule, *found
+        )
+        if sums[29] < max(6, MIN_MATCHED * len(self.points)):
+            return System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
+        self.sigma = max(kernels.student_scale(self.residual, NU, self.sigma, 10), 1e-5)
+        if self.looks == 0:
+            # true normals differ by more at edges: hence the median
+            mean = (1.0 - float(np.median(self.cosine[np.isfinite(self.residual)]))) / math.log(2.0)
+            self.noise = max(mean - MIN_NOISE, 0.0)
+        system = System.of_sums(sums)
+        return system.less_noise(self.noise * system.weight).as_information(1.0)
