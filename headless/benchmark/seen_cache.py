@@ -49,7 +49,11 @@ def _read(path: Path, views: SeenBy) -> Seen | None:
 
 
 def _write(path: Path, seen: Seen) -> None:
-    content = {"points_m": seen.points_m, "area_m2": seen.area_m2, "depth_z_m": seen.depth_z_m}
+    content: dict[str, np.ndarray] = {
+        "points_m": seen.points_m,
+        "area_m2": np.array(seen.area_m2),
+        "depth_z_m": seen.depth_z_m,
+    }
     atomic_write(path, lambda temporary: np.savez(temporary, **content))
 
 

@@ -115,9 +115,8 @@ def surface_quality(
     moved, cloud = points if T_model_mesh is None else T_model_mesh.apply(points), not len(triangles)
     spread = thinned if cloud else partial(sampled, triangles=triangles)
     own, to_samples = spread(moved, count=settings.samples, seed=settings.seed), settings.nearest == "sample"
-    model, seen = np.zeros((0, 3)), seen_by
-    if isinstance(seen_by, SeenBy):
-        seen = what_was_seen(surface, seen_by, settings, on_pose)
+    model = np.zeros((0, 3))
+    seen = what_was_seen(surface, seen_by, settings, on_pose) if isinstance(seen_by, SeenBy) else seen_by
     if to_samples or seen is None:
         model = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
     accuracy_m = _to_points(own, model) if to_samples else surface.distance(own)
