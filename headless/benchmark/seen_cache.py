@@ -16,7 +16,7 @@ from iclnuim.fusion.settings import QualitySettings
 from iclnuim.fusion.surface_error import TrueSurface
 
 #: Of the file's content; more once what_was_seen() finds something else.
-_VERSION = 1
+_VERSION = 2
 
 
 def cached_seen(folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy, settings: QualitySettings) -> Seen:

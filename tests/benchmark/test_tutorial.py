@@ -87,7 +87,7 @@ def test_killed_at_any_moment_it_ends_in_the_same_tables(made, tmp_path):
     started = time.monotonic()
     assert run([*words, "--out", str(whole)]) == 0
     took_s = time.monotonic() - started
-    for _ in range(8):
+    for _ in range(20):
         work = subprocess.Popen([sys.executable, "-m", "iclnuim", *words, "--out", str(killed)], env=environment())
         time.sleep(rng.uniform(0.1, 0.9) * took_s)
         work.send_signal(signal.SIGKILL)
