@@ -9,7 +9,8 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.odometry import kernels  # noqa: E402
-from iclnuim.odometry.icp import ACROSS, DOWN, Icp, informed  # noqa: E402
+from iclnuim.odometry.certainty import ACROSS, DOWN, informed  # noqa: E402
+from iclnuim.odometry.icp import Icp  # noqa: E402
 from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
 from iclnuim.odometry.registry import odometer  # noqa: E402
@@ -85,7 +86,7 @@ def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_no
         r = (rng.normal(size=len(blocks)) + shared * rng.normal(size=ACROSS * DOWN)[blocks]).astype(np.float32) * 1e-3
         sums = np.empty((ACROSS * DOWN, 34))
         kernels.block_sums(points, J, r, J, r, 1.0, 0.0, blocks, sums)
-        said = informed(System.of_sums(sums.sum(axis=0)), sums)
+        said = informed(System.of_sums(sums.sum(axis=0)), sums, 0.0)
         twist = np.linalg.solve(said.A, said.b)
         nees.append(twist @ said.A @ twist / 6)
     assert 0.5 < np.mean(nees) < 2

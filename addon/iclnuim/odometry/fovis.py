@@ -6,6 +6,7 @@ each other's (section 3.5).
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
+from .certainty import ACROSS, DOWN, informed
 from .features import Features, Matches, consistent, features, match
 from .protocol import Frame, Result, Status, failure
 from .solver import Limits, Pass, Stop, System, solve
@@ -22,7 +24,9 @@ from .solver import Limits, Pass, Stop, System, solve
 #: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
 #: A motion that others only start from is found until a step is shorter (metres, radians; half a pixel).
-ROUGH = Stop(min_step=1e-3)
+ROUGH = 1e-3
+#: Of a symmetric matrix (6, 6).
+UPPER = np.triu_indices(6)
 #: Where a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), the prediction may have
 #: missed a sudden turn: small images are asked.
 FEW = 0.25
@@ -42,8 +46,7 @@ class FovisSettings:
     max_error_px: float = 1.5  # of an inlier
     min_agreement: float = 0.1  # share of the matches within it; of unrelated images up to 0.07
     min_inliers: int = 10
-    spread: float = 0.0  # so many of a corner's four equations share one error; 0: no noise model
-    nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
+    nu: float = 0.0  # degrees of freedom of Student's t, which are information; 0: least squares
     iterations: int = 6
     limits: Limits = Limits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
@@ -63,7 +66,6 @@ class Fovis:
             nu=5.0,
             stop=Stop(min_step=1e-5),
             level_weights=True,
-            spread=2.0,
             limits=Limits(min_inliers=0.0, prior_m=0.03),
         ),
     }
@@ -75,45 +77,65 @@ class Fovis:
         return features(frame, camera, self.settings.levels, self.settings.count, self.settings.detector)
 
     def align(self, reference: Features, current: Features, guess: SE3) -> Result:
-        if min(len(reference.uv), len(current.uv)) < self.settings.min_inliers:
+        s = self.settings
+        if min(len(reference.uv), len(current.uv)) < s.min_inliers:
             return failure("features: too few corners with depth")
-        first, *others = self.settings.searches_px
-        stops = [ROUGH] * len(others) + [self.settings.stop]
-        result = self._around(reference, current, guess, first, stops[0])
-        if result.inliers < FEW:  # a failure has none, nor matches
-            turned = self._around(reference, current, _turned(reference, current, guess), first, stops[0])
-            result = turned if turned.matches > result.matches else result
-        for search_px, stop in zip(others, stops[1:], strict=True):
-            if result.status is not Status.FAILED:
-                result = self._around(reference, current, result.T_reference_camera, search_px, stop)
-        return result
+        first, *others = s.searches_px
+        found = self._around(reference, current, guess, first)
+        if found.share < FEW:
+            again = self._around(reference, current, _turned(reference, current, guess), first)
+            found = again if len(again.inliers) > len(found.inliers) else found
+        for search_px in others:
+            if not found.reason:
+                found = self._around(reference, current, found.T, search_px)
+        return failure(found.reason) if found.reason else self._motion(found, reference.camera)
 
-    def _around(self, reference: Features, current: Features, start: SE3, search_px: float, stop: Stop) -> Result:
-        """With corners within `search_px` of where `start` puts them."""
+    def _around(self, reference: Features, current: Features, start: SE3, search_px: float) -> "Found":
+        """With corners within `search_px` of where `start` puts them; their places are refined in the last search."""
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
-        found = match(reference, current, expected_uv, search_px, s.precision_px, s.strict)
+        last = search_px == s.searches_px[-1]
+        found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5, s.strict)
         agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
-        result = self._motion(agreeing, camera, start, ROUGH)
-        if result.status is Status.FAILED:
-            return result
-        errors_px = np.linalg.norm(
-            camera.project(result.T_reference_camera.apply(agreeing.points1_m)) - agreeing.uv0, axis=1
-        )
+        if len(agreeing) < s.min_inliers:
+            return Found(start, agreeing, 0.0, f"features: {len(agreeing)} agree, fewer than {s.min_inliers}")
+        T = self._rough(agreeing, camera, start)
+        errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
-        if len(inliers) < s.min_agreement * len(found):
-            return failure(f"features: {len(inliers)} of {len(found)} agree about a motion")
-        result = self._motion(inliers, camera, result.T_reference_camera, stop)
+        few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
+        reason = f"features: {len(inliers)} of {len(found)} agree about a motion" if few else ""
+        return Found(T, inliers, len(inliers) / len(found), reason)
+
+    def _rough(self, matches: Matches, camera: PinholeCamera, start: SE3) -> SE3:
+        """The motion that others only start from, until a step is shorter than ROUGH."""
+        s, T, term = self.settings, start, ReprojectionTerm(matches, camera, self.settings)
+        prior = np.full(6, s.limits.prior_m**-2 if s.limits.prior_m else 1e-9)
+        gone = np.zeros(6)
+        for _ in range(s.iterations):
+            A, b = term.equations(T)
+            step = np.linalg.solve(A + np.diag(prior), b - prior * gone)
+            T, gone = SE3.exp(step) @ T, gone + step
+            if np.abs(step).max() < ROUGH:
+                break
+        return T
+
+    def _motion(self, found: "Found", camera: PinholeCamera) -> Result:
+        """Of the inliers, with its certainty."""
+        s, count = self.settings, len(found.inliers)
+        term = ReprojectionTerm(found.inliers, camera, s)
+        result = solve([Pass(term, s.iterations, 4 * count, s.stop)], found.T, s.limits)
         if result.status is Status.FAILED:
             return result
-        return replace(result, matches=len(inliers), inliers=len(inliers) / len(found))
+        return replace(result, matches=count, inliers=found.share)
 
-    def _motion(self, matches: Matches, camera: PinholeCamera, start: SE3, stop: Stop) -> Result:
-        s = self.settings
-        if len(matches) < s.min_inliers:
-            return failure(f"features: {len(matches)} agree, fewer than {s.min_inliers}")
-        term = ReprojectionTerm(matches, camera, s)
-        return solve([Pass(term, s.iterations, 4 * len(matches), stop)], start, s.limits)
+
+class Found(NamedTuple):
+    """A rough motion, the matches that agree about it, and their share of all; the reason why there is none."""
+
+    T: SE3
+    inliers: Matches
+    share: float
+    reason: str
 
 
 class ReprojectionTerm:
@@ -123,13 +145,29 @@ class ReprojectionTerm:
         self.matches, self.settings, self.sigma = matches, settings, 1.0
         self.k = camera.intrinsics
         self.weight = 2.0**-matches.level if settings.level_weights else np.ones(len(matches))
+        across, down = (matches.uv0 * (ACROSS, DOWN) / (camera.width, camera.height)).astype(np.int16).T
+        self.blocks, self.sums = np.repeat(down * ACROSS + across, 4), np.empty((ACROSS * DOWN, 34))
 
     def __call__(self, T: SE3, iteration: int) -> System:
+        system = System.of_sums(self._sums(T))
+        return informed(system, self.sums, self.settings.nu) if self.settings.nu else system
+
+    def equations(self, T: SE3) -> tuple[np.ndarray, np.ndarray]:
+        """A (6, 6) and b (6,), in units of the residuals' mean square."""
+        s = self._sums(T)
+        A = np.zeros((6, 6))
+        A[UPPER] = s[:21]
+        A += np.triu(A, 1).T
+        scale = s[28] / max(s[27], 1e-12)
+        return A * scale, s[21:27] * scale
+
+    def _sums(self, T: SE3) -> np.ndarray:
         m, s = self.matches, self.settings
         arms, residual, J = reprojections(T.matrix, self.k, m.points0_m, m.uv0, m.points1_m, m.uv1, self.weight)
         if s.nu:
             self.sigma = max(kernels.student_scale(residual, s.nu, self.sigma, 10), 1e-3)
-        return System.of_sums(kernels.sums(arms, J, residual, J, residual, self.sigma, s.nu)).as_information(s.spread)
+        kernels.block_sums(arms, J, residual, J, residual, self.sigma, s.nu, self.blocks, self.sums)
+        return self.sums.sum(axis=0)
 
 
 @njit(cache=True)
@@ -140,22 +178,24 @@ def reprojections(T, k, points0, uv0, points1, uv1, weight):
     """
     n = len(weight)
     arms, residual, J = np.empty((4 * n, 3)), np.empty(4 * n), np.empty((4 * n, 6))
+    slope, p = np.empty(3), np.empty(3)
     for i in range(4 * n):
         m, back, along_v = i // 4, i % 4 >= 2, i % 2
+        uv, other = (uv1, points0) if back else (uv0, points1)
         for a in range(3):
-            arms[i, a] = points0[m, a] if back else T[a, 3]
-            for b in range(3):
-                arms[i, a] += 0.0 if back else T[a, b] * points1[m, b]
-        p = np.zeros(3)
-        for a in range(3):
-            for b in range(3):
-                p[a] += T[b, a] * (arms[i, b] - T[b, 3]) if back else 0.0
-            p[a] = p[a] if back else arms[i, a]
+            if back:
+                arms[i, a] = other[m, a]
+                p[a] = 0.0
+                for b in range(3):
+                    p[a] += T[b, a] * (other[m, b] - T[b, 3])
+            else:
+                arms[i, a] = T[a, 3]
+                for b in range(3):
+                    arms[i, a] += T[a, b] * other[m, b]
+                p[a] = arms[i, a]
         f, w = k[along_v], weight[m]
-        uv = uv1 if back else uv0
         residual[i] = w * (uv[m, along_v] - k[2 + along_v] - f * p[along_v] / p[2])
-        slope = np.zeros(3)
-        slope[along_v], slope[2] = w * f / p[2], -w * f * p[along_v] / p[2] ** 2
+        slope[1 - along_v], slope[along_v], slope[2] = 0.0, w * f / p[2], -w * f * p[along_v] / p[2] ** 2
         for a in range(3):
             J[i, a] = slope[a]
             if back:  # the other camera moves the other way

@@ -15,11 +15,11 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
+from .certainty import ACROSS, DOWN, informed
 from .photometric import PhotometricSettings, Rgbd, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
 from .solver import (
     MIN_EIGENVALUE,
-    RANK_TOLERANCE,
     Level,
     Limits,
     Linearise,
@@ -43,8 +43,6 @@ WIDE_DISTANCE_M, WIDE_ANGLE_DEG, WIDE_NU, WIDE_LEVEL, WIDE_STRIDE, WIDE_ITERATIO
 WIDE_STOP, WIDE_LIMITS = Stop(min_step=1e-3), Limits(min_inliers=0.01)
 #: 1 - cosine of normals, in the median: `released` noise has 0.006, clean frames below 1e-4.
 MAX_ROUGHNESS = 1e-3
-#: Blocks of the image, each to err by itself; errors reach farther than pixels, tiles or textures, and less far than these.
-ACROSS, DOWN = 4, 3
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
 #: Of the photometric term, where its equations are no information (Whelan 2013).
 WEIGHT_RGBD = 0.1
@@ -125,7 +123,7 @@ class PlaneTerm:
             if iteration == 0:
                 self.disagreement = self._disagreement()
             # What two normals of one place disagree about is noise; a sensor's steps may let them agree on as much again.
-            system = informed(system.less_noise(self.noise_share * self.disagreement * system.weight), self.sums)
+            system = informed(system.less_noise(self.noise_share * self.disagreement * system.weight), self.sums, s.nu)
         return system
 
     def _disagreement(self) -> float:
@@ -135,29 +133,6 @@ class PlaneTerm:
         cosines = np.sum(self.J[::step, :3][some] * self.J1[::step, :3][some], axis=1)
         mean = (1.0 - float(np.median(cosines))) / math.log(2.0) if len(cosines) else 0.0
         return max(mean - MIN_NOISE, 0.0)
-
-
-def informed(system: System, sums: np.ndarray) -> System:
-    """A and b as information (1 / variance), of `system` from kernels.block_sums() (blocks, 34).
-
-    The variance is that of the motions found with one block left out in turn (the delete-a-group jackknife), along each
-    eigenvector of the centred A. In units of what it is where each pixel errs by itself, it is nowhere less than its median.
-    """
-    own, G = system.centred()
-    values, vectors = np.linalg.eigh(own)
-    A = np.zeros((len(sums), 6, 6))
-    A[:, *np.triu_indices(6)] = sums[:, :21]
-    A, b = G @ (A + np.triu(A, 1).transpose(0, 2, 1)) @ G.T, sums[:, 21:27] @ G.T
-    total, all_b = A.sum(axis=0), b.sum(axis=0)
-    total += np.eye(6) * (1e-6 * np.trace(total) + 1e-12)  # of a bare wall some directions are not known
-    steps = np.linalg.solve(total - A, (all_b - b)[..., None])[..., 0] - np.linalg.solve(total, all_b)
-    known = values > RANK_TOLERANCE * max(values[-1], 1e-30)
-    error = max(system.error, 1e-12)
-    spread = np.square(steps @ total @ vectors).sum(axis=0) / np.where(known, values * error, np.inf)
-    spread = np.maximum(spread, max(float(np.median(spread[known])), 1.0) if known.any() else 1.0)
-    back, right = np.linalg.solve(G, vectors), vectors.T @ (G @ system.b)
-    weights = known / (spread * error)
-    return replace(system, A=(back * (weights * values)) @ back.T, b=back @ (weights * right), informed=True)
 
 
 class Icp(PyramidOdometer):
