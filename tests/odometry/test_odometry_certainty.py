@@ -169,6 +169,15 @@ def test_a_change_of_exposure_is_no_motion(name):
     assert error_m(run(name, changed, BIG)) < error_m(run(name, frames, BIG)) + 5e-4
 
 
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_a_guess_that_is_ten_degrees_off_is_found_to_be_wrong_by_small_images(name):
+    method = odometer(name)
+    reference, current = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 2))
+    for axis in np.eye(3):
+        found = method.align(reference, current, SE3.exp(np.r_[0, 0, 0, np.radians(10) * axis]))
+        assert np.abs((after(2).inverse() @ found.T_reference_camera).log()).max() < 1e-3
+
+
 @pytest.mark.parametrize("name", ["icp", "icp_rgbd", "rgbd", "dvo"])
 def test_a_wrong_camera_is_no_crash_and_shows_in_residual_or_inliers_or_as_lost(name):
     frames = [view(i, ROOM) for i in range(4)]

@@ -8,7 +8,7 @@ import numpy as np
 from ..geometry.se3 import SE3
 from . import kernels
 from .protocol import Result, Status
-from .solver import MAX_SIGMA_M, Level, System
+from .solver import MAX_SIGMA_M, Level, System, small_twist
 
 #: Every so many rows and columns are looked at.
 STRIDE = 4
@@ -42,11 +42,11 @@ class DepthTerm:
 
     def at(self, T: SE3) -> System:
         """Equations at T_reference_current, from those of the last look."""
-        return self.system.moved((T @ self.T.inverse()).log())
+        return self.system.moved(small_twist(self.T, T))
 
     def look(self, T: SE3) -> System:
         """Equations at T_reference_current, looked up anew where the points moved."""
-        if not self.looks or self.system.length_of((T @ self.T.inverse()).log()) > MAX_TAKEN_M:
+        if not self.looks or self.system.length_of(small_twist(self.T, T)) > MAX_TAKEN_M:
             self.system, self.looks, self.T = self._look(T), self.looks + 1, T
         return self.at(T)
 

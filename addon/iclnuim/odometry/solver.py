@@ -23,6 +23,8 @@ MIN_EIGENVALUE = 0.05
 #: A motion of more from the prediction is a failure (Kintinuous); a larger standard deviation is degenerate.
 MAX_STEP_M, MAX_SIGMA_M = 0.3, 0.003
 ORIGIN = np.zeros(3)
+#: (6, 6): where a symmetric matrix's elements stand in its upper triangle, row by row.
+SYMMETRIC = np.array([[min(a, b) * (11 - min(a, b)) // 2 + max(a, b) for b in range(6)] for a in range(6)])
 #: No level is made of an image with fewer rows or columns than this.
 MIN_SIDE = 32
 
@@ -35,6 +37,17 @@ class Level:
     depth_z_m: np.ndarray
     camera: PinholeCamera
     normal_step: int = 1
+
+    @cached_property
+    def _gradient_points(self) -> dict[tuple, tuple]:
+        return {}
+
+    def gradient_points(self, *rule: float) -> tuple:
+        """kernels.gradient_points() by a rule, made once: a keyframe serves for many frames."""
+        found = self._gradient_points
+        if rule not in found:
+            found[rule] = kernels.gradient_points(self.camera.intrinsics, self.grey, self.depth_z_m, *rule)
+        return found[rule]
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -93,9 +106,7 @@ class System:
     @classmethod
     def of_sums(cls, s: np.ndarray) -> "System":
         """From kernels.sums() (34,)."""
-        A = np.zeros((6, 6))
-        A[np.triu_indices(6)] = s[:21]
-        A = A + np.triu(A, 1).T
+        A = s[SYMMETRIC]
         weight = max(s[28], 1e-30)
         centre = s[30:33] / weight
         length = np.sqrt(max(s[33] / weight - centre @ centre, 1e-12))
@@ -182,7 +193,7 @@ class System:
         values, vectors = np.linalg.eigh(self.A[3:, 3:])
         floor = max(values[-1] * RANK_TOLERANCE, 1e-30)
         part = np.where(values > floor, vectors.T @ self.b[3:], 0.0)
-        return np.r_[np.zeros(3), vectors @ (part / np.maximum(values, floor))]
+        return np.concatenate([np.zeros(3), vectors @ (part / np.maximum(values, floor))])
 
     def largest_sigma_m(self) -> float:
         """Standard deviation in the least certain direction; rotations count by the points' length. NaN: no noise model."""
@@ -190,6 +201,13 @@ class System:
             return float("nan")
         smallest = np.linalg.eigvalsh(self.centred()[0])[0]
         return float(max(smallest, 1e-12) ** -0.5)
+
+
+def small_twist(T_from: SE3, T_to: SE3) -> np.ndarray:
+    """(6,): the small twist, to first order, that takes one pose to the other from the left."""
+    turn = T_to.rotation @ T_from.rotation.T
+    about = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    return np.concatenate([T_to.translation - turn @ T_from.translation, np.array(about) / 2])
 
 
 def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
