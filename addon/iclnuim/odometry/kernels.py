@@ -427,8 +427,8 @@ def student_scale(residual, nu, start, rounds):
 
 @njit(cache=True)
 def take_brightness(residual, greys, nu, sigma, rounds):
-    """(residual, sigma): residual (n,) less a gain and an offset of `greys`, found with Student-t weights on some 5000, and
-    its scale (as student_scale)."""
+    """(sigma, gain): takes a gain (beyond 1) and an offset of `greys` off the residual (n,), found with Student-t weights on
+    some 5000 as its scale is (student_scale)."""
     step = max(1, len(residual) // 5000) | 1
     gain, offset, before = 0.0, 0.0, sigma
     for _ in range(rounds):
@@ -451,4 +451,4 @@ def take_brightness(residual, greys, nu, sigma, rounds):
             break
     for i in range(len(residual)):
         residual[i] -= offset + gain * (greys[i] - 128.0)
-    return sigma
+    return sigma, gain

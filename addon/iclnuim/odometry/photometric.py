@@ -150,7 +150,7 @@ class PhotometricTerm:
         tiles: Tiles | None = None,
         depth: DepthTerm | None = None,
     ) -> None:
-        self.current, self.settings, self.scale_once, self.sigma = current, settings, scale_once, 5.0
+        self.current, self.settings, self.scale_once, self.sigma, self.gain = current, settings, scale_once, 5.0, 0.0
         self.tiles, self.depth = tiles, depth
         size, sparse = reference.grey.size, tiles is not None
         self.pixels = size // 2 if sparse else size
@@ -172,7 +172,7 @@ class PhotometricTerm:
         found = (self.residual, self.J, self.mean, self.tile, factor, self.parallax)
         kernels.grey_residuals(T.inverse().matrix, level.camera.intrinsics, *seen, *found)
         if self.settings.tiles:
-            self.sigma = kernels.take_brightness(self.residual, self.greys, nu, self.sigma, 5)
+            self.sigma, self.gain = kernels.take_brightness(self.residual, self.greys, nu, self.sigma, 5)
         elif nu > 0 and (iteration == 0 or not self.scale_once):
             self.sigma = max(kernels.student_scale(self.residual, nu, self.sigma, 20), 1e-3)
         J = self.mean if self.settings.mean_gradient else self.J
@@ -202,7 +202,7 @@ class PhotometricTerm:
         if np.count_nonzero(seen) < MIN_PIXELS:
             return float("nan")
         with np.errstate(invalid="ignore", divide="ignore"):
-            return float(np.corrcoef(grey[seen], grey[seen] + residual[seen])[0, 1])
+            return float(np.corrcoef(grey[seen], (1 + self.gain) * grey[seen] + residual[seen])[0, 1])
 
     def unrelated(self) -> str:
         """Why these cannot be two images of one place, after the last call; empty where they can.
