@@ -251,7 +251,8 @@ def turned(reference: Level, current: Level, guess: SE3) -> SE3:
     warp = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float32)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-4)
     try:
-        warp = cv2.findTransformECC(one, other, warp, cv2.MOTION_EUCLIDEAN, criteria, None, 5)[1]
+        mask = np.full(other.shape, 255, np.uint8)
+        warp = np.asarray(cv2.findTransformECC(one, other, warp, cv2.MOTION_EUCLIDEAN, criteria, mask, 5)[1])
     except cv2.error:
         return guess
     centre = np.array([camera.cx, camera.cy])
