@@ -13,7 +13,7 @@ from iclnuim.odometry.certainty import ACROSS, DOWN, informed  # noqa: E402
 from iclnuim.odometry.icp import Icp  # noqa: E402
 from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
-from iclnuim.odometry.registry import odometer  # noqa: E402
+from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
 from iclnuim.odometry.solver import Limits, Pass, Stop, System, solve  # noqa: E402
 from iclnuim.odometry.track import EntropyReference, KeyframeReference, Reference, Tracker, track  # noqa: E402
 
@@ -242,3 +242,45 @@ def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
 
     assert result(empty, term).T_reference_camera.translation == pytest.approx([1e-3, 0, 0])
     assert result(term, empty).status is Status.FAILED
+
+
+def celled(i):
+    """The corner in cells of random greys, which have corners to match, a little blurred by the pixels' 3x3 means."""
+    frame, T = view(i, ROOM), after(i)
+    fine = PinholeCamera(480, 360, 3 * CAMERA.fx, 3 * CAMERA.fy, 3 * CAMERA.cx + 1, 3 * CAMERA.cy + 1)
+    points = T.apply(fine.rays() * view(i, ROOM, camera=fine).depth_z_m[..., None].astype(float))
+    x, y, z = np.moveaxis(np.floor(points / 0.2 + 0.37).astype(np.int64), -1, 0)
+    cell = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
+    grey = 40 + 170 * (cell % 1000003 * 7919 % 104729) / 104729
+    return Frame.of(grey.reshape(120, 3, 160, 3).mean(axis=(1, 3)), frame.depth_z_m, i / 30)
+
+
+@pytest.fixture(scope="module")
+def unusable():
+    """What is wrong -> three frames, the first of them included."""
+    frames, rng = [celled(i) for i in range(3)], np.random.default_rng(11)
+
+    return {
+        "constant depth": [Frame.of(f.grey, np.full_like(f.grey, 2), f.stamp_s) for f in frames],
+        "black": [Frame.of(f.grey * 0, f.depth_z_m, f.stamp_s) for f in frames],
+        "grain": [Frame.of(rng.integers(0, 256, f.grey.shape), f.depth_z_m, f.stamp_s) for f in frames],
+        "shuffled": [replace(celled(i), stamp_s=n / 30) for n, i in enumerate((60, 0, 120))],
+    }
+
+
+@pytest.mark.parametrize("preset", ["paper", "best"])
+@pytest.mark.parametrize("name", ODOMETERS)
+def test_frames_that_no_motion_can_be_told_from_are_lost_or_flagged(name, preset, unusable):
+    for wrong, frames in unusable.items():
+        found = list(track(odometer(name, preset), CAMERA, [(f.stamp_s, f) for f in frames]))
+        unheeded = name.startswith("icp") and wrong in ("black", "grain")  # geometry alone decides, and is right
+        if unheeded:
+            assert error_m(found) < 0.003, wrong
+        else:
+            assert all(f.result.status is not Status.OK for f in found[1:]), wrong
+
+
+def test_depth_of_one_value_is_noticed_and_a_wall_a_little_aslant_is_none():
+    two = np.full((6, 8), 2.0)
+    holes, aslant = np.where(np.eye(6, 8) > 0, 0, two), two + 2e-4 * np.arange(8)
+    assert [Frame.of(two, z, 0).flat() for z in (two, holes, aslant)] == [True, True, False]

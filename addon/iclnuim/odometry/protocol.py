@@ -45,10 +45,15 @@ class Frame:
         share = np.count_nonzero(self.depth_z_m[::2, ::2] > 0) / self.depth_z_m[::2, ::2].size
         return f"depth: only {share:.1%} of the pixels have any" if share < MIN_DEPTH_SHARE else ""
 
+    def flat(self) -> bool:
+        """Whether all depth is one value: not measured, or of a wall that the camera faces exactly, which tells no motion along it."""
+        top = self.depth_z_m.max()
+        return bool(np.all((self.depth_z_m == top) | (self.depth_z_m == 0)))
+
 
 class Status(Enum):
-    """OK and DEGENERATE have a pose; DEGENERATE is under-constrained in some direction, or depth calls for another motion. FAILED
-    has none: the frame is lost.
+    """OK and DEGENERATE have a pose; DEGENERATE is under-constrained in some direction, or depth calls for another motion, or is one
+    value. FAILED has none: the frame is lost.
     """
 
     OK = "ok"

@@ -194,7 +194,10 @@ class Tracker:
         if self.view is None:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
         guess = self.T_view_camera if self.losses else self.T_view_camera @ self.motion
-        return current, self.odometer.align(self.view, current, guess)
+        result = self.odometer.align(self.view, current, guess)
+        if result.status is Status.OK and frame.flat():  # depth agrees with whatever keeps its distance, images or none
+            result = replace(result, status=Status.DEGENERATE, reason="depth: one value for all pixels")
+        return current, result
 
     def _found(self, frame: Frame, current: Any, result: Result) -> SE3:
         T_view_camera = _rigid(result.T_reference_camera)
