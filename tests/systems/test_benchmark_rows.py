@@ -32,7 +32,8 @@ def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(sources, run,
     assert external_cells(tmp_path / "out", [KT2], sources, 30) == {}  # other frames
     cell = next(cell for cell in cells if cell.preset == "final" and cell.run == 2)
     out = sources.out / "cells" / cell.name
-    measure(Task(cell, str(sources.folder(cell)), str(out), None, None, str(cells[cell]), {"kind": "a cell"}), Quiet())
+    recipe, work = {"kind": "a cell"}, str(sources.work)
+    measure(Task(cell, str(sources.folder(cell)), str(out), None, None, str(cells[cell]), recipe, work), Quiet())
     (found,) = measured(sources.out)
     assert found["cell"] == cell and found["coverage"] == 1 and "surface" not in found
     assert found["ate_m"]["rmse"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-9)
@@ -44,7 +45,7 @@ def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(sources, run,
 def test_what_cannot_be_tracked_is_a_result_too(sources, tmp_path):
     """Frames without depth in 8 x 6 pixels of one grey."""
     out = tmp_path / "cell"
-    measure(Task(KT2, str(sources.folder(KT2)), str(out), 3, None, None, {}), Quiet())
+    measure(Task(KT2, str(sources.folder(KT2)), str(out), 3, None, None, {}, str(sources.work)), Quiet())
     content = json.loads((out / "result.json").read_text())
     assert "failed" in content and "ate_m" not in content
 
