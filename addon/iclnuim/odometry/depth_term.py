@@ -7,6 +7,7 @@ import numpy as np
 
 from ..geometry.se3 import SE3
 from . import kernels
+from .certainty import disagreement
 from .protocol import Result, Status
 from .solver import MAX_SIGMA_M, Level, System, small_twist
 
@@ -18,14 +19,14 @@ MAX_DISTANCE_M, MIN_COSINE = 0.10, math.cos(math.radians(30.0))
 NU, SIGMA_M = 10.0, 0.005
 #: With a smaller share of the points matched, depth shows another place and says nothing.
 MIN_MATCHED = 0.2
-#: Disagreement of normals (1 - cosine) that is not yet noise: steps of 0.2 mm make less.
-MIN_NOISE = 1e-4
 #: Off by 2 cm a motion is wrong; where depth calls for one that is a third of this away, it is reported.
 MAX_OFF_M = 0.02 / 3
 #: Standard deviation of a motion found by depth alone about the one that it is to judge.
 PRIOR_M = 0.03
 #: While the points move by less than this, their equations are taken along.
 MAX_TAKEN_M = 0.002
+#: Equations that say nothing.
+NOTHING = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
 
 
 class DepthTerm:
@@ -38,7 +39,7 @@ class DepthTerm:
         self.points, self.normals = kernels.depth_points(current.camera.intrinsics, current.depth_z_m, STRIDE)
         self.residual, self.cosine = np.empty((2, len(self.points)), np.float32)
         self.sigma, self.noise, self.looks = SIGMA_M, 0.0, 0
-        self.system, self.T = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0), SE3.identity()
+        self.system, self.T = NOTHING, SE3.identity()
 
     def at(self, T: SE3) -> System:
         """Equations at T_reference_current, from those of the last look."""
@@ -85,11 +86,9 @@ class DepthTerm:
             T.matrix, level.camera.intrinsics, self.points, self.normals, level.depth_z_m, *rule, *found
         )
         if sums[29] < max(6, MIN_MATCHED * len(self.points)):
-            return System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
+            return NOTHING
         self.sigma = max(kernels.student_scale(self.residual, NU, self.sigma, 10), 1e-5)
         if self.looks == 0:
-            # true normals differ by more at edges: hence the median
-            mean = (1.0 - float(np.median(self.cosine[np.isfinite(self.residual)]))) / math.log(2.0)
-            self.noise = max(mean - MIN_NOISE, 0.0)
+            self.noise = disagreement(self.cosine[np.isfinite(self.residual)])
         system = System.of_sums(sums)
         return system.less_noise(self.noise * system.weight).as_information(1.0)

@@ -19,14 +19,12 @@ from . import kernels
 from .certainty import ACROSS, DOWN, informed
 from .features import Features, Matches, consistent, features, match
 from .protocol import Frame, Result, Status, failure
-from .solver import Limits, Pass, Stop, System, solve
+from .solver import SYMMETRIC, Limits, Pass, Stop, System, solve
 
 #: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
 #: A motion that others only start from is found until a step is shorter (metres, radians; half a pixel).
 ROUGH = 1e-3
-#: Of a symmetric matrix (6, 6).
-UPPER = np.triu_indices(6)
 #: Where a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), the prediction may have
 #: missed a sudden turn: small images are asked.
 FEW = 0.25
@@ -155,11 +153,8 @@ class ReprojectionTerm:
     def equations(self, T: SE3) -> tuple[np.ndarray, np.ndarray]:
         """A (6, 6) and b (6,), in units of the residuals' mean square."""
         s = self._sums(T)
-        A = np.zeros((6, 6))
-        A[UPPER] = s[:21]
-        A += np.triu(A, 1).T
         scale = s[28] / max(s[27], 1e-12)
-        return A * scale, s[21:27] * scale
+        return s[SYMMETRIC] * scale, s[21:27] * scale
 
     def _sums(self, T: SE3) -> np.ndarray:
         m, s = self.matches, self.settings

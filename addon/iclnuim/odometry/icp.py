@@ -15,7 +15,8 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .certainty import ACROSS, DOWN, informed
+from .certainty import ACROSS, DOWN, disagreement, informed
+from .depth_term import MAX_DISTANCE_M
 from .photometric import PhotometricSettings, Rgbd, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
 from .solver import (
@@ -31,10 +32,6 @@ from .solver import (
     solve,
 )
 
-#: Disagreement of normals (1 - cosine) that is not yet noise: steps of 0.2 mm make less.
-MIN_NOISE = 1e-4
-#: Farther apart, two points are no match (KinectFusion).
-MAX_DISTANCE_M = 0.10
 #: Root mean square between surfaces at the first guess from which on it is poor (a prediction has 0.5 to 12 mm, clean and
 #: noisy; 5 degrees off 20 mm and more). A rotation alone is then found first, with every match on a coarse level that is
 #: not out of the question.
@@ -67,7 +64,7 @@ class IcpSettings:
     max_angle_deg: float = 20.0
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
     two_normals: bool = (
-        False  # products of the residuals along both images' normals, not squares along one; information
+        False  # information, of products of the residuals along both images' normals, not squares along one
     )
     rough_step: int = 0  # pixels; 0: no frame is taken for a sensor's
     stop: Stop = Stop()
@@ -127,12 +124,10 @@ class PlaneTerm:
         return system
 
     def _disagreement(self) -> float:
-        """1 - n0 . n1 in the mean, from the median of some 2000 pairs: true normals differ by more at edges."""
+        """Of some 2000 pairs of normals."""
         step = len(self.residual) // 2000 + 1
         some = np.isfinite(self.residual[::step])
-        cosines = np.sum(self.J[::step, :3][some] * self.J1[::step, :3][some], axis=1)
-        mean = (1.0 - float(np.median(cosines))) / math.log(2.0) if len(cosines) else 0.0
-        return max(mean - MIN_NOISE, 0.0)
+        return disagreement(np.sum(self.J[::step, :3][some] * self.J1[::step, :3][some], axis=1))
 
 
 class Icp(PyramidOdometer):

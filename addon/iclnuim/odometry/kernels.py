@@ -69,11 +69,21 @@ def halve_depth_median(z):
 
 
 @njit(cache=True)
+def _facing(k, v, u, left, right, above, below, e, r, a, b):
+    """Unit normal at (v, u) of the surface through depths e, r (in columns left, right) and a, b (in rows above, below); 0 without one."""
+    fx, fy, cx, cy = k
+    x1, y1, z1 = ((right - cx) * r - (left - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
+    x2, y2, z2 = (u - cx) * (b - a) / fx, ((below - cy) * b - (above - cy) * a) / fy, b - a
+    x, y, z = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
+    length = math.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 0.0)
+
+
+@njit(cache=True)
 def normals(z, k, s):
     """Unit normals (h, w, 3) by differences over +-s pixels, to one side where the other is missing; 0 where depth jumps."""
     h, w = z.shape
     out = np.zeros((h, w, 3), np.float32)
-    fx, fy, cx, cy = k
     for v in range(s, h - s):
         for u in range(s, w - s):
             d = z[v, u]
@@ -91,12 +101,7 @@ def normals(z, k, s):
             limit = (0.02 + 0.02 * s) * d
             if max(abs(e - d), abs(r - d), abs(a - d), abs(b - d)) > limit:
                 continue
-            x1, y1, z1 = ((right - cx) * r - (left - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
-            x2, y2, z2 = (u - cx) * (b - a) / fx, ((below - cy) * b - (above - cy) * a) / fy, b - a
-            nx, ny, nz = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-            if length > 0:
-                out[v, u, 0], out[v, u, 1], out[v, u, 2] = nx / length, ny / length, nz / length
+            out[v, u, 0], out[v, u, 1], out[v, u, 2] = _facing(k, v, u, left, right, above, below, e, r, a, b)
     return out
 
 
@@ -204,6 +209,13 @@ def flat_points(k, z, normals, stride, across, down):
 
 
 @njit(cache=True)
+def _plane_row(J, x, y, z, nx, ny, nz):
+    """Of the distance of (x, y, z) along a normal, by a twist from the left."""
+    J[0], J[1], J[2] = nx, ny, nz
+    J[3], J[4], J[5] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+
+
+@njit(cache=True)
 def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosine, residual, J, residual1, J1):
     """Projective association: residual = n . (p0 - T p1) in metres, NaN without a partner; T is T_reference_current.
 
@@ -238,11 +250,27 @@ def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosi
         if nx * mx + ny * my + nz * mz < min_cosine:
             continue
         residual[n] = nx * dx + ny * dy + nz * dz
-        J[n, 0], J[n, 1], J[n, 2] = nx, ny, nz
-        J[n, 3], J[n, 4], J[n, 5] = qy * nz - qz * ny, qz * nx - qx * nz, qx * ny - qy * nx
+        _plane_row(J[n], qx, qy, qz, nx, ny, nz)
         residual1[n] = mx * dx + my * dy + mz * dz
-        J1[n, 0], J1[n, 1], J1[n, 2] = mx, my, mz
-        J1[n, 3], J1[n, 4], J1[n, 5] = qy * mz - qz * my, qz * mx - qx * mz, qx * my - qy * mx
+        _plane_row(J1[n], qx, qy, qz, mx, my, mz)
+
+
+@njit(cache=True)
+def _add_pair(o, J, r, J1, q, weight, x, y, z):
+    """One pixel's share of the sums o (34,) that block_sums() describes."""
+    half, n = 0.5 * weight, 0
+    for a in range(6):
+        for b in range(a, 6):
+            o[n] += half * (J[a] * J1[b] + J1[a] * J[b])
+            n += 1
+        o[21 + a] += half * (J[a] * q + J1[a] * r)
+    o[27] += weight * r * r
+    o[28] += weight
+    o[29] += 1
+    o[30] += weight * x
+    o[31] += weight * y
+    o[32] += weight * z
+    o[33] += weight * (x * x + y * y + z * z)
 
 
 @njit(cache=True)
@@ -259,21 +287,7 @@ def block_sums(points, J, residual, J1, residual1, sigma, nu, blocks, out):
         if not math.isfinite(r):
             continue
         weight = 1.0 if nu <= 0 else (nu + 1) / (nu + (r / sigma) ** 2)
-        half, o = 0.5 * weight, out[blocks[i]]
-        n = 0
-        for a in range(6):
-            for b in range(a, 6):
-                o[n] += half * (J[i, a] * J1[i, b] + J1[i, a] * J[i, b])
-                n += 1
-            o[21 + a] += half * (J[i, a] * q + J1[i, a] * r)
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        o[27] += weight * r * r
-        o[28] += weight
-        o[29] += 1
-        o[30] += weight * x
-        o[31] += weight * y
-        o[32] += weight * z
-        o[33] += weight * (x * x + y * y + z * z)
+        _add_pair(out[blocks[i]], J[i], r, J1[i], q, weight, points[i, 0], points[i, 1], points[i, 2])
 
 
 @njit(cache=True)
@@ -317,17 +331,12 @@ def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
 @njit(cache=True)
 def _normal(z, v, u, k):
     """Unit normal by differences over a pixel to each side; its z is 0 where depth jumps or is missing."""
-    fx, fy, cx, cy = k
     d, e, r, a, b = z[v, u], z[v, u - 1], z[v, u + 1], z[v - 1, u], z[v + 1, u]
     if not (d > 0 and e > 0 and r > 0 and a > 0 and b > 0):
         return 0.0, 0.0, 0.0
     if max(abs(e - d), abs(r - d), abs(a - d), abs(b - d)) > 0.04 * d:
         return 0.0, 0.0, 0.0
-    x1, y1, z1 = ((u + 1 - cx) * r - (u - 1 - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
-    x2, y2, z2 = (u - cx) * (b - a) / fx, ((v + 1 - cy) * b - (v - 1 - cy) * a) / fy, b - a
-    x, y, w = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
-    length = math.sqrt(x * x + y * y + w * w)
-    return (x / length, y / length, w / length) if length > 0 else (0.0, 0.0, 0.0)
+    return _facing(k, v, u, u - 1, u + 1, v - 1, v + 1, e, r, a, b)
 
 
 @njit(cache=True)
@@ -384,24 +393,9 @@ def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu,
             continue
         r, q = nx * dx + ny * dy + nz * dz, mx * dx + my * dy + mz * dz
         residual[n] = r
-        J[0], J[1], J[2] = nx, ny, nz
-        J[3], J[4], J[5] = qy * nz - qz * ny, qz * nx - qx * nz, qx * ny - qy * nx
-        J1[0], J1[1], J1[2] = mx, my, mz
-        J1[3], J1[4], J1[5] = qy * mz - qz * my, qz * mx - qx * mz, qx * my - qy * mx
-        weight = (nu + 1) / (nu + (r / sigma) ** 2)
-        half, m = 0.5 * weight, 0
-        for one in range(6):
-            for other in range(one, 6):
-                out[m] += half * (J[one] * J1[other] + J1[one] * J[other])
-                m += 1
-            out[21 + one] += half * (J[one] * q + J1[one] * r)
-        out[27] += weight * r * r
-        out[28] += weight
-        out[29] += 1
-        out[30] += weight * qx
-        out[31] += weight * qy
-        out[32] += weight * qz
-        out[33] += weight * (qx * qx + qy * qy + qz * qz)
+        _plane_row(J, qx, qy, qz, nx, ny, nz)
+        _plane_row(J1, qx, qy, qz, mx, my, mz)
+        _add_pair(out, J, r, J1, q, (nu + 1) / (nu + (r / sigma) ** 2), qx, qy, qz)
     return out
 
 
