@@ -77,8 +77,7 @@ def test_kt0_rests_where_icp_is_free_before_the_bare_wall(living_room, path_of):
     assert max(value for value, _ in views) < 0.02
     assert min(shares["wall_left"] for _, shares in views) > 0.85
     plant = [shares.get("plant", 0) + shares.get("plant_pot", 0) for _, shares in views]
-    assert sum(share > 0.005 for share in plant) >= len(plant) / 2
-    assert min(plant) < 0.002, "for part of the stretch the wall alone is seen"
+    assert min(plant) > 0.005, "where the wall alone was seen, systems of feature points lost their way"
 
 
 def test_kt0_moves_along_the_wall_while_icp_is_free(path_of):

@@ -1,0 +1,87 @@
+"""Draws the shipped trajectories from above, each in its room: `python tools/top_views.py` writes the .png beside each .txt.
+
+The room is what rays from below its ceiling meet, grey by its direction, with lines where height or object change. A dot marks the start,
+a square the end, and an arrow each second the viewing direction.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from iclnuim import shipped
+from iclnuim.blender import model, scene
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.se3 import SE3
+from iclnuim.raycast.caster import RayCaster
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+_ABOVE_FLOOR_M, _MARGIN_M, _STEP_M, _EDGE_M, _INCH_M = 2.3, 0.1, 0.01, 0.02, 1.62
+_LIGHT = np.array([-0.3, 0.4, 0.87])
+
+
+def main(rooms: Sequence[str]) -> None:
+    for room in rooms:
+        scene.open_scene(room)
+        picture, extent = top_view(RayCaster.of_model(found := model.scene_model()), found.corners_m, found.instance)
+        for name in shipped.sequence_names():
+            if name.startswith(f"{room}/"):
+                path = shipped.trajectory_file(name)
+                draw(picture, extent, read_trajectory(path).trajectory.T_world_camera, path.with_suffix(".png"))
+
+
+def top_view(
+    caster: RayCaster, corners_m: np.ndarray, instance: np.ndarray
+) -> tuple[np.ndarray, tuple[float, float, float, float]]:
+    """Greys (h, w) of the model from above and its extent (left, right, bottom, top) in metres."""
+    floor_m = np.percentile(corners_m[..., 2], 1)
+    inside = corners_m[np.abs(corners_m[..., 2] - floor_m) < _ABOVE_FLOOR_M]
+    low, high = np.percentile(inside[:, :2], [0.1, 99.9], axis=0)
+    x, y = (np.arange(a - _MARGIN_M, b + _MARGIN_M, _STEP_M) for a, b in zip(low, high, strict=True))
+    origins = np.stack([*np.meshgrid(x, y[::-1]), np.full((len(y), len(x)), floor_m + _ABOVE_FLOOR_M)], -1)
+    hits = caster.cast(origins, np.broadcast_to((0.0, 0.0, -1.0), origins.shape))
+    met = hits.triangle >= 0
+    normal = hits.normal * np.sign(hits.normal[..., 2:])
+    grey = np.where(met, 0.62 + 0.34 * np.clip(normal @ _LIGHT, 0, 1), 1.0)
+    return grey * np.where(
+        _edges(np.where(met, hits.distance, 9), np.where(met, instance[hits.triangle], -1)), 0.6, 1
+    ), (
+        x[0],
+        x[-1],
+        y[0],
+        y[-1],
+    )
+
+
+def _edges(height_m: np.ndarray, instance: np.ndarray) -> np.ndarray:
+    found = np.zeros(height_m.shape, bool)
+    for axis in (0, 1):
+        step = np.abs(np.diff(height_m, axis=axis)) > _EDGE_M
+        step |= (np.diff(instance, axis=axis) != 0) & (np.abs(np.diff(height_m, axis=axis)) > _EDGE_M / 4)
+        found |= np.pad(step, [(0, 1), (0, 0)] if axis == 0 else [(0, 0), (0, 1)])
+    return found
+
+
+def draw(picture: np.ndarray, extent: tuple[float, float, float, float], T_world_camera: SE3, path: Path) -> None:
+    width_m, height_m = extent[1] - extent[0], extent[3] - extent[2]
+    figure = plt.figure(figsize=(width_m / _INCH_M, height_m / _INCH_M), dpi=110)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(picture, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="antialiased")
+    places, looks = T_world_camera.translation[:, :2], T_world_camera.rotation[:, :2, 2]
+    colours = plt.get_cmap("viridis")(np.linspace(0, 1, len(places)))
+    axes.scatter(places[:, 0], places[:, 1], s=2, c=colours, zorder=3)
+    for place, look, colour in zip(places[::30], looks[::30], colours[::30], strict=True):
+        style = {"arrowstyle": "-|>", "color": colour, "lw": 1.0, "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", place + 0.32 * look / np.linalg.norm(look), place, arrowprops=style, zorder=4)
+    axes.plot(*places[0], "o", c=colours[0], ms=6)
+    axes.plot(*places[-1], "s", c=colours[-1], ms=5, mec="k", mew=0.5)
+    axes.axis("off")
+    figure.savefig(path)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or shipped.SCENE_NAMES)
