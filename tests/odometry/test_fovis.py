@@ -62,6 +62,21 @@ def test_a_known_motion_is_found_from_one_kept_frame(preset):
     assert error_m(found[-1], poses[-1]) < 0.05 * np.linalg.norm(poses[-1].translation)
 
 
+def test_what_is_seen_through_glass_does_not_count_as_lying_on_it():
+    """A pane 0.9 m away before half of the view, which depth sees and colour does not."""
+    poses, frames = path(4), []
+    for T in poses:
+        rays, frame = CAMERA.rays() @ T.rotation.T, seen(T)
+        pane = (0.9 - T.translation[2]) / rays[..., 2]
+        on = T.translation[0] + pane * rays[..., 0] < 0
+        frames.append(Frame.of(frame.grey, np.where(on, pane, frame.depth_z_m), 0.0))
+    settings, moved = Fovis.PRESETS["best"], np.linalg.norm(poses[-1].translation)
+    without, found = (
+        list(track(Fovis(s), CAMERA, enumerate(frames))) for s in (replace(settings, depth=False), settings)
+    )
+    assert error_m(found[-1], poses[-1]) < 0.1 * moved < 0.2 * error_m(without[-1], poses[-1])
+
+
 def test_the_frames_around_one_without_depth_are_tracked():
     poses = path(4)
     frames = [seen(T) for T in poses]

@@ -1,4 +1,4 @@
-"""What depth says of a motion, at little cost: which tiles a photometric odometer may believe, and whether its motion can be."""
+"""What depth says of a motion, at little cost: which parts of an image can be believed, and whether a motion can be."""
 
 import math
 from dataclasses import replace
@@ -25,8 +25,28 @@ MAX_OFF_M = 0.02 / 3
 PRIOR_M = 0.03
 #: While the points move by less than this, their equations are taken along.
 MAX_TAKEN_M = 0.002
+#: Standard deviations of the factor between a part's inverse depth and the sensor's: loose at first, firm where depth holds.
+LOOSE, FIRM = 1.0, 0.05
 #: Equations that say nothing.
 NOTHING = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
+
+
+def length_unknown(geometry: System, t_m: np.ndarray) -> float:
+    """How far the length of a motion t_m (3,) is not known by `geometry` (information): the share, 0..1, of a factor common to all
+    parts of the image that nothing but these decide."""
+    along = np.concatenate([t_m, np.zeros(3)]) / max(float(t_m @ t_m), 1e-12)
+    variance = float(along @ np.linalg.solve(geometry.A + 1e-3 * np.eye(6), along))
+    return variance / (variance + FIRM**2)
+
+
+def believed(factor: np.ndarray, variance: np.ndarray, unknown: float) -> np.ndarray:
+    """(n,) 0..1: whether a part's factor, known to `variance`, is 1 (Geman, McClure 1987), or as far as the length of the motion is
+    unknown, that of most parts: one camera without depth knows no scale, and all can share one factor.
+    """
+    informed = variance < LOOSE**2
+    most = float(np.median(factor[informed])) if informed.any() else 1.0
+    off = factor / max(1.0 + (most - 1.0) * unknown, FIRM) - 1.0
+    return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2
 
 
 class DepthTerm:
@@ -91,4 +111,8 @@ class DepthTerm:
         if self.looks == 0:
             self.noise = disagreement(self.cosine[np.isfinite(self.residual)])
         system = System.of_sums(sums)
-        return system.less_noise(self.noise * system.weight).as_information(1.0)
+        known = system.less_noise(self.noise * system.weight)
+        twist, _ = known.as_information(1.0).step(np.zeros(6), PRIOR_M, T.translation)
+        gain = float(twist @ (2 * system.b - system.A @ twist)) / system.weight
+        # their error is what is left at the motion that they call for
+        return replace(known, error=max(system.error - gain, 1e-2 * system.error)).as_information(1.0)

@@ -5,14 +5,16 @@ Pyramid levels are halved by a 5x5 Gaussian whose centre is an even pixel, so th
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numba import njit
 
 from ..geometry.camera import PinholeCamera
+from .kernels import halve_depth
 from .protocol import Frame
-from .solver import MIN_SIDE
+from .solver import MIN_SIDE, Level
 
 #: Pixels to either side of a corner that describe it.
 REACH = 4
@@ -42,16 +44,22 @@ class Features:
     points_m: np.ndarray
     descriptions: np.ndarray
 
+    @cached_property
+    def half(self) -> Level:
+        """Of half the size, for what depth says (its grey is not read)."""
+        return Level(self.images[-1], halve_depth(self.depth_z_m), self.camera.halved())
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Of corners seen in both frames: pixels uv (n, 2), points_m (n, 3) of both, and the pyramid level (n,)."""
+    """Of corners seen in both frames: pixels uv (n, 2), points_m (n, 3) of both, the pyramid level and a weight (n,) of their residuals."""
 
     uv0: np.ndarray
     points0_m: np.ndarray
     uv1: np.ndarray
     points1_m: np.ndarray
     level: np.ndarray
+    weight: np.ndarray
 
     def __len__(self) -> int:
         return len(self.level)
@@ -200,7 +208,8 @@ def match(
         at = np.flatnonzero(reference.level[i] == n)
         refine(image0, image1, reference.uv[i[at]] / 2**n, uv, at, float(2**n), precision_px, lost)
     z = depth_at(current.depth_z_m, uv)
-    matches = Matches(reference.uv[i], reference.points_m[i], uv, _points(current.camera, uv, z), reference.level[i])
+    points_m = _points(current.camera, uv, z)
+    matches = Matches(reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i)))
     return matches.chosen((z > 0) & ~(lost & strict))
 
 

@@ -17,17 +17,22 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
 from .certainty import ACROSS, DOWN, informed
+from .depth_term import LOOSE, DepthTerm, believed, length_unknown
 from .features import Features, Matches, consistent, features, match
 from .protocol import Frame, Result, Status, failure
-from .solver import SYMMETRIC, Limits, Pass, Stop, System, solve
+from .solver import Limits, Pass, Stop, System, solve
 
 #: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
 #: A motion that others only start from is found until a step is shorter (metres, radians; half a pixel).
 ROUGH = 1e-3
+#: Depth is looked up so many times at most.
+LOOKS = 3
 #: Where a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), the prediction may have
 #: missed a sudden turn: small images are asked.
 FEW = 0.25
+#: Where a larger share agrees close to the prediction (noisy frames: 0.42 and more), corners farther off are not asked.
+SURE = 0.35
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,7 @@ class FovisSettings:
     iterations: int = 6
     limits: Limits = Limits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
+    depth: bool = False  # which corners count is found with the help of depth, which judges the motion
     level_weights: bool = False  # a coarse level's pixel counts as what it is in the image
     reference: str = "matches"
 
@@ -63,6 +69,7 @@ class Fovis:
             strict=True,
             nu=5.0,
             stop=Stop(min_step=1e-5),
+            depth=True,
             level_weights=True,
             limits=Limits(min_inliers=0.0, prior_m=0.03),
         ),
@@ -78,17 +85,24 @@ class Fovis:
         s = self.settings
         if min(len(reference.uv), len(current.uv)) < s.min_inliers:
             return failure("features: too few corners with depth")
-        first, *others = s.searches_px
-        found = self._around(reference, current, guess, first)
+        far, near = s.searches_px[0], s.searches_px[-1]
+        depth = DepthTerm(reference.half, current.half) if s.depth else None
+        found = self._around(reference, current, guess, near, depth)
+        if far > near and found.share < SURE:
+            found = self._around(reference, current, guess, far, depth)
         if found.share < FEW:
-            again = self._around(reference, current, _turned(reference, current, guess), first)
+            again = self._around(reference, current, _turned(reference, current, guess), far, depth)
             found = again if len(again.inliers) > len(found.inliers) else found
-        for search_px in others:
-            if not found.reason:
-                found = self._around(reference, current, found.T, search_px)
-        return failure(found.reason) if found.reason else self._motion(found, reference.camera)
+        if far > near and found.search_px == far and not found.reason:
+            found = self._around(reference, current, found.T, near, depth)
+        if found.reason:
+            return failure(found.reason)
+        result = self._motion(found, reference.camera)
+        return depth.judged(result) if depth else result
 
-    def _around(self, reference: Features, current: Features, start: SE3, search_px: float) -> "Found":
+    def _around(
+        self, reference: Features, current: Features, start: SE3, search_px: float, depth: DepthTerm | None
+    ) -> "Found":
         """With corners within `search_px` of where `start` puts them; their places are refined in the last search."""
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
@@ -96,23 +110,32 @@ class Fovis:
         found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5, s.strict)
         agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
         if len(agreeing) < s.min_inliers:
-            return Found(start, agreeing, 0.0, f"features: {len(agreeing)} agree, fewer than {s.min_inliers}")
-        T = self._rough(agreeing, camera, start)
+            reason = f"features: {len(agreeing)} agree, fewer than {s.min_inliers}"
+            return Found(start, agreeing, 0.0, search_px, reason)
+        T = start
+        if depth:
+            term = ReprojectionTerm(agreeing, camera, s, loose=True)
+            T = self._rough(term, T, depth)
+            agreeing = replace(agreeing, weight=term.believed(depth.at(T), T))
+        T = self._rough(ReprojectionTerm(agreeing, camera, s), T)
         errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
         few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
         reason = f"features: {len(inliers)} of {len(found)} agree about a motion" if few else ""
-        return Found(T, inliers, len(inliers) / len(found), reason)
+        return Found(T, inliers, len(inliers) / len(found), search_px, reason)
 
-    def _rough(self, matches: Matches, camera: PinholeCamera, start: SE3) -> SE3:
-        """The motion that others only start from, until a step is shorter than ROUGH."""
-        s, T, term = self.settings, start, ReprojectionTerm(matches, camera, self.settings)
+    def _rough(self, term: "ReprojectionTerm", T: SE3, depth: DepthTerm | None = None, min_step: float = ROUGH) -> SE3:
+        """The motion without its certainty, from T on, until a step is shorter than min_step. With what depth says, looked up again
+        where it has moved the points."""
+        s, gone = self.settings, np.zeros(6)
         prior = np.full(6, s.limits.prior_m**-2 if s.limits.prior_m else 1e-9)
-        gone = np.zeros(6)
-        for _ in range(s.iterations):
-            A, b = term.equations(T)
-            step = np.linalg.solve(A + np.diag(prior), b - prior * gone)
-            T, gone = SE3.exp(step) @ T, gone + step
+        for _ in range(LOOKS if depth else 1):
+            A, b = np.diag(prior), -prior * gone
+            if depth:
+                geometry = depth.look(T)
+                A, b = A + geometry.A, b + geometry.b
+            T, step = term.solved(T, A, b, min_step)
+            gone += step
             if np.abs(step).max() < ROUGH:
                 break
         return T
@@ -121,7 +144,8 @@ class Fovis:
         """Of the inliers, with its certainty."""
         s, count = self.settings, len(found.inliers)
         term = ReprojectionTerm(found.inliers, camera, s)
-        result = solve([Pass(term, s.iterations, 4 * count, s.stop)], found.T, s.limits)
+        T = self._rough(term, found.T, min_step=s.stop.min_step) if s.nu else found.T  # certainty only once it is there
+        result = solve([Pass(term, s.iterations, 4 * count, s.stop)], T, s.limits)
         if result.status is Status.FAILED:
             return result
         return replace(result, matches=count, inliers=found.share)
@@ -133,36 +157,46 @@ class Found(NamedTuple):
     T: SE3
     inliers: Matches
     share: float
+    search_px: float
     reason: str
 
 
 class ReprojectionTerm:
-    """Equations in pixels: where each frame's points fall in the other image, against the corner there."""
+    """Equations in pixels: where each frame's points fall in the other image, against the corner there.
 
-    def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings) -> None:
-        self.matches, self.settings, self.sigma = matches, settings, 1.0
-        self.k = camera.intrinsics
-        self.weight = 2.0**-matches.level if settings.level_weights else np.ones(len(matches))
+    loose: the inverse depth of each match may be wrong by a factor, a further unknown that is eliminated (as of the tiles of
+    `photometric`): a corner in a mirror or behind glass tells the motion without it.
+    """
+
+    def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings, loose: bool = False) -> None:
+        self.settings, self.loose, self.sigma = settings, loose, 1.0
+        m, weight = matches, matches.weight * (2.0**-matches.level if settings.level_weights else 1.0)
+        self.seen = (camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, weight)
         across, down = (matches.uv0 * (ACROSS, DOWN) / (camera.width, camera.height)).astype(np.int16).T
         self.blocks, self.sums = np.repeat(down * ACROSS + across, 4), np.empty((ACROSS * DOWN, 34))
 
     def __call__(self, T: SE3, iteration: int) -> System:
-        system = System.of_sums(self._sums(T))
-        return informed(system, self.sums, self.settings.nu) if self.settings.nu else system
-
-    def equations(self, T: SE3) -> tuple[np.ndarray, np.ndarray]:
-        """A (6, 6) and b (6,), in units of the residuals' mean square."""
-        s = self._sums(T)
-        scale = s[28] / max(s[27], 1e-12)
-        return s[SYMMETRIC] * scale, s[21:27] * scale
-
-    def _sums(self, T: SE3) -> np.ndarray:
-        m, s = self.matches, self.settings
-        arms, residual, J = reprojections(T.matrix, self.k, m.points0_m, m.uv0, m.points1_m, m.uv1, self.weight)
+        s, (arms, residual, J) = self.settings, reprojections(T.matrix, *self.seen)
         if s.nu:
             self.sigma = max(kernels.student_scale(residual, s.nu, self.sigma, 10), 1e-3)
         kernels.block_sums(arms, J, residual, J, residual, self.sigma, s.nu, self.blocks, self.sums)
-        return self.sums.sum(axis=0)
+        system = System.of_sums(self.sums.sum(axis=0))
+        return informed(system, self.sums, s.nu) if s.nu else system
+
+    def solved(self, T: SE3, A: np.ndarray, b: np.ndarray, min_step: float) -> tuple[SE3, np.ndarray]:
+        """The pose and the twist (6,) there from T; of that twist x, A x = b is known besides, as information."""
+        s = self.settings
+        rule = (self.loose, s.nu, self.sigma, A, b, s.iterations, min_step)
+        found, gone, self.sigma = least_squares(T.matrix, self.seen, *rule)
+        return SE3(found[:3, :3], found[:3, 3]), gone
+
+    def believed(self, geometry: System, T: SE3) -> np.ndarray:
+        """Weights (n,), 0..1, of residuals: small where depth is not that of what is seen, by its equations at T and loose ones solved."""
+        _, residual, J = reprojections(T.matrix, *self.seen)
+        factor, stiff = free_depth(T.translation, J, residual, (self.sigma / LOOSE) ** 2)
+        unknown = length_unknown(geometry, T.translation)
+        kept = believed(factor, self.sigma**2 / np.maximum(stiff, 1e-12), unknown)
+        return np.sqrt(kept + (1.0 - kept) * unknown)
 
 
 @njit(cache=True)
@@ -199,6 +233,78 @@ def reprojections(T, k, points0, uv0, points1, uv1, weight):
         J[i, 3], J[i, 4] = y * J[i, 2] - z * J[i, 1], z * J[i, 0] - x * J[i, 2]
         J[i, 5] = x * J[i, 1] - y * J[i, 0]
     return arms, residual, J
+
+
+@njit(cache=True)
+def least_squares(T, seen, loose, nu, sigma, A, b, iterations, min_step):
+    """(T, the twist (6,) there, Student's scale), by Gauss-Newton from T (4, 4) on; A x = b is known of that twist besides.
+
+    seen: what reprojections() takes besides the pose. Units are those of the residuals' mean square.
+    """
+    gone = np.zeros(6)
+    for _ in range(iterations):
+        arms, residual, J = reprojections(T, *seen)
+        if loose:
+            free_depth(T[:3, 3], J, residual, (sigma / LOOSE) ** 2)
+        if nu > 0:
+            sigma = max(kernels.student_scale(residual, nu, sigma, 10), 1e-3)
+        s = kernels.sums(arms, J, residual, J, residual, sigma, nu)
+        scale, n = s[28] / max(s[27], 1e-12), 0
+        left, right = A.copy(), b - A @ gone
+        for a in range(6):
+            for c in range(a, 6):
+                left[a, c] += scale * s[n]
+                left[c, a] = left[a, c]
+                n += 1
+            right[a] += scale * s[21 + a]
+        step = np.linalg.solve(left, right)
+        T, gone = moved(T, step), gone + step
+        if np.abs(step).max() < min_step:
+            break
+    return T, gone, sigma
+
+
+@njit(cache=True)
+def moved(T, twist):
+    """(4, 4): exp(twist) T (as SE3.exp, for steps of less than half a turn)."""
+    x, y, z = twist[3:]
+    angle = np.sqrt(x * x + y * y + z * z)
+    a, b, c = 1.0, 0.5, 1.0 / 6.0
+    if angle > 1e-4:
+        a = np.sin(angle) / angle
+        b, c = 2.0 * (np.sin(angle / 2) / angle) ** 2, (1.0 - a) / angle**2
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    squared, out = k @ k, np.eye(4)
+    out[:3, :3] += a * k + b * squared
+    out[:3, 3] = twist[:3] + b * (k @ twist[:3]) + c * (squared @ twist[:3])
+    return out @ T
+
+
+@njit(cache=True)
+def free_depth(t, J, residual, prior):
+    """(factor (n,) of each match's inverse depth, g^T g (n,)) by the slopes g of its 4 residuals by that factor; makes J and
+    residual such that their squares are those of the equations without it (Schur complement). t (3,): of T_reference_current.
+    """
+    n, g = len(residual) // 4, np.empty(4)
+    factor, stiff = np.empty(n), np.empty(n)
+    for m in range(n):
+        squares = product = 0.0
+        for i in range(4):
+            row = J[4 * m + i]
+            g[i] = row[0] * t[0] + row[1] * t[1] + row[2] * t[2]
+            squares += g[i] * g[i]
+            product += g[i] * residual[4 * m + i]
+        factor[m], stiff[m] = 1.0 + product / (squares + prior), squares
+        left = (1.0 - np.sqrt(prior / (squares + prior))) / max(squares, 1e-30)
+        for i in range(4):
+            residual[4 * m + i] -= left * product * g[i]
+        for a in range(6):
+            slope = 0.0
+            for i in range(4):
+                slope += g[i] * J[4 * m + i, a]
+            for i in range(4):
+                J[4 * m + i, a] -= left * slope * g[i]
+    return factor, stiff
 
 
 def _turned(reference: Features, current: Features, guess: SE3) -> SE3:

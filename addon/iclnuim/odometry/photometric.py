@@ -26,7 +26,7 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .depth_term import DepthTerm
+from .depth_term import FIRM, LOOSE, DepthTerm, believed, length_unknown
 from .protocol import Frame, Result, Status, failure
 from .solver import Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, small_twist, solve
 
@@ -43,8 +43,6 @@ MIN_FIT, TURNED = 0.9, 4
 MIN_PIXELS = 30
 #: Tiles of the image.
 ACROSS, DOWN = 16, 12
-#: Standard deviations of a tile's factor: loose at first, firm where depth holds.
-LOOSE, FIRM = 1.0, 0.05
 #: So many of a tile's pixels share one error.
 TILE_SPREAD = 25.0
 #: A factor changes by no more than this in an iteration.
@@ -99,12 +97,6 @@ class Tiles:
             self.factor = np.clip(self.factor + np.clip(change, -MAX_CHANGE, MAX_CHANGE), 0.0, 2.5)
         self._T = T
 
-    def know(self, geometry: System, t_m: np.ndarray) -> None:
-        """How well `geometry` (information) knows the length of a motion t_m (3,), and so what a factor common to all is."""
-        along = np.concatenate([t_m, np.zeros(3)]) / max(float(t_m @ t_m), 1e-12)
-        variance = float(along @ np.linalg.solve(geometry.A + 1e-3 * np.eye(6), along))
-        self.free = variance / (variance + FIRM**2)
-
     def eliminated(self, sums: np.ndarray, firm: bool) -> System:
         """Equations of motion alone, from kernels.tile_sums() (tiles, 42). Their count: pixels whose depth is an inlier.
 
@@ -114,7 +106,7 @@ class Tiles:
         if not firm:
             self._error = float(sums[:, 27].sum() / max(sums[:, 28].sum(), 1e-30))
         off, unit = self.factor - 1.0, TILE_SPREAD * max(self._error, MIN_ERROR)
-        weights = self._weights(unit / np.maximum(own, 1e-12)) if firm else np.ones(len(off))
+        weights = believed(self.factor, unit / np.maximum(own, 1e-12), self.free) if firm else np.ones(len(off))
         prior = weights * (unit * (FIRM if firm else LOOSE) ** -2)
         stiff, rest = own + prior + 1e-12, right - prior * off
         self._equations = slopes, stiff, rest
@@ -123,15 +115,6 @@ class Tiles:
         system = System.of_sums(kept @ sums[:, :34])
         self._error, count = system.error, float(weights @ sums[:, 29])
         return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ rest, count=count)
-
-    def _weights(self, variance: np.ndarray) -> np.ndarray:
-        """(tiles,) 0..1: where the factor, known to `variance`, is 1, or as far as depth does not know the length of the motion,
-        that of most tiles: one camera without depth knows no scale, and all can share one factor.
-        """
-        informed = variance < LOOSE**2
-        most = float(np.median(self.factor[informed])) if informed.any() else 1.0
-        off = self.factor / max(1.0 + (most - 1.0) * self.free, FIRM) - 1.0
-        return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2
 
 
 class PhotometricTerm:
@@ -184,7 +167,7 @@ class PhotometricTerm:
         system = system.as_information(self.settings.spread, ROUNDED)
         if self.depth and self.tiles and not firm:
             geometry = self.depth.look(T)
-            self.tiles.know(geometry, T.translation)
+            self.tiles.free = length_unknown(geometry, T.translation)
             system = system.plus(geometry, 1.0, 1.0)
         return system
 
