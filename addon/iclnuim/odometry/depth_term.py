@@ -21,8 +21,8 @@ NU, SIGMA_M = 10.0, 0.005
 MIN_MATCHED = 0.2
 #: Off by 2 cm a motion is wrong; where depth calls for one that is a third of this away, it is reported.
 MAX_OFF_M = 0.02 / 3
-#: Standard deviation of a motion found by depth alone about the one that it is to judge.
-PRIOR_M = 0.03
+#: Information (6, 6) of a motion found by depth alone about the one that it is to judge: 30 mm, where depth does not know.
+PRIOR = np.eye(6) / 0.03**2
 #: While the points move by less than this, their equations are taken along.
 MAX_TAKEN_M = 0.002
 #: Standard deviations of the factor between a part's inverse depth and the sensor's: loose at first, firm where depth holds.
@@ -47,6 +47,19 @@ def believed(factor: np.ndarray, variance: np.ndarray, unknown: float) -> np.nda
     most = float(np.median(factor[informed])) if informed.any() else 1.0
     off = factor / max(1.0 + (most - 1.0) * unknown, FIRM) - 1.0
     return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2
+
+
+def _alone(geometry: System) -> np.ndarray:
+    """The twist (6,) that depth alone calls for, held by PRIOR where it does not know."""
+    return np.linalg.solve(geometry.A + PRIOR, geometry.b)
+
+
+def _surprise(geometry: System, information: np.ndarray) -> float:
+    """Squared distance, by its variance and its 6 degrees of freedom, of the motion that depth alone calls for from one known to
+    `information` (6, 6)."""
+    alone = _alone(geometry)
+    variance = np.linalg.inv(geometry.A + PRIOR) + np.linalg.inv(information + 1e-3 * np.eye(6))
+    return float(alone @ np.linalg.solve(variance, alone)) / 6
 
 
 class DepthTerm:
@@ -79,12 +92,11 @@ class DepthTerm:
         if result.status is Status.FAILED or not self.looks:
             return result
         T = result.T_reference_camera
-        alone, _ = self.at(T).step(np.zeros(6), PRIOR_M, T.translation)
-        self.look(SE3.exp(alone) @ T)
+        self.look(SE3.exp(_alone(self.at(T))) @ T)
         geometry = self.at(T)
-        twist, _ = replace(geometry, A=geometry.A + result.information).step(np.zeros(6))
-        ratio = max(float(twist @ result.information @ twist) / 6, 1.0)  # squared error over variance, as in NEES
+        ratio = max(_surprise(geometry, result.information), 1.0)
         sigma_m, information = result.largest_sigma_m * math.sqrt(ratio), result.information / ratio
+        twist, _ = replace(geometry, A=geometry.A + information).step(np.zeros(6))
         off_m, status, reason = geometry.length_of(twist), result.status, result.reason
         if off_m > MAX_OFF_M:
             T, reason = SE3.exp(twist) @ T, f"depth: calls for a motion {off_m * 1e3:.0f} mm away"
@@ -112,7 +124,7 @@ class DepthTerm:
             self.noise = disagreement(self.cosine[np.isfinite(self.residual)])
         system = System.of_sums(sums)
         known = system.less_noise(self.noise * system.weight)
-        twist, _ = known.as_information(1.0).step(np.zeros(6), PRIOR_M, T.translation)
+        twist = _alone(known.as_information(1.0))
         gain = float(twist @ (2 * system.b - system.A @ twist)) / system.weight
         # their error is what is left at the motion that they call for
         return replace(known, error=max(system.error - gain, 1e-2 * system.error)).as_information(1.0)
