@@ -33,11 +33,15 @@ def test_its_commands_are_understood(words):
 LEVEL = dict.fromkeys(("triangles", "build_s", "mean_m", "p99_m", "off_share", "frame_s", "median_of_255"), 1.0)
 LEVELS = [{**LEVEL, "detail": 1.0, "psnr_db": 40.0}, {**LEVEL, "detail": 2.0, "psnr_db": None}]
 MAP = {"size": 512, "bake_s": 9.0, "frame_s": 0.1, "psnr_db": None, "median_of_255": None}
-RUN = {"odometer": "icp", "ms_median": 12.0, "ms_95": 15.0, "ate_rmse_m": 0.0123}
+RUN = {"odometer": "icp", "ms_median": 12.0, "ms_95": 15.0, "ate_rmse_m": 0.0123, "coverage": 0.99}
 PAIR = {"depth": "none", "rgb": "none", "frames_per_s": 57.0, "ratio": 1.1, "cpu_ms": 66.0, "cpu_ratio": 1.1}
 DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events": {"full": 1}}
 UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
 ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
+TABLE = {"columns": ["odometer", "error mm", "kt0"], "rows": [["ICP", "RMSE", "1.0"], ["", "Mean", "0.9"]]}
+BENCHMARK_TABLES = [
+    m.mark.removeprefix("benchmark-").replace("-", "_") for m in MEASURED if m.page == "docs/benchmark.md"
+]
 #: What a command prints, as far as it is used, by the command's first words.
 PRINTED = {
     "bench render": {
@@ -58,6 +62,8 @@ PRINTED = {
     "fuse out": {"memory_mb": 280.0, "parts_that_left": 0},
     "evaluate surface": {"distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)},
     "odometry --all": {"runs": [RUN]},
+    "run ": {},
+    "benchmark": {"tables": {name: TABLE for name in BENCHMARK_TABLES}},
 }
 
 

@@ -23,9 +23,22 @@ from typing import Any
 
 TOP = Path(__file__).resolve().parents[1]
 _KT2 = "out/living_room/kt2"
-_EIGHT = [
+_SIXTEEN = [
     f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
 ]
+_SYSTEMS = {
+    "ours:icp_rgbd": "",
+    "ours:icp": "",
+    "ours:rgbd": "",
+    "ours:dvo": "",
+    "ours:fovis": "",
+    "orbslam3": "--vocabulary ORBvoc.txt",
+    "rtabmap": "",
+    "fovis": "",
+    "dvo": "",
+    "baseline:opencv-rgbd": "",
+    "baseline:opencv-icp": "",
+}
 _NOISY_KT = ("kt0", "kt1", "kt2", "kt3")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
@@ -124,13 +137,40 @@ def _unseen(found: Sequence[Any]) -> str:
     return table(("room", "poses", "triangles never seen", "surface never seen", "texels in use never seen"), rows)
 
 
+def _systems(found: Sequence[Any]) -> str:
+    """ATE in mm, a row for each sequence; with the share of frames that have a pose where some have none. Of what `run` left in out/systems."""
+    races = {one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]}
+    names = [n for n in dict.fromkeys(n for runs in races.values() for n in runs) if not n.endswith(" live")]
+
+    def cell(run: dict | None) -> str:
+        if run is None:
+            return "-"
+        share = run["coverage"]
+        return _mm(run) + ("" if share is None or share >= 0.9995 else f" ({share:.1%})")
+
+    rows = [
+        (sequence.replace("_", " ").replace("/", " "), *(cell(runs.get(name)) for name in names))
+        for sequence, runs in sorted(races.items())
+    ]
+    return table(("", *names), rows)
+
+
+def _benchmark(name: str) -> Callable[[Sequence[Any]], str]:
+    """One of the benchmark's tables; of the six figures of an ATE only the RMSE."""
+
+    def text(found: Sequence[Any]) -> str:
+        one = found[-1]["tables"][name]
+        columns, rows = one["columns"], one["rows"]
+        if columns[1] == "error mm":
+            columns, *rows = (row[:1] + row[2:] for row in (columns, *(row for row in rows if row[1] == "RMSE")))
+        return table(columns, rows)
+
+    return text
+
+
 def _speed(found: Sequence[Any]) -> str:
     """Median and 95th percentile in ms a frame, ATE in mm."""
     return _odometers(found, lambda r: f"{r['ms_median']:.1f}, {r['ms_95']:.1f}: {_mm(r)}")
-
-
-def _ate(found: Sequence[Any]) -> str:
-    return _odometers(found, _mm)
 
 
 def _odometers(found: Sequence[Any], cell: Callable[[dict], str]) -> str:
@@ -240,7 +280,15 @@ MEASURED = (
         ),
         _speed,
     ),
-    Measured("docs/odometry.md", "odometry-ate", (f"bench odometry {' '.join(_EIGHT)}",), _ate),
+    Measured(
+        "docs/odometry.md",
+        "odometry-ate",
+        (
+            *(" ".join(f"run {system} {' '.join(_SIXTEEN)} {options}".split()) for system, options in _SYSTEMS.items()),
+            "bench odometry out/systems/results.json --plot docs/pictures/systems.png",
+        ),
+        _systems,
+    ),
     Measured("docs/farm.md", "farm-splits", (_FARM,), _splits),
     Measured(
         "docs/farm.md", "farm-chaos", ("bench chaos kt2 --camera 160x120 --plot docs/pictures/chaos.png",), _chaos
@@ -263,6 +311,14 @@ MEASURED = (
         _offsets,
     ),
 )
+
+
+MEASURED += tuple(
+    Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
+    for name in (
+        *(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation",
+    )
+)  # fmt: skip
 
 
 def replaced(page: str, measured: Measured, text: str) -> str:

@@ -262,21 +262,26 @@ def _odometry_figure(results: list[dict]) -> "Figure":
 
     columns = min(len(results), 4)
     rows = -(-len(results) // columns)
-    drawing = Figure(figsize=(4.2 * columns + 1.5, 4.0 * rows), layout="constrained")
+    side = 4.0 if rows == 1 else 3.0
+    drawing = Figure(figsize=((side + 0.2) * columns + 1.5, side * rows), layout="constrained")
     panels = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    names = dict.fromkeys(d["odometer"] for result in results for d in result["runs"])
+    looks = {name: (COLOURS[i % len(COLOURS)], i // len(COLOURS)) for i, name in enumerate(names)}  # then hollow
+    shown = {}
     for axes, result in zip(panels.flat, results, strict=False):
         best, not_beaten = [], _front(result["runs"])
-        for i, d in enumerate(result["runs"]):
+        for d in result["runs"]:
             if not _has_point(d):
                 continue
             ate_mm, marker = d["ate_rmse_m"] * 1e3, "s" if d["odometer"].startswith("baseline:") else "o"
-            colour = COLOURS[i % len(COLOURS)]
+            colour, hollow = looks[d["odometer"]]
             if "runs" in d:  # of `iclnuim run`: quartiles of the error, and whole processes' time
                 marker = "^"
                 axes.plot([d["ms_median"]] * 2, 1e3 * np.array(d["ate_quartiles_m"]), color=colour, linewidth=1)
             else:
                 axes.plot([d["ms_median"], d["ms_95"]], [ate_mm, ate_mm], color=colour, linewidth=1)
-            axes.plot(d["ms_median"], ate_mm, marker, color=colour, label=d["odometer"], linestyle="")
+            style = {"color": colour, "linestyle": "", "markerfacecolor": "white" if hollow else colour}
+            (shown[d["odometer"]],) = axes.plot(d["ms_median"], ate_mm, marker, **style)
             if d["odometer"] in not_beaten:
                 best.append((d["ms_median"], ate_mm))
         axes.plot([ms for ms, _ in sorted(best)], [mm for _, mm in sorted(best)], "--", color="grey", linewidth=0.8)
@@ -285,12 +290,11 @@ def _odometry_figure(results: list[dict]) -> "Figure":
         axes.xaxis.set_minor_formatter("")
         axes.yaxis.set_minor_formatter("")
         axes.grid(alpha=0.3)
-    for axes in panels[-1]:
-        axes.set_xlabel("ms a frame: median, line to 95 % (triangles: whole process)")
-    for axes in panels[:, 0]:
-        axes.set_ylabel("ATE RMSE [mm]")
-    handles, labels = panels[0][0].get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside right upper", fontsize=8)
+    for axes in panels.flat[len(results) :]:
+        axes.set_visible(False)
+    drawing.supxlabel("ms a frame: median, line to 95 % (triangles: whole process)", fontsize="medium")
+    drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
+    drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
     return drawing
 
 

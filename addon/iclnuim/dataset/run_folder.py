@@ -96,7 +96,7 @@ class RunFolder:
         half = np.clip(rgb, 0, 65504).astype(np.float16)
         channels = {name: half[..., i] for i, name in enumerate("RGB")} | {"Z": depth_z_m.astype(np.float32)}
         channels |= further or {}
-        exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key})
+        exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key}, compressed=False)
 
 
 def trajectory_file(job: RenderJob) -> Path:

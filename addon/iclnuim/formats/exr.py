@@ -79,8 +79,11 @@ def write_exr(
     channels: Mapping[str, np.ndarray],
     attributes: Mapping[str, str] | None = None,
     backend: str | None = None,
+    compressed: bool = True,
 ) -> None:
     """Write (height, width) float16 or float32 arrays under their names, and text attributes into the header.
+
+    compressed: by ZIP, which takes a rendered frame from 3.1 to 2.3 MB and seven times as long as writing it plainly.
 
     The same pixels and attributes give the same bytes: no date, no host.
 
@@ -98,11 +101,13 @@ def write_exr(
     def write_and_check(temporary: Path) -> None:
         try:
             if name == "OpenEXR":
-                settings = {**(attributes or {}), "compression": module.ZIP_COMPRESSION, "type": module.scanlineimage}
+                kind = module.ZIP_COMPRESSION if compressed else module.NO_COMPRESSION
+                settings = {**(attributes or {}), "compression": kind, "type": module.scanlineimage}
                 with module.File(settings, channels) as file:
                     file.write(str(temporary))
             else:
-                _write_oiio(module, str(temporary), channels, attributes or {})
+                texts = {**(attributes or {}), "compression": "zip" if compressed else "none"}
+                _write_oiio(module, str(temporary), channels, texts)
             exr_header(temporary, whole=True)  # a full disk is not always reported by the libraries
         except (RuntimeError, ValueError, InputError) as error:
             reason = " ".join(str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split())
@@ -135,7 +140,7 @@ def _write_oiio(module: ModuleType, path: str, channels: dict[str, np.ndarray], 
     spec = module.ImageSpec(width, height, len(channels), module.FLOAT)
     spec.channelnames = tuple(channels)
     spec.channelformats = tuple(module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values())
-    for name, text in {**attributes, "compression": "zip"}.items():
+    for name, text in attributes.items():
         spec.attribute(name, text)
     spec.attribute("DateTime", "")  # left out, it would become the time of writing
     output = module.ImageOutput.create(path)
