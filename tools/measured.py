@@ -266,6 +266,8 @@ def _surface_commands() -> tuple[str, ...]:
     return tuple(commands)
 
 
+_BENCHMARK = (*(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation")
+
 MEASURED = (
     Measured("docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light),
     Measured("docs/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
@@ -310,15 +312,11 @@ MEASURED = (
         ),
         _offsets,
     ),
+    *(
+        Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
+        for name in _BENCHMARK
+    ),
 )
-
-
-MEASURED += tuple(
-    Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
-    for name in (
-        *(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation",
-    )
-)  # fmt: skip
 
 
 def replaced(page: str, measured: Measured, text: str) -> str:
