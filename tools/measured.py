@@ -183,7 +183,7 @@ def _odometers(found: Sequence[Any], cell: Callable[[dict], str]) -> str:
 
 def _mm(run: dict) -> str:
     ate_m = run["ate_rmse_m"]
-    return "-" if ate_m is None else f"{1e3 * ate_m:.3g}"
+    return "-" if ate_m is None else f"{1e3 * ate_m:.{3 if ate_m < 1 else 4}g}"
 
 
 def _splits(found: Sequence[Any]) -> str:
