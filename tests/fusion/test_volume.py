@@ -8,6 +8,7 @@ from iclnuim.geometry.se3 import SE3
 pytest.importorskip("numba")
 from dataclasses import replace  # noqa: E402
 
+from iclnuim.fusion.mesh import extract  # noqa: E402
 from iclnuim.fusion.settings import PRESETS, VolumeSettings  # noqa: E402
 from iclnuim.fusion.volume import Volume  # noqa: E402
 
@@ -60,6 +61,18 @@ def test_a_single_view_of_a_sphere_is_exact(camera, sphere_depth):
     error = np.linalg.norm(points_world(volume, camera, SE3.identity())[0] - [0, 0, 1.5], axis=-1) - 0.5
     assert np.isfinite(error).sum() > 1000
     assert np.nanmedian(np.abs(error)) < 0.02 * VOXEL_M
+
+
+def test_a_table_seen_at_a_grazing_angle_is_whole_up_to_its_rim(camera, plane_depth):
+    table, volume = plane_depth((0, 1, 0), (0, 0.1146, 0)), Volume(SMALL["best"])  # 8.4 mm before the next voxel
+    depth = np.where((table > 0) & (table < 0.75), table, np.float32(3))  # at 9 degrees there
+    for _ in range(3):
+        volume.integrate(depth, camera, SE3.identity())
+    points = extract(volume).points
+    x, y, z = points[(np.abs(points[:, 0]) < 0.1) & (points[:, 2] < 1)].T
+    assert np.abs(y - 0.1146).max() < 0.01 * VOXEL_M
+    assert np.histogram2d(x, z, bins=(10, 10), range=((-0.1, 0.1), (0.52, 0.72)))[0].min() > 0
+    assert z.max() < 0.75 + VOXEL_M
 
 
 def test_colour_is_the_mean_of_what_was_seen(camera, plane_depth):

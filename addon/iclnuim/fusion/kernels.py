@@ -15,6 +15,8 @@ from numba import njit, prange
 
 #: Of weight: what a frame adds on the surface and before it.
 UNIT = 16.0
+#: Along the normal as a share of along z: above this a surface is nearest where it was seen, near enough.
+STEEP = 0.9
 
 
 class Grid(NamedTuple):
@@ -156,13 +158,25 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
 
 
 @njit(cache=True, inline="always")
-def _slant(K, u, v, found, across, down):
-    """Distance along the normal as a share of that along z, by the slopes of the inverse depth across and down the image.
+def _normal(K, u, v, found, across, down):
+    """The tangent plane's n, n . point = 1, by the slopes of the inverse depth across and down the image: linear on a plane, n . ray."""
+    return K[0] * across, K[1] * down, found - (u - K[2]) * across - (v - K[3]) * down
 
-    On a plane the inverse depth is linear in the image, and its slopes are the normal's: n . ray = inverse depth.
+
+@njit(cache=True, inline="always")
+def _continues(inverse, K, u, v, z, found, n, size2, trunc):
+    """Whether the surface was seen where its tangent plane, n of squared length size2, is nearest to the point at (u, v, z): no jump there.
+
+    Beyond the rim of a thing its plane goes on, but nothing was seen of it.
     """
-    nz = found - (u - K[2]) * across - (v - K[3]) * down
-    return found / math.sqrt((K[0] * across) ** 2 + (K[1] * down) ** 2 + nz * nz)
+    along = (1.0 - z * found) / size2
+    depth = z + along * n[2]
+    i = int(((v - K[3]) * z + K[1] * along * n[1]) / depth + K[3] + 0.5)
+    j = int(((u - K[2]) * z + K[0] * along * n[0]) / depth + K[2] + 0.5)
+    if not (depth > 0.0 and 0 <= i < inverse.shape[0] and 0 <= j < inverse.shape[1]):
+        return False
+    plane, seen = found + (j - u) * n[0] / K[0] + (i - v) * n[1] / K[1], inverse[i, j]
+    return abs(plane - seen) <= trunc * plane * seen
 
 
 @njit(cache=True, inline="always")
@@ -194,14 +208,15 @@ def _project(x, y, z, voxel, K, R, t, out):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, n):
+def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weight, rows, n):
     """Running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
 
     Inverse depth is bilinear, exact on planes, but the nearest pixel's where depth jumps. Distances are along z, from `trunc` before
     the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight that is less where the surface is slanted,
-    and falls to 0 that far behind it. image (h, w, channels), or (1, 1, channels) for none.
+    and falls to 0 that far behind it; with `slanted` above 1 to so many times `trunc` along z, where the surface continues. image (h, w, channels), or (1, 1, channels) for none.
     """
-    coloured, free = image.shape[0] > 1, np.float32(trunc)
+    coloured, free, narrow = image.shape[0] > 1, np.float32(trunc), behind < trunc
+    deepest = slanted * trunc if narrow else trunc
     height, width = np.uint64(inverse.shape[0] - 1), np.uint64(inverse.shape[1] - 1)
     one = np.uint64(1)  # unsigned indices are not asked whether they count from the end
     camera = (K[0], K[1], K[2], K[3])
@@ -229,15 +244,22 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, max_weight, rows, 
                 else:
                     found = (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d)
                 distance = 1.0 / found - z
-                if distance < -trunc:
+                if distance < -deepest:
                     continue
                 more = UNIT
-                if behind < trunc:
+                if narrow:
                     if jumps:  # one of two surfaces, or one that is almost edge-on: it hardly counts
                         more = 1.0 if distance > -behind else 0.0
                     elif distance < trunc:
-                        slant = _slant(camera, u, v, found, 0.5 * (b - a + d - c), 0.5 * (c - a + d - b))
+                        n3 = _normal(camera, u, v, found, 0.5 * (b - a + d - c), 0.5 * (c - a + d - b))
+                        size2 = n3[0] * n3[0] + n3[1] * n3[1] + n3[2] * n3[2]
+                        if distance < 0.0 and (distance * found) ** 2 >= behind * behind * size2:
+                            continue
+                        slant = found / math.sqrt(size2)
                         distance *= slant
+                        asked = slanted > 1 and distance < 0.0 and slant < STEEP
+                        if asked and not _continues(inverse, camera, u, v, z, found, n3, size2, trunc):
+                            continue
                         more = float(math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind)))
                     if more < 1.0:
                         continue

@@ -22,6 +22,13 @@ class VolumeSettings(Settings):
         0.045, "largest distance kept, two voxels or more", unit="m", option="--truncation", source="Handa 2014, VI-C"
     )
     behind_m: float = setting(0.045, "how far behind its surface a frame counts", unit="m", option="")
+    slanted: int = setting(
+        1,
+        "times truncation_m along z that a slanted surface counts behind itself; above 1: where it continues",
+        low=1,
+        high=10,
+        option="",
+    )
     window_blocks: int = setting(256, "side of the window, a power of two", unit="blocks of 8 voxels", low=4, option="")
     max_weight: int = setting(255, "frames that the running mean counts", low=1, high=4000, option="")
     max_blocks: int = setting(120_000, "blocks of 8^3 voxels held at once; 120000 take 0.9 GB", low=1)
@@ -41,7 +48,7 @@ class VolumeSettings(Settings):
 
 
 #: paper: the cyclic 4.5 m of Kintinuous; best: 18 m, more than the rooms have.
-PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings(behind_m=0.020)}
+PRESETS = {"paper": VolumeSettings(window_blocks=64), "best": VolumeSettings(behind_m=0.020, slanted=4)}
 
 
 @dataclass(frozen=True)

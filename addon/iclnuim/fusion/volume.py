@@ -94,7 +94,7 @@ class Volume:
         if n is None:
             hint = "larger voxels or more blocks"
             raise BlockLimitError(f"a frame within {s.max_blocks} blocks", found="more", hint=hint)
-        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.max_weight * kernels.UNIT)
+        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.slanted, s.max_weight * kernels.UNIT)
         kernels.fuse(self.grid, inverse, image, K, *_parts(T.inverse()), *rule, self._rows, n)
         self.frames += 1
 
