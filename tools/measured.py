@@ -26,19 +26,7 @@ _KT2 = "out/living_room/kt2"
 _SIXTEEN = [
     f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
 ]
-_SYSTEMS = {
-    "ours:icp_rgbd": "",
-    "ours:icp": "",
-    "ours:rgbd": "",
-    "ours:dvo": "",
-    "ours:fovis": "",
-    "orbslam3": "--vocabulary ORBvoc.txt",
-    "rtabmap": "",
-    "fovis": "",
-    "dvo": "",
-    "baseline:opencv-rgbd": "",
-    "baseline:opencv-icp": "",
-}
+_SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dvo")
 _NOISY_KT = ("kt0", "kt1", "kt2", "kt3")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
@@ -138,7 +126,7 @@ def _unseen(found: Sequence[Any]) -> str:
 
 
 def _systems(found: Sequence[Any]) -> str:
-    """ATE in mm, a row for each sequence; with the share of frames that have a pose where some have none. Of what `run` left in out/systems."""
+    """ATE in mm, a row for each sequence; with the share of frames that have a pose where some have none."""
     races = {one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]}
     names = [n for n in dict.fromkeys(n for runs in races.values() for n in runs) if not n.endswith(" live")]
 
@@ -153,19 +141,6 @@ def _systems(found: Sequence[Any]) -> str:
         for sequence, runs in sorted(races.items())
     ]
     return table(("", *names), rows)
-
-
-def _benchmark(name: str) -> Callable[[Sequence[Any]], str]:
-    """One of the benchmark's tables; of the six figures of an ATE only the RMSE."""
-
-    def text(found: Sequence[Any]) -> str:
-        one = found[-1]["tables"][name]
-        columns, rows = one["columns"], one["rows"]
-        if columns[1] == "error mm":
-            columns, *rows = (row[:1] + row[2:] for row in (columns, *(row for row in rows if row[1] == "RMSE")))
-        return table(columns, rows)
-
-    return text
 
 
 def _speed(found: Sequence[Any]) -> str:
@@ -266,8 +241,6 @@ def _surface_commands() -> tuple[str, ...]:
     return tuple(commands)
 
 
-_BENCHMARK = (*(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation")
-
 MEASURED = (
     Measured("docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light),
     Measured("docs/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
@@ -286,8 +259,8 @@ MEASURED = (
         "docs/odometry.md",
         "odometry-ate",
         (
-            *(" ".join(f"run {system} {' '.join(_SIXTEEN)} {options}".split()) for system, options in _SYSTEMS.items()),
-            "bench odometry out/systems/results.json --plot docs/pictures/systems.png",
+            *(f"run {system} {' '.join(_SIXTEEN)}" for system in _SYSTEMS),
+            f"bench odometry {' '.join(_SIXTEEN)} out/systems/results.json --plot docs/pictures/systems.png",
         ),
         _systems,
     ),
@@ -311,10 +284,6 @@ MEASURED = (
             f"odometry --all out/living_room/{kt}/noisy --depth-offset 0.00155 -o out/measured-{kt}" for kt in _NOISY_KT
         ),
         _offsets,
-    ),
-    *(
-        Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
-        for name in _BENCHMARK
     ),
 )
 
