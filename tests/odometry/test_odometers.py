@@ -97,6 +97,15 @@ def test_a_black_image_is_lost_to_photometric_odometers_and_the_next_is_found(na
     assert found[2].lost and "contrast" in found[2].result.reason
 
 
+def test_the_first_pose_after_many_lost_frames_is_reported_as_none_knows_where_the_camera_went():
+    frames = [seen(T) for T in path(10)]
+    black = Frame.of(frames[2].grey * 0, frames[2].depth_z_m, 0)
+    found = tracked("dvo", [*frames[:2], *[black] * 5, *frames[7:]])
+    assert [f.lost for f in found] == [False] * 2 + [True] * 6 + [False] * 2
+    status = [f.result.status for f in found]
+    assert status[8] is Status.DEGENERATE and found[8].result.reason.startswith("track:") and status[9] is Status.OK
+
+
 def test_a_black_image_leaves_the_joint_odometer_its_geometry():
     poses = path(4)
     frames = [seen(T, bare=i == 2) for i, T in enumerate(poses)]

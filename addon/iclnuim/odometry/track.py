@@ -174,6 +174,7 @@ class Tracker:
         self.view: Any = None
         self.T_world_view = self.T_view_camera = self.motion = SE3.identity()
         self.losses = 0
+        self.assumed = False  # whether the view's pose is the policy's
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
         """A frame, or the reason why there is none."""
@@ -197,11 +198,14 @@ class Tracker:
         result = self.odometer.align(self.view, current, guess)
         if result.status is Status.OK and frame.flat():  # depth agrees with whatever keeps its distance, images or none
             result = replace(result, status=Status.DEGENERATE, reason="depth: one value for all pixels")
+        elif result.status is Status.OK and self.assumed:
+            reason = "track: aligned with a lost frame, whose pose was not measured"
+            result = replace(result, status=Status.DEGENERATE, reason=reason)
         return current, result
 
     def _found(self, frame: Frame, current: Any, result: Result) -> SE3:
         T_view_camera = _rigid(result.T_reference_camera)
-        self.motion, self.losses = self.T_view_camera.inverse() @ T_view_camera, 0
+        self.motion, self.losses, self.assumed = self.T_view_camera.inverse() @ T_view_camera, 0, False
         if result.under_constrained:
             self.motion = SE3.exp(PREDICTION_DECAY * self.motion.log())
         pose = _rigid(self.T_world_view @ T_view_camera)
@@ -215,6 +219,7 @@ class Tracker:
         pose = self.T_world_view @ self.T_view_camera
         if not isinstance(frame, str) and current is not None and (self.policy == "restart" or self.losses >= MAX_LOST):
             self._look(self.reference.restart(frame, current, pose), pose)
+            self.assumed = True
         return pose
 
     def _look(self, view: tuple[Any, SE3], pose: SE3) -> None:
