@@ -8,16 +8,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import model, scene
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast.caster import RayCaster
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
+from iclnuim.report import charts
+from matplotlib import colormaps
+from matplotlib.figure import Figure
 
 _ABOVE_FLOOR_M, _MARGIN_M, _STEP_M, _EDGE_M, _INCH_M = 2.3, 0.1, 0.01, 0.02, 1.62
 _LIGHT = np.array([-0.3, 0.4, 0.87])
@@ -46,32 +45,26 @@ def top_view(
     met = hits.triangle >= 0
     normal = hits.normal * np.sign(hits.normal[..., 2:])
     grey = np.where(met, 0.62 + 0.34 * np.clip(normal @ _LIGHT, 0, 1), 1.0)
-    return grey * np.where(
-        _edges(np.where(met, hits.distance, 9), np.where(met, instance[hits.triangle], -1)), 0.6, 1
-    ), (
-        x[0],
-        x[-1],
-        y[0],
-        y[-1],
-    )
+    edges = _edges(np.where(met, hits.distance, 9), np.where(met, instance[hits.triangle], -1))
+    return np.where(edges, 0.6, 1) * grey, (x[0], x[-1], y[0], y[-1])
 
 
 def _edges(height_m: np.ndarray, instance: np.ndarray) -> np.ndarray:
     found = np.zeros(height_m.shape, bool)
     for axis in (0, 1):
-        step = np.abs(np.diff(height_m, axis=axis)) > _EDGE_M
-        step |= (np.diff(instance, axis=axis) != 0) & (np.abs(np.diff(height_m, axis=axis)) > _EDGE_M / 4)
+        step_m = np.abs(np.diff(height_m, axis=axis))
+        step = step_m > np.where(np.diff(instance, axis=axis) == 0, _EDGE_M, _EDGE_M / 4)
         found |= np.pad(step, [(0, 1), (0, 0)] if axis == 0 else [(0, 0), (0, 1)])
     return found
 
 
 def draw(picture: np.ndarray, extent: tuple[float, float, float, float], T_world_camera: SE3, path: Path) -> None:
     width_m, height_m = extent[1] - extent[0], extent[3] - extent[2]
-    figure = plt.figure(figsize=(width_m / _INCH_M, height_m / _INCH_M), dpi=110)
+    figure = Figure(figsize=(width_m / _INCH_M, height_m / _INCH_M))
     axes = figure.add_axes((0, 0, 1, 1))
     axes.imshow(picture, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="antialiased")
     places, looks = T_world_camera.translation[:, :2], T_world_camera.rotation[:, :2, 2]
-    colours = plt.get_cmap("viridis")(np.linspace(0, 1, len(places)))
+    colours = colormaps["viridis"](np.linspace(0, 1, len(places)))
     axes.scatter(places[:, 0], places[:, 1], s=2, c=colours, zorder=3)
     for place, look, colour in zip(places[::30], looks[::30], colours[::30], strict=True):
         style = {"arrowstyle": "-|>", "color": colour, "lw": 1.0, "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
@@ -79,8 +72,7 @@ def draw(picture: np.ndarray, extent: tuple[float, float, float, float], T_world
     axes.plot(*places[0], "o", c=colours[0], ms=6)
     axes.plot(*places[-1], "s", c=colours[-1], ms=5, mec="k", mew=0.5)
     axes.axis("off")
-    figure.savefig(path)
-    plt.close(figure)
+    charts.save(figure, path)
 
 
 if __name__ == "__main__":

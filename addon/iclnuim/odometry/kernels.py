@@ -256,6 +256,18 @@ def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosi
 
 
 @njit(cache=True)
+def _add_point(o, r, weight, x, y, z):
+    """One pixel's share of what follows the equations in the sums o (34,) that block_sums() describes."""
+    o[27] += weight * r * r
+    o[28] += weight
+    o[29] += 1
+    o[30] += weight * x
+    o[31] += weight * y
+    o[32] += weight * z
+    o[33] += weight * (x * x + y * y + z * z)
+
+
+@njit(cache=True)
 def _add_pair(o, J, r, J1, q, weight, x, y, z):
     """One pixel's share of the sums o (34,) that block_sums() describes."""
     half, n = 0.5 * weight, 0
@@ -264,13 +276,7 @@ def _add_pair(o, J, r, J1, q, weight, x, y, z):
             o[n] += half * (J[a] * J1[b] + J1[a] * J[b])
             n += 1
         o[21 + a] += half * (J[a] * q + J1[a] * r)
-    o[27] += weight * r * r
-    o[28] += weight
-    o[29] += 1
-    o[30] += weight * x
-    o[31] += weight * y
-    o[32] += weight * z
-    o[33] += weight * (x * x + y * y + z * z)
+    _add_point(o, r, weight, x, y, z)
 
 
 @njit(cache=True)
@@ -316,14 +322,7 @@ def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
                 n += 1
             o[21 + a] += slope * r
             o[34 + a] += slope * g
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        o[27] += weight * r * r
-        o[28] += weight
-        o[29] += 1
-        o[30] += weight * x
-        o[31] += weight * y
-        o[32] += weight * z
-        o[33] += weight * (x * x + y * y + z * z)
+        _add_point(o, r, weight, points[i, 0], points[i, 1], points[i, 2])
         o[40] += weight * g * g
         o[41] += weight * g * r
 
