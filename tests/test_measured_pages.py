@@ -38,6 +38,10 @@ PAIR = {"depth": "none", "rgb": "none", "frames_per_s": 57.0, "ratio": 1.1, "cpu
 DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events": {"full": 1}}
 UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
 ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
+TABLE = {"columns": ["odometer", "error mm", "kt0"], "rows": [["ICP", "RMSE", "1.0"], ["", "Mean", "0.9"]]}
+BENCHMARK_TABLES = [
+    m.mark.removeprefix("benchmark-").replace("-", "_") for m in MEASURED if m.page == "docs/benchmark.md"
+]
 #: What a command prints, as far as it is used, by the command's first words.
 PRINTED = {
     "bench render": {
@@ -59,6 +63,7 @@ PRINTED = {
     "evaluate surface": {"distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)},
     "odometry --all": {"runs": [RUN]},
     "run ": {},
+    "benchmark": {"tables": {name: TABLE for name in BENCHMARK_TABLES}},
 }
 
 

@@ -78,16 +78,18 @@ def all_cells(
 def chosen(cells: Iterable[Cell], only: str | None) -> list[Cell]:
     """`kt0,kt1/icp`: cells that have one of the words of each part among room, trajectory, noise, odometer, preset and reference.
 
-    Raises InputError for a word that no cell has.
+    Raises InputError for a word that no cell has, and where no cell has one of each part.
     """
+    parts = [part.split(",") for part in (only or "").split("/") if part]
     cells = list(cells)
-    for part in filter(None, (only or "").split("/")):
-        words = part.split(",")
-        known = sorted({word for cell in cells for word in _words(cell)})
-        if unknown := [word for word in words if word not in known]:
-            raise InputError(f"words of {', '.join(known)}", setting="only", found=", ".join(unknown))
-        cells = [cell for cell in cells if _words(cell) & set(words)]
-    return cells
+    known = {word for cell in cells for word in _words(cell)}
+    if unknown := [word for part in parts for word in part if word not in known]:
+        raise InputError(f"words of {', '.join(sorted(known))}", setting="only", found=", ".join(unknown))
+    found = [cell for cell in cells if all(_words(cell) & set(part) for part in parts)]
+    if cells and not found:
+        hint = "kt0,kt2/icp for ICP on kt0 and on kt2: a comma is or, a slash is and"
+        raise InputError("words that some cell has all of", setting="only", found=only, hint=hint)
+    return found
 
 
 def _words(cell: Cell) -> set[str]:

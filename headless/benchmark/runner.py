@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -37,7 +37,9 @@ _LIBRARIES = ("numpy", "numba", "scipy", "embreex", "libigl")
 
 @dataclass(eq=False)
 class Benchmark:
-    """cells: those that are asked for; systems: trajectories of external ones. first: only so many frames of every sequence."""
+    """cells: those that are asked for; systems: trajectories of external ones. first: only so many frames of every sequence.
+    surfaces: or trajectories alone; a cell whose surface is measured counts as measured then, too.
+    """
 
     sources: Sources
     cells: list[Cell]
@@ -45,6 +47,7 @@ class Benchmark:
     first: int | None
     workers: int
     console: Console
+    surfaces: bool = True
     _stopped: bool = False
     _processes: set[subprocess.Popen] = field(default_factory=set)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -99,7 +102,8 @@ class Benchmark:
 
     def _missing(self) -> list[Task]:
         """With the files of their rooms, as far as these can be made."""
-        tasks = [task for task in map(self._task, self.cells) if not _is_done(task)]
+        aside = _ASIDE if self.surfaces else (*_ASIDE, "model")
+        tasks = [task for task in map(self._task, self.cells) if not _is_done(task, aside)]
         files = {name: self._model(name) for name in dict.fromkeys(task.model for task in tasks) if name}
         return [_with_model(task, files[task.model]) if task.model else task for task in tasks]
 
@@ -172,7 +176,7 @@ class Benchmark:
             str(self.sources.folder(cell)),
             str(out),
             self.first,
-            self.sources.model_name(cell),
+            self.sources.model_name(cell) if self.surfaces else None,
             str(path) if path else None,
             {},
             str(self.sources.work),
@@ -203,13 +207,13 @@ class Benchmark:
 _ASIDE = ("versions", "source_commit")
 
 
-def _is_done(task: Task) -> bool:
-    """Measured by this recipe, whatever the versions; a cell of another one is measured again."""
+def _is_done(task: Task, aside: Container[str]) -> bool:
+    """Measured by this recipe, whatever the keys that are left aside; a cell of another one is measured again."""
     place = Path(task.out) / "recipe.json"
     if not place.is_file():
         return False
     there = read_json(place)
-    return all(there.get(key) == value for key, value in task.recipe.items() if key not in _ASIDE)
+    return all(there.get(key) == value for key, value in task.recipe.items() if key not in aside)
 
 
 def _with_model(task: Task, file: str | None) -> Task:

@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "folder of sequences as `iclnuim make all` lays them out; default: out"
     add("--data", type=Path, default=Path("out"), metavar="DIR", help=help)
     add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help="default: out/benchmark")
-    help = "only some cells: words of room, trajectory, noise, odometer, preset, reference: kt0,kt2/icp"
+    help = "only some cells: words of room, trajectory, noise, odometer, preset, reference; kt0,kt2/icp: ICP on kt0 and on kt2"
     add("--only", metavar="FILTER", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames of every sequence")
     add("--presets", type=_words, default=["best"], metavar="P,P", help=f"of {','.join(PRESETS)}; default: best")
@@ -47,6 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = "results of `iclnuim run` on the same sequences, as further rows; default: out/systems"
+    add("--no-surfaces", action="store_true", help="trajectories alone: Tables III to VI; what is there stays")
     add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
     add("--workers", type=count, metavar="N", help="processes; default: a core and 2 GB of memory for each")
     add("--videos", action="store_true", help="a short film of each sequence in the report, which needs --data")
@@ -103,7 +104,8 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
             "sequences to measure on", path=args.data, found="none", hint="iclnuim make all, or another {data}"
         )
     systems = external_cells(args.systems, cells, sources, args.first) if args.systems.is_dir() else {}
-    benchmark = Benchmark(sources, [*cells, *systems], systems, args.first, args.workers or _workers(), console)
+    workers = args.workers or _workers()
+    benchmark = Benchmark(sources, [*cells, *systems], systems, args.first, workers, console, not args.no_surfaces)
     with OutputLock(args.out / "work"):
         benchmark.open()
         return benchmark.run()

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from iclnuim.headless.benchmark.cells import Cell
@@ -75,3 +76,23 @@ def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sourc
     (out / "recipe.json").write_text(json.dumps(task.recipe))
     (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 1}\n')
     assert missing() == 1
+
+
+def test_trajectories_alone_are_enough_where_surfaces_are_not_asked_for(sources, monkeypatch):
+    """And a surface that is measured is not lost by asking for less."""
+    monkeypatch.setattr(type(sources), "model_name", lambda *_: KT2.room)
+    monkeypatch.setattr(type(sources), "model", lambda *_: Path("model.npz"))
+
+    def asked(surfaces):
+        return Benchmark(sources, [KT2], {}, None, 1, Console(quiet=True), surfaces)
+
+    def missing(surfaces):
+        return [task.model for task in asked(surfaces)._missing()]
+
+    assert missing(True) == ["model.npz"] and missing(False) == [None]
+    out = sources.out / "cells" / KT2.name
+    out.mkdir(parents=True)
+    (out / "recipe.json").write_text(json.dumps(asked(False)._task(KT2).recipe))
+    assert missing(False) == [] and missing(True) == ["model.npz"]
+    (out / "recipe.json").write_text(json.dumps(asked(True)._task(KT2).recipe))
+    assert missing(False) == missing(True) == []
