@@ -1,1 +1,1 @@
-"""Tables, charts, measurements: what the benchmark says, with the numbers it stands on."""
+"""The benchmark: measurements, and the tables, findings, charts and reports made from them."""

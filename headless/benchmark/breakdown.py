@@ -1,4 +1,4 @@
-"""Where the time of a rendered frame goes: rays, shading, and what our loop with its EXR files adds to Cycles' own time."""
+"""Breakdown of the time of a rendered frame: rays, shading, and the time that our frame loop and its EXR files add to that of Cycles."""
 
 import statistics
 import tempfile
@@ -21,9 +21,9 @@ WARM_UP = 2
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Milliseconds a frame, medians. frame = cycles + overhead; cycles = rays + shading; close_ms runs beside the next frame.
+    """Median milliseconds per frame. frame = cycles + overhead; cycles = rays + shading; close_ms runs in parallel with the next frame.
 
-    `rays_ms` is a render of the same views with every material black and no light: rays and Blender's own handling of a frame.
+    `rays_ms` is the time of the same views with all materials black and no light: rays, and Blender's own work per frame.
     """
 
     frames: int
@@ -35,12 +35,12 @@ class Breakdown:
     overhead_ms: float
 
 
-def measure(job: RenderJob, frames_asked: str) -> Breakdown:
-    """Render the frames into a temporary folder through the real loop, with a clock on Blender's own handlers."""
+def measure(job: RenderJob, frame_range: str) -> Breakdown:
+    """Render the frames into a temporary folder with the real frame loop, timed by Blender's render handlers."""
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
         events: list[Event] = []
         with worker.Session(job, Path(folder) / "run", events.append) as session:
-            session.render(frames_asked, lambda: False)
+            session.render(frame_range, lambda: False)
         closed = [event for event in events if isinstance(event, FrameDone)]
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
@@ -55,7 +55,7 @@ def measure(job: RenderJob, frames_asked: str) -> Breakdown:
 
 @contextmanager
 def _clock() -> Iterator[list[tuple[str, float]]]:
-    """(name, seconds) of every render_pre and render_post."""
+    """Collect (name, seconds) of every render_pre and render_post."""
     ticks: list[tuple[str, float]] = []
     names = ("render_pre", "render_post")
     handlers = {name: (lambda *_, name=name: ticks.append((name, time.perf_counter()))) for name in names}
@@ -70,13 +70,13 @@ def _clock() -> Iterator[list[tuple[str, float]]]:
 
 
 def _spans(ticks: list[tuple[str, float]]) -> tuple[list[float], list[float]]:
-    """Seconds in Cycles, and the start of each frame."""
+    """Seconds in Cycles and start time of each frame."""
     starts, ends = ([when for n, when in ticks if n == name] for name in ("render_pre", "render_post"))
     return [b - a for a, b in zip(starts, ends, strict=True)], starts
 
 
 def _rays(job: RenderJob, numbers: list[int], folder: Path, ticks: list[tuple[str, float]]) -> list[float]:
-    """Seconds of the same views with everything black: the scene is still open, as the loop left it."""
+    """Seconds of the same views with all materials black. The scene is still open from the frame loop."""
     scene = bpy.context.scene
     black = bpy.data.materials.new("black")
     black.use_nodes = True

@@ -1,4 +1,4 @@
-"""The cells of the benchmark: a sequence, what estimates the motion on it, and against what; their names, order and choice."""
+"""The cells of the benchmark: a sequence, the odometer, and the reference against which frames are aligned; their names, order and selection."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from iclnuim import shipped
 from iclnuim.errors import InputError
 
 NOISES = ("clean", "noisy")
-#: odometer -> what it is called in the paper, in the paper's order.
+#: odometer -> its name in the paper, in the paper's order.
 TITLES = {"dvo": "DVO", "fovis": "FOVIS", "rgbd": "RGB-D", "icp": "ICP", "icp_rgbd": "ICP+RGB-D"}
-#: odometer -> what frames are aligned against. The first is the paper's: frame to frame, or a model of all frames before.
+#: odometer -> what frames are aligned against. The first is that of the paper: the previous frame, or a model of all previous frames.
 REFERENCES = {
     "dvo": ("default", "model"),
     "fovis": ("default",),
@@ -18,14 +18,14 @@ REFERENCES = {
     "icp": ("model", "default"),
     "icp_rgbd": ("model", "default"),
 }
-#: The reference of a trajectory that another program has written.
+#: The reference of a trajectory that an external system wrote.
 EXTERNAL = "run"
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One measurement. seed: of the noise, 0 being that of the given sequence; of clean sequences always 0. Of a system that `iclnuim run` ran: odometer
-    is its title, preset the name of its trajectory, reference EXTERNAL, and `run` counts from 1.
+    """One measurement. seed: noise seed; 0 is the existing sequence, and clean sequences always have 0. For a system of `iclnuim run`,
+    odometer is its title, preset the name of its trajectory, reference is EXTERNAL, and `run` counts from 1.
     """
 
     room: str
@@ -39,12 +39,12 @@ class Cell:
 
     @property
     def sequence(self) -> str:
-        """`living_room/kt0/noisy`, with another seed `living_room/kt0/noisy_3`."""
+        """`living_room/kt0/noisy`; with another seed `living_room/kt0/noisy_3`."""
         return f"{self.room}/{self.trajectory}/{self.noise}" + (f"_{self.seed}" if self.seed else "")
 
     @property
     def name(self) -> str:
-        """Its folder below that of all cells."""
+        """Folder of the cell, relative to that of all cells."""
         run = f"_{self.run}" if self.run else ""
         return f"{self.sequence}/{self.odometer}_{self.preset}_{self.reference}{run}".replace(" ", "-").replace(
             ":", "-"
@@ -56,14 +56,14 @@ class Cell:
 
     @property
     def title(self) -> str:
-        """The odometer as tables call it."""
+        """Name of the odometer in tables."""
         return TITLES.get(self.odometer, self.odometer)
 
 
 def all_cells(
     presets: Sequence[str] = ("best",), seeds: Sequence[int] = (0,), references: Sequence[str] = ()
 ) -> list[Cell]:
-    """Of both rooms, sequence by sequence, so that images are read while they are in memory. references: the same for all odometers;
+    """Cells of both rooms, sequence by sequence, so that the images stay in the file cache. references: used for all odometers;
     default: REFERENCES.
     """
     cells = []
@@ -76,9 +76,10 @@ def all_cells(
 
 
 def chosen(cells: Iterable[Cell], only: str | None) -> list[Cell]:
-    """`kt0,kt1/icp`: cells that have one of the words of each part among room, trajectory, noise, odometer, preset and reference.
+    """Select cells with a filter such as `kt0,kt1/icp`: a slash means and, a comma means or. The words are compared with room,
+    trajectory, noise, odometer, preset and reference.
 
-    Raises InputError for a word that no cell has, and where no cell has one of each part.
+    Raises InputError for a word that no cell has, and if no cell matches all parts.
     """
     parts = [part.split(",") for part in (only or "").split("/") if part]
     cells = list(cells)
@@ -87,8 +88,8 @@ def chosen(cells: Iterable[Cell], only: str | None) -> list[Cell]:
         raise InputError(f"words of {', '.join(sorted(known))}", setting="only", found=", ".join(unknown))
     found = [cell for cell in cells if all(_words(cell) & set(part) for part in parts)]
     if cells and not found:
-        hint = "kt0,kt2/icp for ICP on kt0 and on kt2: a comma is or, a slash is and"
-        raise InputError("words that some cell has all of", setting="only", found=only, hint=hint)
+        hint = "kt0,kt2/icp for ICP on kt0 and on kt2: a comma means or, a slash means and"
+        raise InputError("a filter that matches at least one cell", setting="only", found=only, hint=hint)
     return found
 
 

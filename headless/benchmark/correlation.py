@@ -1,4 +1,4 @@
-"""Does a better trajectory mean a better surface? Spearman's rank correlation with a bootstrap interval, and how often a pair of cells says no."""
+"""Tests whether a better trajectory means a better surface: Spearman's rank correlation with a bootstrap interval, and the number of discordant pairs of cells."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from .lookup import ate_of, surface_of
 from .text_tables import Table
 
 _RESAMPLES, _SEED = 4999, 0
-#: Of a pair the one is better where its error is less by this share.
+#: Two errors differ clearly if one is smaller than the other by more than this share.
 _CLEARLY = 0.1
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """rho: Spearman's, of n cells; low and high: its 95 % percentile interval over resampled cells. Of `pairs` of cells on one sequence that clearly differ in ATE
-    and in surface error, in `discordant` the better trajectory has the worse surface.
+    """rho: Spearman's correlation of n cells. low, high: its 95 % percentile bootstrap interval. pairs: number of pairs of cells on one sequence
+    that clearly differ in ATE and in surface error. discordant: number of those in which the better trajectory has the worse surface.
     """
 
     n: int
@@ -28,7 +28,7 @@ class Correlation:
 
 
 def correlation(results: Sequence[dict]) -> Correlation | None:
-    """Over cells that have both an ATE and a surface; None for fewer than 4, or where all are alike in either."""
+    """Correlation over cells that have both an ATE and a surface; None for fewer than 4, or if all values of either are equal."""
     both = [(ate_of(r), surface_of(r), r["cell"].sequence) for r in results]
     known = [
         (ate_m, surface_m, sequence)
@@ -43,7 +43,7 @@ def correlation(results: Sequence[dict]) -> Correlation | None:
 
 
 def spearman(x: np.ndarray, y: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-    """Rank correlation of x and y (n,), or (k,) of k samples of them, rows (k, n): Pearson's of the ranks. NaN where all are alike."""
+    """Rank correlation of x and y (n,): Pearson's correlation of their ranks. With rows (k, n), indices of k samples, it returns (k,). NaN if all values are equal."""
     rows = np.arange(len(x)) if rows is None else rows
     a, b = (_ranks(values, np.atleast_2d(rows)) - (len(x) + 1) / 2 for values in (x, y))
     with np.errstate(invalid="ignore"):
@@ -52,7 +52,7 @@ def spearman(x: np.ndarray, y: np.ndarray, rows: np.ndarray | None = None) -> np
 
 
 def _ranks(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(k, n) of each sample, from 1; of equal values the mean."""
+    """Ranks (k, n) within each sample, counted from 1; equal values get their mean rank."""
     levels, level = np.unique(values, return_inverse=True)
     level, first = level[rows], np.arange(len(rows))[:, None] * len(levels)
     counts = np.bincount((level + first).ravel(), minlength=len(rows) * len(levels)).reshape(len(rows), -1)
@@ -68,7 +68,7 @@ def interval(x: np.ndarray, y: np.ndarray, share: float = 0.95) -> tuple[float, 
 
 
 def _pairs(x: np.ndarray, y: np.ndarray, sequences: Sequence[str]) -> tuple[int, int]:
-    """Pairs of cells on one sequence that clearly differ in both, and of these the discordant ones."""
+    """Number of pairs of cells on one sequence that clearly differ in both errors, and number of discordant ones among them."""
     count = discordant = 0
     for i in range(len(x)):
         for j in range(i):
@@ -83,7 +83,7 @@ def _differ(a: float, b: float) -> bool:
 
 
 def correlation_table(results: Sequence[dict]) -> Table:
-    """Over all cells, and over those of each room and noise."""
+    """Correlation over all cells, and over those of each room and each noise."""
     groups = {"all cells": results}
     for name in ("room", "noise"):
         for value in sorted({getattr(r["cell"], name) for r in results}):
@@ -95,7 +95,7 @@ def correlation_table(results: Sequence[dict]) -> Table:
             rows.append((name, str(found.n), *figures, str(found.pairs), str(found.discordant)))
     columns = ("cells", "n", "Spearman's \u03c1", "95 % from", "to", "pairs", "discordant")
     notes = (
-        "ATE against the mean error of the surface, laid on the model by ICP. The interval is a percentile bootstrap over cells.",
-        "Pairs: two cells on one sequence whose ATE and whose surface error both differ by more than 10 %; discordant: the better trajectory has the worse surface.",
+        "ATE against the mean error of the surface, aligned with the model by ICP. The interval is a percentile bootstrap over cells.",
+        "Pairs: two cells on one sequence whose ATE and surface error both differ by more than 10 %. Discordant: the better trajectory has the worse surface.",
     )
     return Table("correlation", "ATE against surface error.", columns, tuple(rows), notes=notes)

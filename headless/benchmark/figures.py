@@ -1,4 +1,4 @@
-"""The paper's figures 1 to 9 of our own rooms, frames and cells."""
+"""The paper's figures 1 to 9, drawn from our rooms, frames and cells."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,16 +26,16 @@ from .lookup import Ours, ate_of, surface_of
 from .measure import HEAT_MM
 from .sources import Sources
 
-#: Where the interior of figure 1 is seen from: trajectory and share of it.
+#: Viewpoints of figure 1: trajectory, and position as a share of its length.
 _INTERIOR = (("kt2", 0.0), ("kt3", 0.45))
-#: Frames of figures 2 and 3, as shares of a trajectory, and of figure 4.
+#: Frames of figures 2 and 3, and of figure 4, as shares of a trajectory.
 _PLACES, _NOISY_PLACES = (0.1, 0.5, 0.9), (0.0, 0.6)
 _ERROR_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """What figures are drawn of. results: the cells of a benchmark, of `preset` those count."""
+    """Input of the figures. results: cells of a benchmark, of which those of `preset` are used."""
 
     sources: Sources
     results: Sequence[dict]
@@ -44,7 +44,7 @@ class Material:
 
 
 def draw(number: int, material: Material) -> Figure:
-    """Raises InputError, which says what to run, where nothing that it shows is there; panels that lack something say so."""
+    """Draw a figure. Raises InputError, with the command to run, if all its data is missing; single panels show what they lack."""
     return FIGURES[number][0](material)
 
 
@@ -63,7 +63,7 @@ def _interior(material: Material) -> Figure:
 
 
 def _frames(room: str, number: int) -> Callable[[Material], Figure]:
-    """2 and 3: frames from each trajectory that is there."""
+    """2 and 3: frames from each trajectory that exists."""
 
     def drawn(material: Material) -> Figure:
         there = [kt for kt in shipped.TRAJECTORY_NAMES if (material.sources.data / room / kt / "clean").is_dir()]
@@ -119,37 +119,35 @@ def _both(material: Material, room: str, trajectory: str) -> bool:
 
 def _surfaces(number: int, room: str) -> Callable[[Material], Figure]:
     """5 and 7: surfaces fused along ICP's trajectories."""
-    wanted = [(room, kt, "clean", "icp") for kt in ("kt1", "kt2")]
+    cells = [(room, kt, "clean", "icp") for kt in ("kt1", "kt2")]
     title = (
         f"Figure {number}. Surfaces of the {shipped.SCENES[room].title.lower()} along ICP's trajectories kt1 and kt2."
     )
-    return lambda material: _pictures(material, number, wanted, "surface", title)
+    return lambda material: _pictures(material, number, cells, "surface", title)
 
 
 def _heat_maps(number: int, noise: str) -> Callable[[Material], Figure]:
-    """6 and 9: surfaces by their error."""
-    wanted = [("living_room", kt, noise, "icp") for kt in shipped.TRAJECTORY_NAMES]
+    """6 and 9: surfaces coloured by their error."""
+    cells = [("living_room", kt, noise, "icp") for kt in shipped.TRAJECTORY_NAMES]
     if noise == "clean":
-        wanted.insert(0, ("living_room", "kt0", noise, "dvo"))
-    title = f"Figure {number}. Surfaces of the living room by their distance to the model, {noise}, along ICP's trajectories{' but where noted' if noise == 'clean' else ''}."
-    return lambda material: _pictures(material, number, wanted, "heat", title)
+        cells.insert(0, ("living_room", "kt0", noise, "dvo"))
+    title = f"Figure {number}. Surfaces of the living room by their distance to the model, {noise}, along ICP's trajectories{' except where noted' if noise == 'clean' else ''}."
+    return lambda material: _pictures(material, number, cells, "heat", title)
 
 
-def _pictures(
-    material: Material, number: int, wanted: list[tuple[str, str, str, str]], kind: str, title: str
-) -> Figure:
-    """Of cells: their surface.jpg or heat.jpg."""
+def _pictures(material: Material, number: int, cells: list[tuple[str, str, str, str]], kind: str, title: str) -> Figure:
+    """A grid of the cells' surface.jpg or heat.jpg."""
     ours = Ours(material.results, material.preset)
-    found = [ours.result(*cell) for cell in wanted]
+    found = [ours.result(*cell) for cell in cells]
     if not any("surface" in result for result in found):
-        room, _, noise, _ = wanted[0]
-        odometers = ",".join(sorted({cell[3] for cell in wanted}))
+        room, _, noise, _ = cells[0]
+        odometers = ",".join(sorted({cell[3] for cell in cells}))
         raise _lacking(number, "measured cells", f"iclnuim benchmark --only {room}/{noise}/{odometers}")
-    columns = 2 if len(wanted) < 5 else 3
-    figure, panels = _grid(-(-len(wanted) // columns), columns, title)
-    for axes in panels.flat[len(wanted) :]:
+    columns = 2 if len(cells) < 5 else 3
+    figure, panels = _grid(-(-len(cells) // columns), columns, title)
+    for axes in panels.flat[len(cells) :]:
         axes.set_visible(False)
-    for axes, (_, kt, _, odometer), result in zip(panels.flat, wanted, found, strict=False):
+    for axes, (_, kt, _, odometer), result in zip(panels.flat, cells, found, strict=False):
         name = f"{kt} ({TITLES[odometer]})" if odometer != "icp" else kt
         path = result["folder"] / f"{kind}.jpg" if result else Path()
         if not path.is_file():
@@ -171,7 +169,7 @@ def _pictures(
 
 
 def _best_trajectories(material: Material) -> Figure:
-    """8: of each sequence the estimate with the least ATE of the five, over the true trajectory."""
+    """8: for each sequence, the estimate with the least ATE of the five, over the true trajectory."""
     rows = list(product(NOISES, shipped.SCENE_NAMES))
     figure = Figure(figsize=(13, 13), layout="constrained")
     figure.suptitle("Figure 8. The best of the five odometers on each sequence (colour) over the ground truth (grey).")
@@ -187,12 +185,12 @@ def _best_trajectories(material: Material) -> Figure:
     return figure
 
 
-def _is_ours(cell: Cell, *wanted: str) -> bool:
-    return (cell.room, cell.trajectory, cell.noise, cell.preset) == wanted and not cell.external and cell.seed == 0
+def _is_ours(cell: Cell, *expected: str) -> bool:
+    return (cell.room, cell.trajectory, cell.noise, cell.preset) == expected and not cell.external and cell.seed == 0
 
 
 def _draw_best(axes: Axes, results: list[dict]) -> bool:
-    """Whether there was one to draw."""
+    """Draw the best result; False if there is none."""
     measured = [r for r in results if ate_of(r) is not None and (r["folder"] / "path.json").is_file()]
     if not measured:
         axes.text(0.5, 0.5, "not measured", ha="center", va="center", transform=axes.transAxes, color="grey")
@@ -214,7 +212,7 @@ def _draw_best(axes: Axes, results: list[dict]) -> bool:
 
 
 def _grid(rows: int, columns: int, title: str) -> tuple[Figure, np.ndarray]:
-    """Panels without axes, of the images' shape."""
+    """A figure with panels without axes, in the shape of the images."""
     figure = Figure(figsize=(4.4 * columns + 0.4, 3.4 * rows + 0.5), layout="constrained")
     figure.suptitle(title, fontsize=11)
     panels = figure.subplots(rows, columns, squeeze=False)
@@ -229,7 +227,7 @@ def _lacking(number: int, what: str, command: str) -> InputError:
     return InputError(f"{what} for figure {number}", found="none", hint=command)
 
 
-#: Number -> what draws it, and what it shows.
+#: Number -> (function that draws the figure, its content).
 FIGURES: dict[int, tuple[Callable[[Material], Figure], str]] = {
     1: (_interior, "the living room without its colours"),
     2: (_frames("living_room", 2), "frames of the living room"),

@@ -1,4 +1,4 @@
-"""One HTML file for people: summary, findings, tables, and every cell with its path, error over time and heat map. It needs nothing beside it."""
+"""The report as one self-contained HTML file: summary, findings, tables, and every cell with its trajectory, error over time and heat map."""
 
 import base64
 import html
@@ -18,18 +18,18 @@ from .measure import HEAT_MM
 from .paper_tables import CELL_COLUMNS, cell_row, cells_table
 from .text_tables import Table
 
-#: What the file may take.
+#: Largest size of the file.
 MAX_BYTES = 60_000_000
-#: Of it, for pictures and films; what is beyond is left out, pictures in colour first.
+#: Part of it for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
-#: Columns of a table whose texts are longer than this become paragraphs.
+#: A column with a text longer than this number of characters is set as paragraphs.
 _LONG = 40
 
 
 def write_report(
     out: Path, results: Sequence[dict], tables: Sequence[Table], films: dict[str, bytes] | None = None
 ) -> Path:
-    """OUT/report.html of the measured cells and their tables. Raises WorkError where it cannot be written or does not fit."""
+    """Write OUT/report.html from the measured cells and their tables. Raises WorkError if it cannot be written or is too large."""
     named = {table.name: table for table in tables}
     findings = [table for name, table in named.items() if name.startswith("findings")]
     apart = {"cells", "correlation", *(table.name for table in findings)}
@@ -46,7 +46,7 @@ def write_report(
     for name, part in parts.items():
         text = text.replace(f"{{{{{name}}}}}", part)
     if len(text.encode()) > MAX_BYTES:
-        raise WorkError(f"the report would take {len(text) / 1e6:.0f} MB, more than {MAX_BYTES / 1e6:.0f}")
+        raise WorkError(f"the report would have {len(text) / 1e6:.0f} MB, but the limit is {MAX_BYTES / 1e6:.0f} MB")
     atomic_write_text(out / "report.html", text)
     return out / "report.html"
 
@@ -58,7 +58,7 @@ def _about(out: Path) -> str:
     versions = recipe.get("versions") or {}
     made = f"iclnuim {versions.get('iclnuim', '')}, {recipe.get('machine', '')}".strip(", ")
     paper = "Handa, Whelan, McDonald and Davison, ICRA 2014"
-    return f"The experiments of {paper}, on our sequences with our odometers: {frames}. {made}."
+    return f"The experiments of {paper}, on our sequences, with our odometers: {frames}. {made}."
 
 
 def _tiles(results: Sequence[dict], findings: Table) -> str:
@@ -109,7 +109,7 @@ def _cell(tag: str, text: str, marks: dict[str, bool], column: str = "") -> str:
 
 
 def _data(results: Sequence[dict], films: dict[str, bytes]) -> dict:
-    """What the script of the page draws."""
+    """The data that the page's script draws."""
     table, left = cells_table(results), _PICTURES - sum(map(len, films.values())) * 4 // 3
     pictures: list[dict[str, str]] = [{} for _ in results]
     for name, key in (("heat", "heat"), ("surface", "surface_picture")):
@@ -125,7 +125,7 @@ def _data(results: Sequence[dict], films: dict[str, bytes]) -> dict:
         "cells": cells,
         "colours": _colours(results),
         "films": {sequence: _inline("video/webm", film) for sequence, film in films.items()},
-        "heat_text": f"{HEAT_MM[0]:g} mm and less (blue) to {HEAT_MM[1]:g} mm and more (red), logarithmic",
+        "heat_text": f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)",
     }
 
 
@@ -135,11 +135,11 @@ def _row(result: dict) -> dict:
     ate_m, surface_m = ate_of(result), surface_of(result)
     surface, times, more = result.get("surface", {}), result["times"], {}
     if "fit_moved_m" in surface:
-        more["ICP moved it by"] = f"{1e3 * surface['fit_moved_m']:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
+        more["ICP alignment"] = f"{1e3 * surface['fit_moved_m']:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
     if "track_s" in times:
-        more["tracking"] = f"{times['track_s']:.1f} s of one core, {times['ms_median']:.1f} ms a frame"
+        more["tracking"] = f"{times['track_s']:.1f} s on one core, {times['ms_median']:.1f} ms per frame"
     if "peak_mb" in times:
-        more["process"] = f"{times['cpu_s']:.0f} s of one core, {times['peak_mb']:.0f} MB"
+        more["process"] = f"{times['cpu_s']:.0f} s on one core, {times['peak_mb']:.0f} MB"
     return {
         "name": cell.name,
         "sequence": cell.sequence,
@@ -157,7 +157,7 @@ def _row(result: dict) -> dict:
 
 
 def _colours(results: Sequence[dict]) -> dict[str, str]:
-    """Of the charts, our five first."""
+    """Title -> colour in the charts; our five odometers come first."""
     from iclnuim.report.charts import COLOURS
 
     titles = [*TITLES.values(), *sorted({r["cell"].title for r in results} - set(TITLES.values()))]
@@ -165,7 +165,7 @@ def _colours(results: Sequence[dict]) -> dict[str, str]:
 
 
 def _heat_gradient() -> str:
-    """The heat maps' colours from low to high, in CSS."""
+    """The heat maps' colour scale from low to high, as a CSS gradient."""
     import numpy as np
     from iclnuim.fusion.pictures import heat_colours
     from matplotlib.colors import to_hex

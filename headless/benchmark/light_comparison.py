@@ -1,5 +1,5 @@
-"""Ways of lighting a frame against a reference of many path-traced samples: seconds a frame, error, and flicker between frames;
-as a table and as a chart. Errors are of display values, 0..1.
+"""Compares lighting methods (path tracing, baked light) with a reference of many path-traced samples: seconds per frame, error, and flicker
+between frames, as a table and as a chart. Errors are those of display values, 0..1.
 """
 
 import hashlib
@@ -25,22 +25,22 @@ from iclnuim.worker_events import Event, FrameDone, Note, Ready
 from matplotlib.figure import Figure
 
 REFERENCE_SAMPLES = 2048
-#: Of its two halves: their noise must be neither each other's nor that of a way they judge.
+#: Seeds of the two halves of the reference. Their noise must be independent of each other and of that of the compared methods.
 _REFERENCE_SEEDS = (11, 12)
 _PATH_SAMPLES = (1, 4, 16, 64, 256)
 _BAKED_SAMPLES = (1, 2, 4, 8)
 #: Path tracing with more samples than this is slow: one frame is timed.
 _SLOW_SAMPLES = 16
-#: Depth that differs by more than this share is another surface.
+#: A depth difference beyond this share means another surface.
 _SAME_SURFACE = 0.01
 
 _TO = "to the reference"
-_HEADER = ("way", "samples", "s/frame", "PSNR dB", "worst view", _TO, "median error", _TO, "bias", "flicker")
+_HEADER = ("method", "samples", "s/frame", "PSNR dB", "worst view", _TO, "median error", _TO, "bias", "flicker")
 
 
 @dataclass(frozen=True)
 class Way:
-    """One way of lighting: `family` is a line of the chart, `label` a point on it."""
+    """One lighting method: `family` is a line of the chart, `label` a point on it."""
 
     family: str
     label: str
@@ -49,9 +49,9 @@ class Way:
 
 @dataclass(frozen=True)
 class Error:
-    """psnr_db of each view against the picture that path tracing converges to; median and mean difference of a colour value.
+    """psnr_db: of each view against the image to which path tracing converges. median, bias: median and mean difference of colour values.
 
-    psnr_to_reference_db and median_to_reference: the same against the reference as it is, whose own noise counts as error.
+    psnr_to_reference_db, median_to_reference: the same against the reference itself, whose noise then counts as error.
     """
 
     psnr_db: tuple[float, ...]
@@ -66,10 +66,10 @@ class Error:
 
 
 def error(frames: np.ndarray, halves: np.ndarray) -> Error:
-    """Of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.
+    """Error of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.
 
-    The mean of the product of both differences is free of the references' noise: the halves' noise is independent. From
-    the median that noise, half the halves' difference, is taken in quadrature.
+    The mean of the product of both differences contains no noise of the references, as the noise of the two halves is independent.
+    For the median, that noise (half the difference of the halves) is subtracted in quadrature.
     """
     a, b = (srgb_from_light(frames) - srgb_from_light(half) for half in halves)
     whole = srgb_from_light(frames) - srgb_from_light(halves.mean(0))
@@ -95,10 +95,10 @@ def carried_difference(
     T_b_a: SE3,
     camera: PinholeCamera,
 ) -> np.ndarray:
-    """(n,) differences, mean over colours, of frame a's pixels and frame b read (bilinear) where they fall in it.
+    """(n,) differences, averaged over colours, between pixels of frame a and frame b, sampled bilinearly at their projections.
 
-    Scene-linear frames (h, w, 3) and planar depth (h, w) in metres. Left out: pixels without depth, outside b, or behind
-    or beside another surface in b.
+    Scene-linear frames (h, w, 3) and planar depth (h, w) in metres. Pixels without depth, outside b, or behind or next to another
+    surface in b are left out.
     """
     points = T_b_a.apply(camera.unproject(depth_a_z_m).reshape(-1, 3))
     pixels = camera.project(points).reshape(camera.height, camera.width, 2).astype(np.float32)
@@ -115,7 +115,7 @@ def carried_difference(
 
 @dataclass(frozen=True)
 class Result:
-    """seconds: of a frame at full size, median; flicker: median difference of a surface point from frame to frame, 0..1."""
+    """seconds: median time of a frame at full size. flicker: median difference of a surface point between consecutive frames, 0..1."""
 
     way: Way
     seconds: float
@@ -124,7 +124,7 @@ class Result:
 
 
 def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
-    """Path tracing with and without denoising, and baked light with each map size; the job's own size comes with all samples."""
+    """All methods: path tracing with and without denoising, and baked light with each map size; the map size of the job has all sample counts."""
     path = [
         Way(family, f"{n}", job.changed(light="path", samples=n, denoise=denoise))
         for family, denoise in (("path traced, denoised", True), ("path traced", False))
@@ -139,11 +139,11 @@ def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
 
 
 class Comparison:
-    """Measures ways on the `views` (frame numbers) of a sequence. `small` is the camera for errors, the job's own for times."""
+    """Measures lighting methods on the `views` (frame numbers) of a sequence. Errors use the camera `small`, times use that of the job."""
 
     def __init__(self, job: RenderJob, views: Sequence[int], small: PinholeCamera, note: Callable[[str], None]) -> None:
         self.job, self.views, self.small, self.note = job, list(views), small, note
-        #: (2, n, h, w, 3), two independent halves; rendered once, then kept in the cache, and an interrupted render goes on
+        #: (2, n, h, w, 3), two independent halves; rendered once and kept in the cache; an interrupted render is resumed
         self.references = np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
 
     def run(self, way: Way) -> Result:
@@ -155,7 +155,7 @@ class Comparison:
             found = error(_frames(small, self.views)[0], self.references)
             flicker = self._flicker(small, firsts)
             times = self._render(way.job, Path(folder) / "full", self.views[:1] if slow else self.views)
-        # the first frame, in which Cycles reads the scene, counts only where it is the only one
+        # the first frame, in which Cycles reads the scene, counts only if it is the only one
         seconds = statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
         return Result(way, seconds, found, flicker)
 
@@ -171,7 +171,7 @@ class Comparison:
         return _frames(folder, self.views)[0]
 
     def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
-        """Render what is missing; when it began, and when each frame was reported: as the next one was rendered."""
+        """Render the missing frames; returns the time of the start, and the times at which each frame was reported (while the next one renders)."""
         from iclnuim.blender import worker
 
         times: list[float] = []
@@ -225,20 +225,20 @@ def figure(results: Sequence[Result]) -> Figure:
     right.yaxis.set_minor_formatter("{x:g}")
     for axes in (left, right):
         axes.set_xscale("log")
-        axes.set_xlabel("seconds a frame, 640 x 480 (numbers: samples a pixel)")
+        axes.set_xlabel("seconds per frame, 640 x 480 (numbers: samples per pixel)")
         axes.grid(alpha=0.3)
     left.legend(frameon=False)
     return drawn
 
 
 def table(results: Sequence[Result]) -> str:
-    """One row a way, in Markdown."""
+    """One row per method, in Markdown."""
     head = (f"| {' | '.join(cells)} |" for cells in (_HEADER, ["---"] * len(_HEADER)))
     return "\n".join([*head, *map(row, results)])
 
 
 def row(r: Result) -> str:
-    """A way's row of the table."""
+    """The table row of a method."""
     error = r.error
     psnr = (error.mean_psnr_db, min(error.psnr_db), float(np.mean(error.psnr_to_reference_db)))
     figures = [
@@ -253,7 +253,7 @@ def row(r: Result) -> str:
 
 
 def summary(results: Sequence[Result], job: RenderJob) -> str:
-    """How much less time the job's own baked light takes than path tracing of the same error."""
+    """How much less time the job's baked light takes than path tracing with the same error."""
     own = next((r for r in results if r.way.job == job.changed(light="baked")), None)
     if own is None:
         return ""
@@ -262,7 +262,7 @@ def summary(results: Sequence[Result], job: RenderJob) -> str:
         line = sorted((r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.way.family == family)
         if line:
             psnrs_db, log_s = np.array(line).T
-            seconds = np.exp(np.interp(psnr_db, psnrs_db, log_s, right=np.inf))  # inf where the family is never as good
-            ratio = f"{seconds / own.seconds:.0f} times less" if np.isfinite(seconds) else "never reached by the other"
+            seconds = np.exp(np.interp(psnr_db, psnrs_db, log_s, right=np.inf))  # inf if the family never reaches it
+            ratio = f"{seconds / own.seconds:.0f} times less time" if np.isfinite(seconds) else "not reached by it"
             lines.append(f"baked light against {family} at {psnr_db:.1f} dB: {ratio}")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""The figures that tables and findings ask for, by room, trajectory, noise and odometer: ours out of the cells, and those that the paper prints."""
+"""Figures for tables and findings by room, trajectory, noise and odometer: ours from the measured cells, and those printed in the paper."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ def paper() -> dict:
 
 
 class Figures(Protocol):
-    """In metres; None: not there. reference: default: the one that the paper used for the odometer."""
+    """Access to errors in metres; None if a figure is missing. The default reference is the one that the paper used for the odometer."""
 
     def ate(
         self, room: str, trajectory: str, noise: str, odometer: str, statistic: str = "rmse", reference: str = ""
@@ -43,7 +43,7 @@ class Figures(Protocol):
 
 
 class Printed:
-    """Of the paper; a reference that is not the paper's has no figures."""
+    """The figures printed in the paper; None for a reference that the paper did not use."""
 
     def _of(self, table: str | None, trajectory: str, odometer: str, statistic: str, reference: str) -> float | None:
         if table is None or reference not in ("", *REFERENCES[odometer][:1]):
@@ -66,7 +66,7 @@ class Printed:
 
 @dataclass(eq=False)
 class Ours:
-    """Of the measured cells of one preset and one noise seed."""
+    """The figures of the measured cells of one preset and one noise seed."""
 
     results: Sequence[dict]
     preset: str = "best"
@@ -77,7 +77,7 @@ class Ours:
         self._by_cell = {result["cell"]: result for result in self.results}
 
     def result(self, room: str, trajectory: str, noise: str, odometer: str, reference: str = "") -> dict:
-        """Of a cell; {} where it was not measured."""
+        """The result of a cell; {} if it was not measured."""
         seed = self.seed if noise == "noisy" else 0
         cell = Cell(room, trajectory, noise, odometer, self.preset, reference or REFERENCES[odometer][0], seed)
         return self._by_cell.get(cell, {})
@@ -102,15 +102,15 @@ def ate_of(result: dict, statistic: str = "rmse") -> float | None:
 
 
 def surface_of(result: dict, statistic: str = "mean", how: str = "fitted_m") -> float | None:
-    """Distance of the surface's vertices to the model; laid on it by ICP as in the paper, or by the first pose (given_m)."""
+    """Distance in metres of the surface's vertices to the model, aligned by ICP as in the paper (fitted_m), or by the first pose (given_m)."""
     return result.get("surface", {}).get(how, {}).get(statistic)
 
 
 def presets_of(results: Iterable[dict]) -> list[str]:
-    """Of our odometers, `best` first."""
+    """Presets of the measured cells of our odometers, `best` first."""
     return sorted({r["cell"].preset for r in results if r["cell"].odometer in TITLES and not r["cell"].external})
 
 
 def seeds_of(results: Iterable[dict], preset: str) -> list[int]:
-    """Of the noisy cells; [0] where there are none."""
+    """Noise seeds of the cells of a preset; [0] if there are none."""
     return sorted({r["cell"].seed for r in results if r["cell"].preset == preset}) or [0]

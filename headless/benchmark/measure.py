@@ -1,8 +1,8 @@
-"""One cell of the benchmark measured, as a process of its own: motion, ATE and RPE, the surface fused along it, its error, two pictures.
+"""Measures one cell of the benchmark in a separate process: the motion, ATE and RPE, the surface fused along it, its error, and two pictures.
 
     python -m iclnuim.headless.benchmark.measure TASK.json
 
-It writes a folder, whole or not at all, and one line for every few frames that it is done with on standard output. It ends with its parent.
+It writes a complete folder or none. On standard output it prints the number of frames done since the last line. It ends when its parent ends.
 """
 
 import json
@@ -35,11 +35,11 @@ from .seen_cache import cached_seen
 if TYPE_CHECKING:
     from iclnuim.fusion.mesh import Mesh
 
-#: Of a noisy sequence a surface counts where so many frames saw it.
+#: Noise -> minimum weight of a voxel for the mesh: the surface of a noisy sequence must be seen by this many frames.
 _MIN_WEIGHT = {"clean": FuseSettings().min_weight, "noisy": 3.0}
-#: Ends of the heat maps' scale, which is logarithmic and the same for all cells.
+#: Limits of the heat maps' scale in mm. It is logarithmic and the same for all cells.
 HEAT_MM = (0.1, 100.0)
-#: Points of a trajectory that are kept for drawings.
+#: Number of trajectory points stored for charts.
 _DRAWN = 300
 _WIDTH, _HEIGHT = 720, 540
 _SECOND = RelativeErrorSettings(1.0, "seconds")
@@ -47,9 +47,9 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 @dataclass(frozen=True)
 class Task:
-    """folder: of the sequence. first: only so many frames. model: file of the room's triangles; None: no surface is measured.
-    trajectory: what an external system wrote; None: the cell's odometer estimates it. recipe: what decides the result. work: folder of
-    what cells share, which can be made again.
+    """folder: the sequence. first: use only the first N frames. model: file with the room's triangles; None: no surface is measured.
+    trajectory: file written by an external system; None: the cell's odometer estimates it. recipe: everything that decides the result.
+    work: folder for data shared by cells, which can be recomputed.
     """
 
     cell: Cell
@@ -68,24 +68,24 @@ class Task:
 
 
 class Meter:
-    """Tells the parent of frames; `progress(total, label)` as the library asks for one."""
+    """Reports the number of processed frames to the parent. The library calls it as `progress(total, label)`."""
 
     def __init__(self, total: int = 0, label: str = "") -> None:
-        self.told, self.done = 0.0, 0
+        self.reported_s, self.done = 0.0, 0
 
     def advance(self, count: int = 1) -> None:
         self.done += count
-        if time.monotonic() - self.told > 0.5:
+        if time.monotonic() - self.reported_s > 0.5:
             self.flush()
 
     def flush(self) -> None:
         sys.stdout.write(f"{self.done}\n")
         sys.stdout.flush()
-        self.told, self.done = time.monotonic(), 0
+        self.reported_s, self.done = time.monotonic(), 0
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Exit code 0, also where the odometer failed: that is a result. 3 where nothing could be measured, with a line on standard error."""
+    """Exit code 0, even if the odometer failed, as that is a result. Exit code 3, with a line on standard error, if nothing could be measured."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     task = Task.read(Path((argv or sys.argv[1:])[0]))
     try:
@@ -97,14 +97,14 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _end_with_parent() -> None:
-    """Standard input is a pipe that the parent holds open while it lives."""
+    """End this process when standard input closes: it is a pipe that the parent keeps open while it runs."""
     while os.read(0, 1):
         pass
     os._exit(130)
 
 
 def measure(task: Task, meter: Meter) -> None:
-    """Writes recipe.json, result.json, times.json (core-seconds, but ms a frame) and, as far as there are any, trajectory.txt, path.json, surface.jpg and heat.jpg."""
+    """Write recipe.json, result.json, times.json (core-seconds, and ms per frame) and, if they exist, trajectory.txt, path.json, surface.jpg and heat.jpg."""
     with whole_folder(Path(task.out)) as folder:
         times: dict[str, float] = {}
         result: dict[str, Any] = {}
@@ -128,7 +128,7 @@ def measure(task: Task, meter: Meter) -> None:
 
 
 def _usage() -> dict[str, float]:
-    """Core-seconds and memory of this process; memory where the system tells it."""
+    """Core-seconds and, where the system reports it, peak memory of this process."""
     found = {"cpu_s": time.process_time()}
     with suppress(ImportError):
         import resource
@@ -138,7 +138,7 @@ def _usage() -> dict[str, float]:
 
 
 def _motion(task: Task, truth: Trajectory, meter: Meter, result: dict, times: dict) -> Trajectory:
-    """The estimated trajectory; what the odometer says of its frames goes into `result`."""
+    """The estimated trajectory. The odometer's counts of frames (lost, degenerate ...) are added to `result`."""
     from iclnuim.odometry.run import Sequence
 
     cell, sequence = task.cell, Sequence(task.folder)
@@ -161,7 +161,7 @@ def _motion(task: Task, truth: Trajectory, meter: Meter, result: dict, times: di
 
 
 def _trajectory_figures(truth: Trajectory, trajectory: Trajectory, error: AbsoluteError) -> dict:
-    """ATE after SE(3) alignment with its six statistics, RPE over a second (None for less than that)."""
+    """Six statistics of the ATE after SE(3) alignment, and of the RPE over one second (None if the trajectory is shorter)."""
     try:
         rpe = relative_error(truth, trajectory, _SECOND).translation_m.to_dict()
     except InputError:
@@ -170,7 +170,7 @@ def _trajectory_figures(truth: Trajectory, trajectory: Trajectory, error: Absolu
 
 
 def _drawn(truth: Trajectory, trajectory: Trajectory, error: AbsoluteError, first: int | None) -> dict:
-    """What charts need: positions of truth and estimate in metres, the error in metres over time, some of the frames."""
+    """Data for charts, of some of the frames: positions of truth and estimate in metres, and the error in metres over time."""
     rows = np.unique(np.linspace(0, len(error.stamps_s) - 1, _DRAWN).astype(int))
     until = np.searchsorted(truth.stamps_s, error.stamps_s[-1], side="right")
     whole = truth.positions_m[: until if first else None]
@@ -186,7 +186,7 @@ def _drawn(truth: Trajectory, trajectory: Trajectory, error: AbsoluteError, firs
 def _surface(
     task: Task, truth: Trajectory, trajectory: Trajectory, folder: Path, meter: Meter, times: dict
 ) -> dict[str, Any]:
-    """Fused along the estimate; laid on the model by the first pose, and by ICP, as the paper did."""
+    """Fuse the surface along the estimate and measure it, aligned with the model by the first pose, and by ICP as in the paper."""
     from iclnuim.fusion.mesh import fuse_sequence
     from iclnuim.fusion.quality import SeenBy, surface_quality
     from iclnuim.fusion.surface_error import TrueSurface, first_poses_transform
@@ -220,13 +220,13 @@ def _surface(
 
 
 def fuse_settings(task: Task) -> FuseSettings:
-    """Of the cell's preset; `min_weight` by its noise."""
+    """The fusion settings: the volume by the cell's preset, `min_weight` by its noise."""
     volume = PRESETS.get(task.cell.preset, PRESETS["best"])
     return FuseSettings(volume, _MIN_WEIGHT[task.cell.noise], f":{task.first or ''}")
 
 
 def _motion_of_fit(T: SE3, middle: np.ndarray) -> dict[str, float]:
-    """How far a fit moved the middle of the surface, and turned it."""
+    """By how much a fit translated the centre of the surface, and rotated it."""
     moved_m = float(np.linalg.norm(T.apply(middle) - middle))
     return {"fit_moved_m": moved_m, "fit_turned_deg": float(np.degrees(so3.angle(T.rotation)))}
 

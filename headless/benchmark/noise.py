@@ -1,10 +1,10 @@
-"""Noise models measured: the time of sequences beside that of their files alone, of each model alone, and how near a model
-comes to noisy frames that were published, as a chart and as tables.
+"""Measures noise models, as a chart and as tables: the time of sequences relative to that of their files alone, the time of each model
+alone, and its similarity to published noisy frames.
 
-Nearness is the overlap of what two noises do to pixels. A pixel of a noisy image falls into a cell: how deep or bright it
-truly is, and how far it is off, or that it is missing. The overlap is the share of pixels that both put into the same
-cells: 1 where they do the same, 0 where they have nothing in common. It sees amount, bias and gaps of the noise by depth
-and brightness, not how it hangs together from pixel to pixel.
+Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true depth or value of a pixel and by its
+error, or by the fact that the pixel is missing. The overlap is the share of pixels that both noises put into the same bins: 1 if they are
+equal, 0 if they have nothing in common. It measures amount, bias and gaps of the noise by depth and brightness, but not its correlation
+between pixels.
 """
 
 import os
@@ -30,13 +30,13 @@ from iclnuim.sensor.transfer import srgb8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-#: Depth and RGB models as users pair them.
+#: Pairs of depth and RGB models that users combine.
 PAIRS = (("none", "none"), ("paper", "paper"), ("released", "released"), ("kinect2012", "paper"), ("redwood", "paper"))
-#: Borders of the groups of true depth (m) and of true 8-bit value.
+#: Bin edges of true depth (m) and of true 8-bit values.
 _DEPTHS_M, _VALUES = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([40, 80, 120, 160, 200])
-#: Disparity in steps of the paper's equation 3 is this over metres.
+#: Disparity in steps of the paper's equation 3 is this constant divided by the depth in metres.
 _STEPS_M = 351.3
-#: Errors are told apart to half a disparity step up to 6 steps, and to one value up to 12 of 255.
+#: Bins of errors: half a disparity step wide up to 6 steps for depth, one value wide up to 12 of 255 for colour.
 _BINS = 24
 _MISSING = _BINS + 1
 
@@ -46,8 +46,8 @@ Figures = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class PairTime:
-    """Medians over rounds: frames a second (clean and noisy of each: one EXR read, four PNGs written) and processor time
-    a frame; both times as multiples of reading those EXRs and writing those PNGs alone, within a round.
+    """Medians over rounds: frames per second (a frame reads one EXR and writes four PNGs, clean and noisy) and processor time per frame.
+    ratio, cpu_ratio: both times relative to reading these EXRs and writing these PNGs alone, within a round.
     """
 
     depth: str
@@ -61,7 +61,7 @@ class PairTime:
 def pair_times(
     raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
 ) -> list[PairTime]:
-    """Each of PAIRS on the frames of a run, `rounds` times with noise and without, in turns."""
+    """Measure each of PAIRS on the frames of a run, `rounds` times, alternating between sequences with noise and files alone."""
     source, found = run_frames(raw, frames), []
     for depth, rgb in PAIRS:
         noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
@@ -103,28 +103,28 @@ def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[
             times.append(time.thread_time() - start)
         return 1e3 * float(np.median(times[1:]))
 
-    keep_freed_memory()  # as where sequences are written
+    keep_freed_memory()  # as the writer of sequences does
     return {kind: {name: median_ms(kind, name) for name in names} for kind, names in _MODELS.items()}
 
 
 def _with_noise(
     kind: str, name: str, light: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, seed: int, number: int
 ) -> np.ndarray:
-    """A frame's depth in metres, or its 8-bit colour, as the model makes it."""
+    """The depth of a frame in metres, or its 8-bit colour, with the noise of the model."""
     if kind == "depth":
         return depth_model(name).apply(depth_z_m, camera, frame_generator(seed, number, DEPTH))
     return rgb_model(name).apply(light, frame_generator(seed, number, RGB))
 
 
 def _clocks() -> np.ndarray:
-    """Seconds by the clock, and of the processor: of this process to the nanosecond, of those that ended to the tick (10 ms)."""
+    """Wall time and processor time in seconds. Processor time has a resolution of 1 ns for this process and of 10 ms for ended child processes."""
     return np.array([time.perf_counter(), time.process_time() + sum(os.times()[2:4])])
 
 
 def _files_alone(
     raw: Path, numbers: Sequence[int], images: Sequence[list[np.ndarray]], out: Path, workers: int
 ) -> None:
-    """What cannot be spared: every EXR read, every image written."""
+    """The necessary work: read every EXR, write every image."""
 
     def one(number: int, four: list[np.ndarray]) -> None:
         read_exr(raw / "exr" / f"{number:06}.exr")
@@ -135,13 +135,13 @@ def _files_alone(
         list(pool.map(one, numbers, images))
 
 
-# -- likeness
+# -- similarity
 
 
 def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
-    """{"depth": {model: overlap}, "rgb": ...} of each model run on `clean`, with `noisy`, which shows the same frames.
+    """{"depth": {model: overlap}, "rgb": ...}: the overlap of each model, run on `clean`, with `noisy`, which has the same frames.
 
-    Raises InputError where they have no frame number in common.
+    Raises InputError if they have no frame number in common.
     """
     sources = image_frames(clean), image_frames(noisy)
     numbers = sorted(set(sources[0].numbers).intersection(sources[1].numbers))
@@ -153,7 +153,7 @@ def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
     )
 
     def overlap(kind: str, name: str) -> float:
-        """Of the histograms over all frames."""
+        """Overlap of the histograms over all frames."""
         cells = depth_cells if kind == "depth" else value_cells
         clean, theirs = (depths, noisy_depths) if kind == "depth" else (map(srgb8, lights), map(srgb8, noisy_lights))
         first = second = np.zeros(4096)
@@ -167,7 +167,7 @@ def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
 
 
 def depth_cells(clean_z_m: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
-    """(h, w) planar metres -> (n,) cells of the n pixels that truly have depth."""
+    """(h, w) planar depth in metres -> (n,) bins of the n pixels whose true depth is known."""
     seen = clean_z_m > 0
     clean, noisy = clean_z_m[seen].astype(float), noisy_z_m[seen].astype(float)
     steps = _STEPS_M / np.maximum(noisy, 0.01) - _STEPS_M / clean
@@ -176,13 +176,13 @@ def depth_cells(clean_z_m: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
 
 
 def value_cells(clean: np.ndarray, noisy: np.ndarray) -> np.ndarray:
-    """(h, w, 3) uint8 -> (n,) cells, each channel of its own."""
+    """(h, w, 3) uint8 -> (n,) bins, separate for each channel."""
     error = _binned(noisy.astype(int) - clean)
     return (np.arange(3) * 512 + np.digitize(clean, _VALUES) * 64 + error).astype(int).ravel()
 
 
 def _binned(error: np.ndarray) -> np.ndarray:
-    """-12..12 and beyond -> 0..24."""
+    """Errors, clipped to -12..12 -> bins 0..24."""
     return np.clip(np.rint(error), -_BINS // 2, _BINS // 2) + _BINS // 2
 
 
@@ -190,7 +190,7 @@ def _binned(error: np.ndarray) -> np.ndarray:
 
 
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
-    """Left, with `overlaps`: each model's time and overlap; right: clean and noisy frames over their files alone."""
+    """Left, if `overlaps` is given: time and overlap of each model. Right: time of clean and noisy frames relative to their files alone."""
     drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
     grid = drawn.add_gridspec(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None)
     if overlaps:
@@ -202,7 +202,7 @@ def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | Non
     right.axhline(1.6, color=COLOURS[1], linewidth=1, linestyle="--")
     for k, p in enumerate(pairs):
         right.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
-    right.set_ylabel("processor time of clean + noisy over that\nof EXR read and PNGs written alone")
+    right.set_ylabel("processor time of clean + noisy relative to\nreading the EXR and writing the PNGs alone")
     right.tick_params(axis="x", labelsize=8)
     return drawn
 
@@ -214,7 +214,7 @@ def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
         axes.plot(*zip(*points.values(), strict=True), marker, color=colour, label=label)
         for name, point in points.items():
             axes.annotate(name, point, xytext=(5, below), textcoords="offset points", fontsize=9, color=colour)
-    axes.set(xlabel="ms a frame, 640 x 480, one thread", ylabel="overlap with the noise of the official frames")
+    axes.set(xlabel="ms per frame, 640 x 480, one thread", ylabel="overlap with the noise of the official frames")
     axes.set_xlim(0, 1.25 * max(max(t.values()) for t in times_ms.values()))
     axes.set_ylim(0, 1.08)
     axes.grid(alpha=0.3)
@@ -223,11 +223,11 @@ def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
 
 def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> str:
     """Two tables in Markdown: pairs, then models."""
-    rows = [("depth + RGB", "frames/s", "over files alone", "processor ms a frame", "over files alone")]
+    rows = [("depth + RGB", "frames/s", "relative to files alone", "processor ms per frame", "relative to files alone")]
     for p in pairs:
         times = (f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}")
         rows.append((f"{p.depth} + {p.rgb}", *times))
-    models = [("model", "ms a frame", "overlap with the official noise")]
+    models = [("model", "ms per frame", "overlap with the official noise")]
     for kind, by_name in times_ms.items():
         for name, ms in by_name.items():
             models.append((f"{kind} {name}", f"{ms:.1f}", f"{overlaps[kind][name]:.3f}" if overlaps else ""))

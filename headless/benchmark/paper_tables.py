@@ -1,4 +1,4 @@
-"""The paper's Tables I to VII with our figures beside the printed ones, the same of the office's surfaces, and a table of all cells. Errors in mm."""
+"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for surfaces of the office, and a table of all cells. Errors in mm."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product
@@ -21,11 +21,13 @@ _SURFACES = {
     "clean": (("dvo", "kt0"), *(("icp", kt) for kt in TRAJECTORIES)),
     "noisy": tuple(("icp", kt) for kt in TRAJECTORIES),
 }
-_ONE_SIDED = "Ours and the printed figures are of different rooms' frames and programs: they stand beside each other for their order, not for their digits."
+_ONE_SIDED = (
+    "Our figures and the printed ones come from different frames and programs: compare their order, not their values."
+)
 
 
 def all_tables(results: Sequence[dict]) -> list[Table]:
-    """In the paper's order, for each preset that was measured, then the table of all cells."""
+    """All tables in the paper's order, for each measured preset, followed by the table of all cells."""
     tables = [table_1()]
     for preset in presets_of(results) or ["best"]:
         tables += preset_tables(results, preset)
@@ -33,7 +35,7 @@ def all_tables(results: Sequence[dict]) -> list[Table]:
 
 
 def preset_tables(results: Sequence[dict], preset: str) -> list[Table]:
-    """Tables II to VII, and those of the office's surfaces (2_office, 7_office). Of presets other than best, the name says so."""
+    """Tables II to VII, and those for surfaces of the office (2_office, 7_office). The name of another preset than best is appended to the table's name."""
     seeds = seeds_of(results, preset)
     views = [Ours(results, preset, seed) for seed in seeds]
     externals = [r for r in results if r["cell"].external] if preset == "best" else []
@@ -94,7 +96,7 @@ def table_1() -> Table:
 
 
 def _ate_table(views: Sequence[Ours], externals: Sequence[dict], room: str, noise: str) -> Table:
-    """Odometer by statistic; below, the systems of others."""
+    """One row per odometer and statistic, followed by the external systems."""
     printed, rows, bold = Printed(), list[tuple[str, ...]](), set[tuple[int, int]]()
     sides: tuple[Figures, ...] = (views[0], printed)
     best = {(kt, one): _best(side, room, kt, noise) for kt in TRAJECTORIES for one, side in enumerate(sides)}
@@ -134,9 +136,9 @@ def _columns(*first: str) -> tuple[str, ...]:
 
 def _notes(views: Sequence[Ours], noise: str) -> tuple[str, ...]:
     model = [TITLES[name] for name, references in REFERENCES.items() if references[0] == "model"]
-    how = f"{' and '.join(model)} are tracked against a model, as in the paper; the others are not."
+    how = f"{' and '.join(model)} are aligned against a model, as in the paper; the others are not."
     if len(views) > 1 and noise == "noisy":
-        how += f" Median of {len(views)} noise seeds, and in brackets the least and the greatest."
+        how += f" Median of {len(views)} noise seeds, in brackets the minimum and the maximum."
     return (how, _ONE_SIDED)
 
 
@@ -170,14 +172,14 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> Table:
     else:
         name = f"table_{number}_{room}"
         title = f"Error of the surfaces of the {_ROOMS[room]} in mm, {noise}; the paper could not measure them."
-    note = "ICP's surfaces, except where noted; laid on the model by ICP as in the paper. The last rows are ours alone, laid on it by the first pose."
+    note = "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The last rows are not in the paper; they align by the first pose."
     return Table(
         name, title, tuple(columns), tuple(rows), notes=(note, _ONE_SIDED)[: 2 if room == "living_room" else 1]
     )
 
 
 def quality_of(result: dict, name: str) -> float | None:
-    """Accuracy, completion, Depth L1 in m (accuracy_m ...), or a share within a distance (f_score 1cm)."""
+    """A figure by name: accuracy, completion or Depth L1 in m (accuracy_m ...), or a share within a distance (f_score 1cm)."""
     quality = result.get("surface", {}).get("quality", {})
     name, _, near = name.partition(" ")
     return quality.get(name, {}).get(near) if near else quality.get(name)
@@ -213,12 +215,12 @@ CELL_COLUMNS = ("room", "trajectory", "noise", "seed", "odometer", "preset", "re
 
 
 def cells_table(results: Sequence[dict]) -> Table:
-    """A row a cell."""
+    """One row per cell."""
     return Table("cells", "All cells.", CELL_COLUMNS, tuple(map(cell_row, results)))
 
 
 def cell_row(result: dict) -> tuple[str, ...]:
-    """Figures with three decimals, counts with none."""
+    """The texts of one row: figures with three decimals, counts with none."""
     cell, figures = result["cell"], []
     for measure, factor in CELL_FIGURES.values():
         value = measure(result)
@@ -229,7 +231,7 @@ def cell_row(result: dict) -> tuple[str, ...]:
 
 
 def _mm(values: Iterable[float | None], decimals: int = 2) -> str:
-    """The median of figures in metres, and, where several differ, the least and the greatest."""
+    """The median in mm of figures in metres; if they differ, also the minimum and the maximum."""
     known = [1e3 * value for value in values if value is not None]
     if not known:
         return ""

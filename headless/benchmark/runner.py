@@ -1,9 +1,9 @@
-"""The cells of a benchmark measured on all cores, a process each; what was measured stays, and the same call goes on.
+"""Measures the cells of a benchmark on all cores, with one process per cell. Measured cells are kept, so the same call resumes.
 
-OUT/recipe.json                      what the whole was asked for, and what it was measured on
+OUT/recipe.json                      the settings of the benchmark, its versions and machine
 OUT/cells/ROOM/TRAJECTORY/NOISE/CELL/  recipe.json, result.json, times.json, trajectory.txt, path.json, surface.jpg, heat.jpg: written by measure.py
-OUT/tables/, OUT/report.html         made of the cells alone
-OUT/work/                            what cells share while they are measured
+OUT/tables/, OUT/report.html         made from the cells alone
+OUT/work/                            data shared by cells while they are measured
 """
 
 import platform
@@ -31,14 +31,14 @@ from .measure import HEAT_MM, Task, fuse_settings
 from .sources import Sources, environment, task_text
 
 _SCHEMA_VERSION = 1
-#: Libraries that take part, for the recipes.
+#: Libraries whose versions the recipes record.
 _LIBRARIES = ("numpy", "numba", "scipy", "embreex", "libigl")
 
 
 @dataclass(eq=False)
 class Benchmark:
-    """cells: those that are asked for; systems: trajectories of external ones. first: only so many frames of every sequence.
-    surfaces: or trajectories alone; a cell whose surface is measured counts as measured then, too.
+    """cells: those to measure. systems: cells of external systems -> their trajectories. first: use only the first N frames of every sequence.
+    surfaces: False measures trajectories only; a cell that also has a measured surface then counts as measured.
     """
 
     sources: Sources
@@ -54,30 +54,30 @@ class Benchmark:
 
     @cached_property
     def _made_by(self) -> dict:
-        """What made the results, for all recipes: git and the packages are asked once."""
+        """Versions and commit for all recipes; git and the packages are queried once."""
         return {"versions": {"iclnuim": __version__, **versions(*_LIBRARIES)}, "source_commit": source_commit()}
 
     def open(self) -> None:
-        """Make the folder, or open the benchmark that is there. Raises InputError where it has another number of frames."""
-        out, place = self.sources.out, self.sources.out / "recipe.json"
-        asked = {"schema_version": _SCHEMA_VERSION, "kind": "benchmark", "first": self.first}
-        if place.is_file():
-            there = read_json(place)
-            refuse_other("benchmark", place, {key: there.get(key) for key in asked}, asked, "another {out}")
+        """Make the folder, or open the existing benchmark. Raises InputError if that has another number of frames."""
+        out, path = self.sources.out, self.sources.out / "recipe.json"
+        requested = {"schema_version": _SCHEMA_VERSION, "kind": "benchmark", "first": self.first}
+        if path.is_file():
+            existing = read_json(path)
+            refuse_other("benchmark", path, {key: existing.get(key) for key in requested}, requested, "another {out}")
             return
         make_folder(out, hint="another {out}")
-        write_json(place, {**asked, **self._made_by, "machine": _machine()})
+        write_json(path, {**requested, **self._made_by, "machine": _machine()})
 
     def run(self) -> list[str]:
-        """Measure what is missing; a sentence for each cell that could not be measured. Interrupted, its processes are ended."""
+        """Measure the missing cells; returns a sentence for each cell that could not be measured. An interruption kills its processes."""
         missing = self._missing()
         self.console.note(
-            f"benchmark: {len(self.cells)} cells, {len(self.cells) - len(missing)} of them measured already"
+            f"benchmark: {len(self.cells)} cells, {len(self.cells) - len(missing)} of them already measured"
         )
         made = {task.cell.sequence: task.cell for task in missing if task.cell.seed}
         frames = sum(map(self._frames, missing)) + sum(self.sources.frames(cell, self.first) for cell in made.values())
         progress, problems = self.console.progress(frames, "benchmark"), list[str]()
-        for cell in self.cells:  # a kill may have left the noise of cells that are measured
+        for cell in self.cells:  # a killed run may have left the noisy sequences of measured cells
             if cell.seed and cell.sequence not in made:
                 self.sources.remove_noise(cell)
         with ThreadPoolExecutor(self.workers) as pool:
@@ -101,14 +101,14 @@ class Benchmark:
         return problems
 
     def _missing(self) -> list[Task]:
-        """With the files of their rooms, as far as these can be made."""
-        aside = _ASIDE if self.surfaces else (*_ASIDE, "model")
-        tasks = [task for task in map(self._task, self.cells) if not _is_done(task, aside)]
+        """Tasks of the cells that are not measured, with the model files of their rooms, if these can be made."""
+        ignored = _IGNORED if self.surfaces else (*_IGNORED, "model")
+        tasks = [task for task in map(self._task, self.cells) if not _is_done(task, ignored)]
         files = {name: self._model(name) for name in dict.fromkeys(task.model for task in tasks) if name}
         return [_with_model(task, files[task.model]) if task.model else task for task in tasks]
 
     def _frames(self, task: Task) -> int:
-        """Of a cell's progress: tracked, and fused."""
+        """Number of progress steps of a cell: its frames are tracked, and fused."""
         return self.sources.frames(task.cell, self.first) * (bool(task.model) + (not task.trajectory))
 
     def _collect(self, pending: set[Future], left: int, problems: list[str]) -> None:
@@ -116,9 +116,9 @@ class Benchmark:
         while len(pending) > left:
             done, _ = wait(pending, return_when=FIRST_COMPLETED)
             pending -= done
-            for said in filter(None, (future.result() for future in done)):
-                problems.append(said)
-                self.console.note(said)
+            for problem in filter(None, (future.result() for future in done)):
+                problems.append(problem)
+                self.console.note(problem)
 
     def _stop(self) -> None:
         with self._lock:
@@ -127,7 +127,7 @@ class Benchmark:
                 process.kill()
 
     def _measure(self, task: Task, progress: Progress) -> str:
-        """A process that measures one cell; what it failed by, or nothing."""
+        """Measure one cell in a process; returns the reason of a failure, or an empty text."""
         frames, done = self._frames(task), 0
         with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile("w+") as errors:
             file = Path(scratch) / "task.json"
@@ -153,7 +153,7 @@ class Benchmark:
         return f"{task.cell.name} {how}"
 
     def _begun(self, command: list[str], errors: IO[str]) -> "subprocess.Popen[str] | None":
-        """None where the work was stopped in the meantime."""
+        """Start a process; None if the benchmark was stopped in the meantime."""
         with self._lock:
             if self._stopped:
                 return None
@@ -169,7 +169,7 @@ class Benchmark:
             progress.advance(count)
 
     def _task(self, cell: Cell) -> Task:
-        """Its model is that of the room, by name, until it is known that it is needed."""
+        """The task of a cell. Its model is the name of the room; `_missing` replaces it by the file, which is made only if needed."""
         out, path = self.sources.out / "cells" / cell.name, self.systems.get(cell)
         task = Task(
             cell,
@@ -204,20 +204,20 @@ class Benchmark:
 
 
 #: Keys of a cell's recipe that do not decide its result.
-_ASIDE = ("versions", "source_commit")
+_IGNORED = ("versions", "source_commit")
 
 
-def _is_done(task: Task, aside: Container[str]) -> bool:
-    """Measured by this recipe, whatever the keys that are left aside; a cell of another one is measured again."""
-    place = Path(task.out) / "recipe.json"
-    if not place.is_file():
+def _is_done(task: Task, ignored: Container[str]) -> bool:
+    """Whether the cell was measured with the same recipe, except for the ignored keys. Otherwise it is measured again."""
+    path = Path(task.out) / "recipe.json"
+    if not path.is_file():
         return False
-    there = read_json(place)
-    return all(there.get(key) == value for key, value in task.recipe.items() if key not in aside)
+    existing = read_json(path)
+    return all(existing.get(key) == value for key, value in task.recipe.items() if key not in ignored)
 
 
 def _with_model(task: Task, file: str | None) -> Task:
-    """Without one no surface is measured, and the recipe says so: a later call measures it."""
+    """The task with its model file. Without a file no surface is measured; the recipe records this, so that a later call measures it."""
     return replace(task, model=file, recipe=task.recipe if file else {**task.recipe, "model": None})
 
 
@@ -233,7 +233,7 @@ def _machine() -> str:
 
 
 def measured(out: Path) -> list[dict]:
-    """Results of all cells that are there, with `cell`, `folder` and `times`, in the order of their names."""
+    """Results of all measured cells, with `cell`, `folder` and `times`, in the order of their names."""
     found = []
     for path in sorted((out / "cells").glob("*/*/*/*/result.json")):
         content, times = read_json(path), read_json(path.with_name("times.json"))

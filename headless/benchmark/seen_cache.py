@@ -1,4 +1,4 @@
-"""What a trajectory saw of a room, computed once for all cells of its sequences, clean and noisy: a file that its first cell writes and the others read."""
+"""Caches which part of a room a trajectory saw. The first cell of a sequence writes the file; the other cells, clean and noisy, read it."""
 
 import hashlib
 import json
@@ -15,22 +15,22 @@ from iclnuim.fusion.quality import Seen, SeenBy, what_was_seen
 from iclnuim.fusion.settings import QualitySettings
 from iclnuim.fusion.surface_error import TrueSurface
 
-#: Of the file's content; more once what_was_seen() finds something else.
+#: Version of the file's content; increase it when the result of what_was_seen() changes.
 _VERSION = 2
 
 
 def cached_seen(folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy, settings: QualitySettings) -> Seen:
-    """As what_was_seen(), of the file in `folder` that was written for this model (its name, which has its hash), camera, poses and settings.
+    """The result of what_was_seen(), read from the file in `folder` for this model (its name contains its hash), camera, poses and settings.
 
-    While one process computes it, others wait for it. Where it cannot be kept, it is computed for each.
+    While one process computes it, other processes wait. If it cannot be stored, each process computes it.
     """
     views = SeenBy(seen_by.camera, seen_by.T_world_camera[:: settings.every])
-    asked = json.dumps([_VERSION, model, asdict(views.camera), settings.to_dict()], sort_keys=True)
-    key = hashlib.sha256(asked.encode() + views.T_world_camera.matrix.tobytes()).hexdigest()[:16]
+    inputs = json.dumps([_VERSION, model, asdict(views.camera), settings.to_dict()], sort_keys=True)
+    key = hashlib.sha256(inputs.encode() + views.T_world_camera.matrix.tobytes()).hexdigest()[:16]
     path = folder / f"{key}.npz"
     try:
         make_folder(folder)
-        with _alone(path.with_suffix(".lock")):
+        with _locked(path.with_suffix(".lock")):
             if (found := _read(path, views)) is None:
                 found = what_was_seen(surface, seen_by, settings)
                 _write(path, found)
@@ -40,7 +40,7 @@ def cached_seen(folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy,
 
 
 def _read(path: Path, views: SeenBy) -> Seen | None:
-    """None where it is not there, or not whole."""
+    """The stored result; None if the file is missing or incomplete."""
     try:
         with np.load(path) as file:
             return Seen(file["points_m"], float(file["area_m2"]), views, file["depth_z_m"])
@@ -58,8 +58,8 @@ def _write(path: Path, seen: Seen) -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """The system frees the lock of a process that was killed. Without such locks (Windows) two may compute the same."""
+def _locked(path: Path) -> Iterator[None]:
+    """Hold a lock, which the system releases if the process is killed. Without such locks (Windows), two processes may compute the same result."""
     with open(path, "w") as file:
         try:
             import fcntl

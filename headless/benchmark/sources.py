@@ -1,5 +1,5 @@
-"""What the cells are measured on: the sequences that `iclnuim make all` has made, further noise seeds, the rooms' triangles, and trajectories of systems
-that `iclnuim run` has run.
+"""Inputs of the cells: the sequences of `iclnuim make all`, sequences with other noise seeds, the rooms' triangles, and the trajectories
+written by the systems of `iclnuim run`.
 """
 
 import json
@@ -33,29 +33,29 @@ atomic_write(sys.argv[2], lambda path: np.savez(path, points=points, triangles=t
 
 @dataclass(frozen=True)
 class Sources:
-    """data: as `iclnuim make all` lays it out, ROOM/TRAJECTORY/clean and noisy. out: of the benchmark."""
+    """data: folder as written by `iclnuim make all`, with ROOM/TRAJECTORY/clean and noisy. out: folder of the benchmark."""
 
     data: Path
     out: Path
 
     def folder(self, cell: Cell) -> Path:
-        """Of the cell's sequence: the one that is given, or noise of another seed, made while its cells are measured."""
+        """Folder of the cell's sequence: the existing one, or one with another noise seed, which exists only while its cells are measured."""
         return self.out / "noise" / cell.sequence if cell.seed else self.data / cell.sequence
 
     @property
     def work(self) -> Path:
-        """Of what cells share while they are measured."""
+        """Folder of data shared by cells while they are measured."""
         return self.out / "work"
 
     def fault(self, cell: Cell, first: int | None) -> str:
-        """Why the cell cannot be measured; empty where it can. Noise of other seeds is made of the clean sequence."""
+        """Why the cell cannot be measured; empty if it can. Sequences with other noise seeds are made from the clean sequence."""
         for noise in {cell.noise, "clean"} if cell.seed else {cell.noise}:
             folder = self.data / cell.room / cell.trajectory / noise
             if not folder.is_dir():
-                return f"{folder} is not there; `iclnuim make {cell.room}/{cell.trajectory}` or `make all` makes it"
+                return f"{folder} does not exist; try: iclnuim make {cell.room}/{cell.trajectory}, or iclnuim make all"
             recipe = folder / "recipe.json"
             if recipe.is_file() and read_json(recipe).get("finished") is False:
-                return f"{folder} is not finished; `iclnuim resume {folder.parent}` goes on with it"
+                return f"{folder} is not finished; try: iclnuim resume {folder.parent}"
             try:
                 count = len(find_pairs(folder))
             except InputError as error:
@@ -63,16 +63,16 @@ class Sources:
             if read_truth(folder) is None:
                 return f"{folder} has no ground truth"
             if first and count < first:
-                return f"{folder} has {count} frames, {first} were asked for"
+                return f"{folder} has {count} frames, expected at least {first}"
         return ""
 
     def frames(self, cell: Cell, first: int | None) -> int:
-        """How many the cell is measured on."""
+        """Number of frames on which the cell is measured."""
         count = len(find_pairs(self.data / cell.room / cell.trajectory / ("clean" if cell.seed else cell.noise)))
         return min(count, first or count)
 
     def identity(self, cell: Cell) -> dict:
-        """What tells the cell's images and ground truth from others: of our sequences the journal's hash, of others the lists'."""
+        """Hashes that identify the cell's images and ground truth: for our sequences that of the journal, for others that of the lists."""
         folder = self.data / cell.room / cell.trajectory / ("clean" if cell.seed else cell.noise)
         files = [folder / name for name in ("frames.jsonl", "groundtruth.txt", "camera.json")]
         if not all(path.is_file() for path in files):
@@ -81,44 +81,44 @@ class Sources:
         return {**hashes, "noise": self._noise(cell).to_dict()} if cell.seed else hashes
 
     def _noise(self, cell: Cell) -> SequenceSettings:
-        """That of the given noisy sequence, with the cell's seed. Raises InputError where its recipe does not say it."""
+        """The noise settings of the existing noisy sequence, with the cell's seed. Raises InputError if its recipe does not contain them."""
         path = self.data / cell.room / cell.trajectory / "noisy/recipe.json"
         recipe, models = read_json(path), []
         for kind, make in (("depth_noise", depth_model), ("rgb_noise", rgb_model)):
             settings = dict(recipe.get(kind) or {})
             name = settings.pop("model", None)
             if name is None:
-                raise InputError(f"the recipe of a noisy sequence, with its {kind}", path=path)
+                raise InputError(f"the recipe of a noisy sequence with {kind}", path=path)
             models.append(make(name, settings))
         return SequenceSettings(models[0], models[1], cell.seed, recipe["depth_units_per_metre"])
 
     def make_noise(self, cell: Cell, first: int | None, on_frame: Callable[[int], None]) -> None:
-        """The cell's sequence of another seed; goes on with one that was begun."""
+        """Write the cell's sequence with another noise seed; an incomplete one is resumed."""
         source = image_frames(self.data / cell.room / cell.trajectory / "clean", f":{first or ''}")
         write_sequence(source, self.folder(cell), self._noise(cell), on_frame=on_frame)
 
     def remove_noise(self, cell: Cell) -> None:
-        """Once all its cells are measured."""
+        """Remove a sequence with another noise seed, once all its cells are measured."""
         shutil.rmtree(self.folder(cell), ignore_errors=True)
 
     def remove_work(self) -> None:
-        """Once all cells are measured; the lock stays."""
+        """Remove the shared data, once all cells are measured; the lock file stays."""
         shutil.rmtree(self.work / "seen", ignore_errors=True)
 
     def model(self, room: str) -> Path:
-        """The room's triangles as a file, made in a process of its own, as Blender takes memory. Raises WorkError where that fails."""
+        """File with the room's triangles, written by a separate process to save Blender's memory in this one. Raises WorkError if it fails."""
         blend = shipped.folder("blend") / f"{room}.blend"
         path = self.out / "models" / f"{room}_{sha256(blend.read_bytes())[:16]}.npz"
         if not path.is_file():
             make_folder(path.parent)
             done = subprocess.run([sys.executable, "-c", _ROOM, room, str(path)], capture_output=True, text=True)
             if done.returncode:
-                said = (done.stderr or done.stdout).strip().splitlines()[-1:]
-                raise WorkError(f"the triangles of {room} cannot be read: {' '.join(said)}")
+                last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+                raise WorkError(f"the triangles of {room} cannot be read: {' '.join(last)}")
         return path
 
     def model_name(self, cell: Cell) -> str | None:
-        """The room that the sequence was rendered in; None for a sequence of other origin, whose surfaces are not measured."""
+        """Name of the room in which the sequence was rendered; None for other sequences, whose surfaces are not measured."""
         folder = self.data / cell.room / cell.trajectory / cell.noise
         try:
             return cell.room if rendered_job(folder).get("scene") == cell.room else None
@@ -127,7 +127,7 @@ class Sources:
 
 
 def external_cells(systems: Path, given: list[Cell], sources: Sources, first: int | None) -> dict[Cell, Path]:
-    """Cells of what `iclnuim run` has written below `systems` for the very images of sequences of ours -> the trajectory as matched to its frames."""
+    """Cells of the results of `iclnuim run` below `systems` that used exactly the images of our sequences -> the trajectory matched to the frames."""
     sequences = {replace(cell, seed=0, odometer="", preset="", reference=EXTERNAL) for cell in given if not cell.seed}
     hashes = {}
     for cell in sorted(sequences, key=lambda cell: cell.name):
@@ -145,18 +145,18 @@ def external_cells(systems: Path, given: list[Cell], sources: Sources, first: in
 
 
 def _matched(folder: Path) -> Iterator[tuple[int, str, Path]]:
-    """(run, trajectory's name, file) of all finished runs of a system on a sequence."""
+    """(run, name of the trajectory, file) of all finished runs of a system on a sequence."""
     for path in sorted(folder.glob("run_*/matched/*.txt")):
         if not path.name.startswith("whole_"):
             yield int(path.parts[-3].removeprefix("run_")), path.stem, path
 
 
 def environment() -> dict[str, str]:
-    """Of a process that measures a cell: one thread, as there is a process for every core."""
+    """Environment of a process that measures a cell: one thread, as there is one process per core."""
     names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS")
     return {**os.environ, **dict.fromkeys(names, "1")}
 
 
 def task_text(content: dict) -> str:
-    """As measure.py reads it."""
+    """The task as JSON, as read by measure.py."""
     return json.dumps(content, indent=1, sort_keys=True)

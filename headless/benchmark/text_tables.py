@@ -1,4 +1,4 @@
-"""A table of texts, and what it looks like in a terminal, in Markdown, in LaTeX and as CSV."""
+"""A table of texts, and its output for a terminal, in Markdown, in LaTeX and as CSV."""
 
 import csv
 import io
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from textwrap import wrap
 
-#: Letters of a line of a text in a terminal.
+#: Maximum width of a column in a terminal, in characters.
 _WIDEST = 34
-#: What LaTeX would take for its own.
+#: Characters with a special meaning in LaTeX -> their escapes.
 _LATEX = {"&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#", "\u03c1": r"$\rho$"}
 _NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( \[.*\])?")
 
 
 @dataclass(frozen=True)
 class Table:
-    """name: of its files. rows: as many texts as columns each; the (row, column) of `bold` are the best. notes: sentences below it."""
+    """name: base name of its files. rows: one text per column. bold: (row, column) of the best figures. notes: sentences below the table."""
 
     name: str
     title: str
@@ -27,14 +27,14 @@ class Table:
     notes: tuple[str, ...] = ()
 
     def is_number(self, column: int) -> bool:
-        """Whether all texts of a column are numbers, or nothing."""
+        """Whether a column contains numbers, and otherwise only empty texts and dashes."""
         cells = [row[column] for row in self.rows]
         return any(map(_NUMBER.fullmatch, cells)) and all(
             text in ("", "-") or _NUMBER.fullmatch(text) for text in cells
         )
 
     def text(self) -> str:
-        """For a terminal; a star at the best."""
+        """The table for a terminal; a star marks the best figures."""
         rows = [[t + "*" * ((i, j) in self.bold) for j, t in enumerate(row)] for i, row in enumerate(self.rows)]
         wrapped = [[wrap(text, _WIDEST) or [""] for text in row] for row in (self.columns, *rows)]
         widths = [max(len(line) for lines in column for line in lines) for column in zip(*wrapped, strict=True)]
@@ -57,7 +57,7 @@ class Table:
         return "\n".join([f"**{self.title}**", "", *lines, "", *self.notes]).rstrip()
 
     def latex(self) -> str:
-        """A table environment that needs no package; figures to the right, long texts in paragraphs."""
+        """A table environment that needs no package. Numbers are right-aligned, long texts are set as paragraphs."""
         forms = []
         for j in range(len(self.columns)):
             longest = max((len(row[j]) for row in self.rows), default=0)
@@ -82,7 +82,7 @@ def _escaped(text: str) -> str:
     return "".join(_LATEX.get(letter, letter) for letter in text)
 
 
-#: Format -> (ending of the file, how a table is written in it).
+#: Format -> (file ending, function that writes a table).
 FORMATS: dict[str, tuple[str, Callable[[Table], str]]] = {
     "text": ("txt", Table.text),
     "markdown": ("md", Table.markdown),

@@ -1,4 +1,4 @@
-"""`iclnuim benchmark`: the paper's experiments on our sequences, all of them by one command: tables, findings and a report."""
+"""`iclnuim benchmark`: runs all experiments of the paper on our sequences and writes tables, findings and a report."""
 
 import argparse
 import os
@@ -28,30 +28,35 @@ _BYTES_A_WORKER = 2 << 30
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    help = "folder of sequences as `iclnuim make all` lays them out; default: out"
+    help = "folder of sequences, as `iclnuim make all` writes them; default: out"
     add("--data", type=Path, default=Path("out"), metavar="DIR", help=help)
     add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help="default: out/benchmark")
-    help = "only some cells: words of room, trajectory, noise, odometer, preset, reference; kt0,kt2/icp: ICP on kt0 and on kt2"
+    help = "only some cells, by words of room, trajectory, noise, odometer, preset, reference; kt0,kt2/icp: ICP on kt0 and on kt2"
     add("--only", metavar="FILTER", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames of every sequence")
-    add("--presets", type=_words, default=["best"], metavar="P,P", help=f"of {','.join(PRESETS)}; default: best")
+    add(
+        "--presets",
+        type=_words,
+        default=["best"],
+        metavar="P,P",
+        help=f"one or more of {','.join(PRESETS)}; default: best",
+    )
     add(
         "--seeds",
         type=count,
         default=1,
         metavar="N",
-        help="noise seeds of the noisy sequences; default: 1, the one that is there",
+        help="number of noise seeds of the noisy sequences; default: 1, the existing sequences",
     )
-    help = (
-        "what frames are aligned against: default, frame, keyframe, entropy, model; default: as docs/benchmark.md says"
-    )
+    help = "what frames are aligned against: default, frame, keyframe, entropy, model; default: see docs/benchmark.md"
     add("--references", type=_words, default=[], metavar="R,R", help=help)
-    help = "results of `iclnuim run` on the same sequences, as further rows; default: out/systems"
-    add("--no-surfaces", action="store_true", help="trajectories alone: Tables III to VI; what is there stays")
+    help = "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"
+    add("--no-surfaces", action="store_true", help=help)
+    help = "results of `iclnuim run` on the same sequences, shown as further rows; default: out/systems"
     add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
-    add("--workers", type=count, metavar="N", help="processes; default: a core and 2 GB of memory for each")
-    add("--videos", action="store_true", help="a short film of each sequence in the report, which needs --data")
-    help = "measure nothing: tables and report of what is in DIR; default: in --out"
+    add("--workers", type=count, metavar="N", help="number of processes; default: one per core and 2 GB of memory")
+    add("--videos", action="store_true", help="add a short film of each sequence to the report; needs --data")
+    help = "measure nothing: write tables and report of the cells in DIR; default: those in --out"
     add("--report-only", nargs="?", const="", metavar="DIR", help=help)
     common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
 
@@ -61,7 +66,7 @@ def _words(text: str) -> list[str]:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    """Exit code 3 where some cell could not be measured; the others are."""
+    """Exit code 3 if a cell could not be measured; all other cells are measured."""
     problems: list[str] = []
     args.out = Path(args.report_only or args.out)
     if args.report_only is None:
@@ -84,21 +89,21 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
     if problems:
         raise WorkError(
-            f"{len(problems)} cells could not be measured, for the reasons above", hint="the same command again"
+            f"{len(problems)} cells could not be measured, for the reasons above", hint="running the same command again"
         )
     return 0
 
 
 def _measure(args: argparse.Namespace, console: Console) -> list[str]:
-    """A sentence for each cell that could not be measured. Raises InputError where none can be."""
+    """Measure the missing cells; returns a sentence for each cell that could not be measured. Raises InputError if no cell can be."""
     if unknown := [name for name in args.presets if name not in PRESETS]:
         raise InputError(f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown))
     sources = Sources(args.data, args.out)
-    asked = chosen(all_cells(args.presets, range(args.seeds), args.references), args.only)
-    faults = {(cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first) for cell in asked}
+    selected = chosen(all_cells(args.presets, range(args.seeds), args.references), args.only)
+    faults = {(cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first) for cell in selected}
     for fault in sorted({fault for fault in faults.values() if fault}):
         console.note(f"left out: {fault}")
-    cells = [cell for cell in asked if not faults[cell.room, cell.trajectory, cell.noise]]
+    cells = [cell for cell in selected if not faults[cell.room, cell.trajectory, cell.noise]]
     if not cells:
         raise InputError(
             "sequences to measure on", path=args.data, found="none", hint="iclnuim make all, or another {data}"
@@ -112,7 +117,7 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
 
 
 def _workers() -> int:
-    """As many as there are cores and memory for."""
+    """The number of processes for which there are cores and memory."""
     if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
         return cores()
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -120,7 +125,7 @@ def _workers() -> int:
 
 
 def _films(sources: Sources, results: list[dict], first: int | None, console: Console) -> dict[str, bytes]:
-    """Of the measured sequences that are there: OUT/films/SEQUENCE.webm, made where it is not there yet."""
+    """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing films are made."""
     from iclnuim.blender.output import blender_output_in
     from iclnuim.report.preview import write_web_film
 
@@ -131,7 +136,7 @@ def _films(sources: Sources, results: list[dict], first: int | None, console: Co
         path = sources.out / "films" / f"{name}.webm"
         if not path.is_file():
             make_folder(path.parent)
-            with blender_output_in(Path(os.devnull)):  # OpenCV's FFmpeg talks on standard error
+            with blender_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
                 write_web_film(folder, path, first)
         films[name] = path.read_bytes()
         progress.advance()
@@ -139,20 +144,20 @@ def _films(sources: Sources, results: list[dict], first: int | None, console: Co
 
 
 def tables_of(results: list[dict]) -> list[Table]:
-    """All that are made of cells."""
+    """All tables that are made from the measured cells."""
     findings = [findings_table(results, preset) for preset in presets_of(results) or ["best"]]
     *tables, cells = all_tables(results)
     return [*tables, *findings, correlation_table(results), cells]
 
 
 def _has_ours(table: Table) -> bool:
-    """Whether some figure of the table is not a printed one."""
+    """Whether the table contains a figure of ours, not only printed ones."""
     ours = [k for k, name in enumerate(table.columns) if name != "printed"]
     return any(text for row in table.rows for k in ours[2:] if (text := row[k]))
 
 
 def write_tables(folder: Path, tables: list[Table]) -> None:
-    """Each in every format; nothing in them depends on when or how fast they were made."""
+    """Write each table in every format. Their content does not depend on time or speed."""
     make_folder(folder)
     for table in tables:
         for ending, written in FORMATS.values():
@@ -160,7 +165,7 @@ def write_tables(folder: Path, tables: list[Table]) -> None:
 
 
 def _values(results: list[dict], tables: list[Table]) -> dict:
-    """For --json."""
+    """The result for --json."""
     rows = {t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes} for t in tables}
     return {"cells": [_plain(result) for result in results], "tables": rows}
 

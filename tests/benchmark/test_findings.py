@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 from iclnuim.headless.benchmark.correlation import correlation, correlation_table, interval, spearman
-from iclnuim.headless.benchmark.findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED, findings_table, judged, verdict
+from iclnuim.headless.benchmark.findings import (
+    FAILS,
+    HOLDS,
+    MISSING,
+    RULES,
+    UNDECIDED,
+    apply_rule,
+    findings_table,
+    verdict,
+)
 from iclnuim.headless.benchmark.lookup import Ours, Printed
 from made_up import only, result, results, with_errors
 from scipy import stats
@@ -17,7 +26,7 @@ IN_THE_PAPER = {1: False, 3: None, 5: None, 11: None} | dict.fromkeys(
 
 @pytest.mark.parametrize("number", sorted(IN_THE_PAPER))
 def test_a_rule_says_of_the_printed_figures_what_the_paper_says(number):
-    assert judged(RULES[number][0], Printed())[0] is IN_THE_PAPER[number]
+    assert apply_rule(RULES[number][0], Printed())[0] is IN_THE_PAPER[number]
 
 
 #: Finding -> cells whose errors are made a thousand times larger, so that it holds or cannot hold any more.
@@ -36,7 +45,7 @@ def test_a_verdict_follows_the_figures(number):
     makes, breaks = FLIPPED[number]
     for words, holds in ((makes, True), (breaks, False)):
         ours = Ours(with_errors(results(3), 1e6, **words))
-        assert judged(RULES[number][0], ours)[0] is holds
+        assert apply_rule(RULES[number][0], ours)[0] is holds
 
 
 def test_every_finding_has_a_rule_and_without_figures_none_a_verdict():

@@ -80,7 +80,7 @@ def test_cells_are_named_once_and_chosen_by_their_words():
     assert len(few) == 4
     with pytest.raises(InputError, match="kt9"):
         chosen(all_cells(), "kt9")
-    with pytest.raises(InputError, match="a comma is or"):
+    with pytest.raises(InputError, match="a comma means or"):
         chosen(all_cells(), "kt0/icp,kt2/dvo")
     assert {cell.reference for cell in all_cells(references=("frame",))} == {"frame"}
 
