@@ -1,1 +1,1 @@
-"""All of ICL-NUIM that runs without a window: the command `iclnuim`, the farm, odometers, tables and charts."""
+"""Everything that runs without a window: the command `iclnuim`, the render farm, the benchmark, tables and charts."""

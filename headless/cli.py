@@ -1,6 +1,6 @@
-"""The command `iclnuim`: finds the module of the command asked for, and turns errors into one line and an exit code.
+"""The command `iclnuim`: imports the module of the requested command, and reports an error as one line and an exit code.
 
-Exit codes: 0 done, 2 bad input, 3 work failed, 130 interrupted. Only the module that is needed is imported.
+Exit codes: 0 done, 2 invalid input, 3 work failed, 130 interrupted. Modules of other commands are not imported.
 """
 
 import argparse
@@ -15,38 +15,38 @@ from iclnuim import __version__
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import check_picture
 
-from .isolation import survived
+from .isolation import run_isolated
 from .options import Console, option_name
 
-#: command -> what it does. Its options are declared by `configure` of commands/NAME.py, `-` as `_`, or by `configure_NAME` of the module in _SHARED.
+#: command -> description. `configure` in commands/NAME.py (`-` becomes `_`) declares its options, or `configure_NAME` in the module listed in _SHARED.
 COMMANDS = {
-    "make": "bake, render, and write a clean and a noisy sequence",
+    "make": "bake the light, render the frames, and write a clean and a noisy sequence",
     "render": "render a sequence: EXR frames with RGB and exact depth",
-    "status": "what is done in an output folder, and what is missing",
-    "resume": "resume what was begun in an output folder",
-    "task": "one task of a render farm: light, some frames, or the data set",
-    "compare": "are two folders' frames the same, to the byte or by tolerance",
-    "bake": "a scene's light map into the cache",
-    "dataset": "EXR frames to a sequence, with a sensor's noise",
-    "convert": "a sequence that you have in another format: Replica, ScanNet, COLMAP, ROS bags and others",
-    "noise": "the same noise on a sequence that you have; noise calibrate fits it to a sensor",
-    "inspect": "problems of any RGB-D sequence; preview images",
-    "pack": "the archive to publish: files, checksums, licence, preview, recipe",
-    "evaluate": "errors against ground truth: trajectory (ate, rpe), surface (surface), rendered views (views)",
-    "odometry": "camera motion from colour and depth: our odometers and third-party ones",
-    "run": "any system's camera motion on sequences: staged, timed, judged by what it wrote",
-    "stress": "where methods fail: frames perturbed step by step, every method on each",
-    "fuse": "depth images and a trajectory to a coloured mesh",
-    "trajectory": "trajectories: info, convert, plot, make, adopt, resample",
-    "scene": "build a scene by code; compare it with the official frames",
-    "surface": "the scene as a surface, PLY or OBJ with textures; or what a trajectory saw of it",
-    "benchmark": "the paper's experiments on all sequences: tables, findings, one report",
-    "figure": "a figure of the paper, of our rooms, sequences and measured cells",
-    "table": "a table of the paper from our own files, beside the printed figures",
-    "check-depth": "cast the same rays independently and compare the depth",
-    "bench": "measurements: time, error, and where they go",
-    "extension": "the Blender extension as a zip",
-    "doctor": "what is installed, what is missing, and how to install it",
+    "status": "show what is finished in an output folder, and what is missing",
+    "resume": "resume an interrupted run in its output folder",
+    "task": "run one task of a render farm: light, some frames, or the data set",
+    "compare": "compare the frames of two folders, byte for byte or within a tolerance",
+    "bake": "bake the light map of a scene into the cache",
+    "dataset": "convert EXR frames to a sequence, with the noise of a sensor model",
+    "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags and others",
+    "noise": "add sensor noise to an existing sequence; noise calibrate fits the noise model to a sensor",
+    "inspect": "report problems of any RGB-D sequence; write preview images",
+    "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
+    "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface (surface), rendered views (views)",
+    "odometry": "estimate camera motion from colour and depth, with our odometers or third-party ones",
+    "run": "run any SLAM or odometry system on sequences, measure its time, and evaluate its trajectories",
+    "stress": "measure where methods fail: run every method on frames with perturbations of increasing severity",
+    "fuse": "fuse depth images along a trajectory into a coloured mesh",
+    "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",
+    "scene": "build a scene from code; compare it with the official frames",
+    "surface": "export the scene as a surface (PLY, or OBJ with textures): all of it, or what a trajectory saw",
+    "benchmark": "run the paper's experiments on all sequences: tables, findings, one report",
+    "figure": "draw a figure of the paper from our rooms, sequences and measured cells",
+    "table": "print a table of the paper: our figures next to the printed ones",
+    "check-depth": "compare the depth of a run with independently cast rays",
+    "bench": "measure time and error: rendering, noise, odometry, evaluation",
+    "extension": "build the Blender extension as a zip",
+    "doctor": "report what is installed, what is missing, and how to install it",
 }
 _SHARED = dict.fromkeys(("make", "render", "resume", "task"), "runs")
 _SHARED |= dict.fromkeys(("dataset", "convert", "noise", "inspect", "pack"), "sequences")
@@ -58,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
     if not argv or argv[0] in ("-h", "--help"):
         width = max(map(len, COMMANDS))
         lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
-        about = "iclnuim COMMAND --help describes a command; iclnuim --version."
+        about = "iclnuim COMMAND --help describes a command; iclnuim --version prints the version."
         print(f"usage: iclnuim COMMAND ...\n\n{lines}\n\n{about}")
         return 0 if argv else 2
     if argv[0] == "--version":
@@ -71,10 +71,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         args = parsed(command, argv[1:])
         if getattr(args, "plot", None):
-            check_picture(args.plot)  # before work that may be long
+            check_picture(args.plot)  # before work that may take long
         work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
         opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
-        return survived(work, str(opened)) if opened else work() or 0
+        return run_isolated(work, str(opened)) if opened else work() or 0
     except IclnuimError as error:
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
@@ -91,17 +91,17 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def command() -> NoReturn:
-    """`main` as a process: its exit code is the process's."""
+    """Entry point of the console script: runs `main` and ends the process with its exit code."""
     code = main()
     if "bpy" in sys.modules:
         with suppress(OSError):
             sys.stdout.flush()
-        os._exit(code)  # Blender as a module may wait at the end for threads of its own that are gone by then
+        os._exit(code)  # at exit, bpy may wait for Blender's threads, which no longer exist
     sys.exit(code)
 
 
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:
-    """The command's options; `run(args, console)` among them is its work."""
+    """The parsed options of the command; their attribute `run(args, console)` executes it."""
     shared = _SHARED.get(command)
     module = importlib.import_module(f".commands.{shared or command.replace('-', '_')}", __package__)
     parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])

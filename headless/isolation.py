@@ -1,4 +1,4 @@
-"""User-provided files in Blender: opened in a forked process, whose end by a signal becomes one line, and without Blender's own output."""
+"""Opens user-provided files in Blender: in a forked process, so that a crash becomes a one-line error, and without Blender's own output."""
 
 import os
 import pickle
@@ -16,8 +16,8 @@ from iclnuim.geometry.scene_axes import SceneReading
 
 @contextmanager
 def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[str]]:
-    """Blender with the scene `file` open and its own output dropped; yields the notes of opening. Raises WorkError, naming `what`, without bpy."""
-    with blender_output_in(Path(os.devnull)):  # the very import of bpy may print
+    """Open the scene `file` in Blender, with Blender's output suppressed; yields the notes about the import. Raises WorkError, which names `what`, without bpy."""
+    with blender_output_in(Path(os.devnull)):  # even the import of bpy may print
         try:
             from iclnuim.blender import scene
         except ImportError as error:
@@ -25,11 +25,11 @@ def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[s
         yield scene.open_scene(file, reading)
 
 
-def survived(work: Callable[[], int | None], file: str) -> int:
-    """Exit code of `work()`, done in a process of its own; its output goes where ours goes.
+def run_isolated(work: Callable[[], int | None], file: str) -> int:
+    """Run `work()` in a forked process, which shares standard output and standard error, and return its exit code.
 
-    Raises what IclnuimError or OSError it raises, and WorkError where Blender crashes on `file`. Where there is no fork, or Blender is loaded already
-    (its threads would not survive one), the work is done here.
+    Re-raises an IclnuimError or OSError of `work`. Raises WorkError if Blender crashes on `file`. `work` runs in this process where
+    the system has no fork, or where Blender is already loaded (its threads do not survive a fork).
     """
     if not hasattr(os, "fork") or "bpy" in sys.modules:
         return work() or 0
@@ -42,28 +42,28 @@ def survived(work: Callable[[], int | None], file: str) -> int:
         _run(work, writing)
     os.close(writing)
     with os.fdopen(reading, "rb") as stream:
-        told = stream.read()
-    while True:  # Ctrl-C reaches both, and the child's end is waited for all the same
+        pickled_error = stream.read()
+    while True:  # Ctrl-C reaches both processes; still wait for the child
         with suppress(KeyboardInterrupt):
             status = os.waitpid(child, 0)[1]
             break
     if os.WIFSIGNALED(status):
         raise WorkError(crash_words(file, os.WTERMSIG(status)))
-    if told:
-        raise pickle.loads(told)
+    if pickled_error:
+        raise pickle.loads(pickled_error)
     return os.waitstatus_to_exitcode(status)
 
 
 def crash_words(file: str, number: int) -> str:
-    """What the end of Blender by a signal means for the file it was at."""
+    """The error message for a Blender process that a signal ended while it worked on `file`."""
     return (
-        f"{file}: Blender crashed on it ({signal.Signals(number).name}): the file is damaged, or meets a bug of this Blender; "
+        f"{file}: Blender crashed on it ({signal.Signals(number).name}): the file is damaged, or triggers a bug in this Blender; "
         "try opening and saving it in a Blender window"
     )
 
 
 def _run(work: Callable[[], int | None], writing: int) -> None:
-    """In the forked process, which ends here: no clean-up of the parent's runs twice."""
+    """Run `work` in the forked process and end it with os._exit, so that the parent's clean-up does not run twice."""
     code = 3
     try:
         code = work() or 0

@@ -1,4 +1,4 @@
-"""What every command shares: its options, and its output: results on standard output, notes and progress on standard error."""
+"""Options and output shared by all commands: results go to standard output, notes and progress to standard error."""
 
 import argparse
 import json
@@ -15,22 +15,22 @@ from iclnuim.geometry.scene_axes import SceneReading, parse_unit
 from iclnuim.settings import Setting, Settings, declared, find, plain
 
 S = TypeVar("S", bound=Settings)
-#: Scene files, for help texts; iclnuim.blender.scene decides.
+#: Endings of scene files, for help texts only; iclnuim.blender.scene decides which files are read.
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 
 class Console:
-    """`quiet` drops notes and progress; `json` turns results into one JSON object on standard output."""
+    """Output of a command. `quiet` suppresses notes and progress; `json` prints results as one JSON object on standard output."""
 
     def __init__(self, quiet: bool = False, json: bool = False) -> None:
         self.quiet, self.as_json = quiet, json
 
     def result(self, values: dict, text: str) -> None:
-        """The figures a command was asked for: `values` with --json, `text` without."""
+        """Print the result of a command: `values` with --json, `text` without."""
         print(json.dumps(values, indent=2, allow_nan=False) if self.as_json else text, flush=True)
 
     def note(self, text: str) -> None:
-        """Something worth knowing beside the result."""
+        """Print additional information to standard error."""
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
 
@@ -39,7 +39,7 @@ class Console:
 
 
 class Progress:
-    """Done, rate and time left: one line redrawn on a terminal, a plain line every ten seconds in a log."""
+    """Progress display: count done, rate and time left. On a terminal one line is redrawn; in a log a line is printed every ten seconds."""
 
     def __init__(self, total: int, label: str, unit: str, enabled: bool) -> None:
         self.total, self.label, self.unit, self.enabled = total, label, unit, enabled
@@ -47,7 +47,7 @@ class Progress:
         self.terminal = sys.stderr.isatty()
 
     def begin(self) -> None:
-        """Start the clock: what came before was preparation, which tells nothing about the time left."""
+        """Start the clock. Preparation before this call is not counted, as it would falsify the time left."""
         if not self.done:
             self.started = time.monotonic()
 
@@ -66,11 +66,11 @@ class Progress:
 def add_settings(
     parser: argparse.ArgumentParser, group: type[Settings], only: Iterable[str] | None = None, **defaults: Any
 ) -> None:
-    """An option for every declared setting of a group, or for those named in `only`; an option that is not given is None.
+    """Add an option for every declared setting of a group, or for those named in `only`. The value of an option that is not given is None.
 
-    Its value is kept under the option's name, so that groups whose settings share a name can share a parser. Choices are checked by
-    the declaration, whose error is one line.
-    `defaults`: what the help calls the default where a command has another one than the declaration.
+    The value is stored under the option's name, so that groups whose settings share a name can share a parser. The declaration
+    checks the choices; its error is one line.
+    `defaults`: the default shown in the help, where a command has another default than the declaration.
     """
     for name, declaration in declared(group).items():
         if declaration.option and (only is None or name in only):
@@ -92,13 +92,13 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> N
     if s.choices is not None:
         meta = "{" + ",".join([*s.choices, *([s.others] if s.others else [])]) + "}"
     if any(choice.startswith("-") for choice in s.choices or ()):
-        text += f"; with = before a minus, such as {s.option}=-z"
+        text += f"; write = before a value that starts with a minus, such as {s.option}=-z"
     more: dict[str, Any] = {} if s.length is None else {"nargs": s.length} if s.length else {"action": "append"}
     parser.add_argument(s.option, type=kind, metavar=meta, help=text, **more)
 
 
 def _key(s: Setting) -> str:
-    """Where argparse keeps the value of a setting's option: map_size of --map-size."""
+    """The attribute under which argparse stores the value of a setting's option: map_size for --map-size."""
     return s.option.removeprefix("--").replace("-", "_")
 
 
@@ -113,13 +113,13 @@ def _reader(s: Setting) -> Callable[[str], Any]:
 def given_settings(
     args: argparse.Namespace, group: type[Settings], only: Iterable[str] | None = None
 ) -> dict[str, Any]:
-    """The settings that options name, by their names."""
+    """The settings that were given as options: name -> value."""
     keys = {n: _key(s) for n, s in declared(group).items() if only is None or n in only}
     return {n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None}
 
 
 def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
-    """`base` with the settings that options name. Raises InputError, naming the option, for a value that does not fit."""
+    """`base` with the settings that were given as options. Raises InputError, which names the option, for an invalid value."""
     options = {n: s.option for n, s in declared(type(base)).items() if s.option}
     given = given_settings(args, type(base), only)
     try:
@@ -130,10 +130,9 @@ def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None 
 
 
 def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> None:
-    """Option `old` is still understood as `new`, with a note on standard error; `how` as add_argument has it (type, nargs, ...).
+    """Accept the old option name `old` for `new`, with a note on standard error. `how`: arguments of add_argument (type, nargs, ...).
 
-    To be called after `new` was added, with the same `dest` in `how` where `new` has one of its own, and append=True where it may be
-    given several times.
+    Call it after `new` was added. Pass the same `dest` if `new` has one, and append=True if the option may be given several times.
     """
     dest = how.pop("dest", new.lstrip("-").replace("-", "_"))
     how = {"action": _Renamed, "default": argparse.SUPPRESS, "help": argparse.SUPPRESS, **how}
@@ -141,7 +140,7 @@ def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> 
 
 
 class _Renamed(argparse.Action):
-    """Stores the value (True where the option takes none), and prints the option's new name."""
+    """Stores the value (True if the option takes none), and prints the new name of the option."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, new: str, append: bool = False, **how: Any) -> None:
         super().__init__(option_strings, dest, **how)
@@ -150,13 +149,13 @@ class _Renamed(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
     ) -> None:
-        Console().note(f"note: {option_string} is now called {self.new}; the old name goes with the next release")
+        Console().note(f"note: {option_string} is now called {self.new}; the next release removes the old name")
         value = True if self.nargs == 0 else values
         setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or ()), value] if self.append else value)
 
 
 def option_name(setting: str) -> str:
-    """What the command line calls a setting, for error messages; an option stays."""
+    """The command-line option of a setting, for error messages; a name that is an option already is returned unchanged."""
     if setting.startswith("--"):
         return setting
     declaration = find(setting)
@@ -164,12 +163,12 @@ def option_name(setting: str) -> str:
 
 
 def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> argparse.ArgumentParser:
-    """Add --quiet, --json where the command reports figures, and an example under --help."""
+    """Add --quiet, --json if the command reports figures, and an example to --help."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"example:\n  {example}"
-    parser.add_argument("--quiet", action="store_true", help="no notes, no progress")
+    parser.add_argument("--quiet", action="store_true", help="print no notes and no progress")
     if json:
-        parser.add_argument("--json", action="store_true", help="figures as JSON on standard output")
+        parser.add_argument("--json", action="store_true", help="print figures as JSON on standard output")
     return parser
 
 
@@ -177,27 +176,27 @@ Actions: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def subcommands(parser: argparse.ArgumentParser, title: str = "ACTION") -> Actions:
-    """A required choice of actions below the command of `parser`; each is made with `action`."""
+    """Add a required choice of actions to the command of `parser`; add each one with `action`."""
     return parser.add_subparsers(metavar=title, required=True, dest="action")
 
 
 def action(
     actions: Actions, name: str, help: str, example: str, run: Callable, json: bool = True
 ) -> argparse.ArgumentParser:
-    """One action with its own options; `args.run(args, console)` does the work."""
+    """Add one action with its own options; `args.run(args, console)` executes it."""
     parser = actions.add_parser(name, help=help, description=help)
     parser.set_defaults(run=run)
     return common(parser, example, json)
 
 
 def add_rerun(parser: argparse.ArgumentParser, what: str) -> None:
-    """--rerun, a recording of `what`; `checked_rerun` before long work."""
+    """Add --rerun, which writes a recording of `what`. Call `checked_rerun` before long work."""
     help = f"write a recording of {what} for the viewer Rerun (.rrd; pip install iclnuim[rerun])"
     parser.add_argument("--rerun", type=Path, metavar="FILE", help=help)
 
 
 def checked_rerun(args: argparse.Namespace) -> Path | None:
-    """Where the recording goes, if one is asked for. Raises InputError for a name that does not fit, WorkError without its package."""
+    """The file of --rerun, None if it is not given. Raises InputError for an invalid name, WorkError without the package."""
     if args.rerun:
         from iclnuim.report.recording import check_recording
 
@@ -206,13 +205,13 @@ def checked_rerun(args: argparse.Namespace) -> Path | None:
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """How a scene file is to be read: --up, --scene-unit, --mirror, --textures; settings_from makes a SceneReading of them."""
+    """Add --up, --scene-unit, --mirror and --textures, which decide how a scene file is read; settings_from makes a SceneReading of them."""
     add_settings(parser, SceneReading)
     renamed(parser, "--units", "--scene-unit", type=parse_unit)
 
 
 def count(text: str) -> int:
-    """The type of an option that is a number from 1 up."""
+    """The argparse type of a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 1 up, found {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text!r}")
     return int(text)

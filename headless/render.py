@@ -1,7 +1,7 @@
 """The script behind `blender -b -P headless/render.py -- kt2` and `python headless/render.py kt2`.
 
-It runs the command `iclnuim render` from this checkout, and ends the process with that command's exit code itself: Blender would
-end with 0 whatever happened.
+It runs the command `iclnuim render` from this checkout and ends the process with the exit code of that command. Blender itself would
+always end with 0.
 """
 
 import os
@@ -15,7 +15,7 @@ HEADLESS = Path(__file__).resolve().parent
 def main() -> int:
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     if sys.path and Path(sys.path[0] or ".").resolve() == HEADLESS:
-        del sys.path[0]  # the modules beside this script are a package, not top-level names
+        del sys.path[0]  # the modules next to this script belong to a package and are not top-level modules
     sys.path.insert(0, str(HEADLESS.parent / "addon"))
     from iclnuim import __main__ as entry
 

@@ -1,4 +1,4 @@
-"""Options of a sequence: noise models and what is written, the camera of a recorded one, packages that are needed, words that were renamed."""
+"""Options for sequences: noise models, output formats, and the camera of a recorded sequence. Checks for required packages and for renamed words."""
 
 import argparse
 import json
@@ -25,19 +25,19 @@ _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 def add_sensor_options(
     parser: argparse.ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
 ) -> None:
-    """--depth-noise, --rgb-noise, whose default is `default`, their settings, and the further `names` of SequenceOptions."""
+    """Add --depth-noise and --rgb-noise with the default `default`, their settings, and the options of the other `names` of SequenceOptions."""
     noise = ("depth_noise", "rgb_noise")
     add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
     parser.set_defaults(**dict.fromkeys(noise, default))
     for kind, example in _EXAMPLES.items():
-        parser.add_argument(f"--{kind}-settings", metavar="JSON", help=f"of the model, such as {example}")
+        parser.add_argument(f"--{kind}-settings", metavar="JSON", help=f"settings of the model, such as {example}")
 
 
 def sequence_options(args: argparse.Namespace) -> SequenceOptions:
-    """What the options name. Raises InputError for a value that does not fit."""
+    """The SequenceOptions given on the command line. Raises InputError for an invalid value."""
     options = settings_from(args, SequenceOptions())
     if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
-        sys.path.insert(0, "")  # a user's own module lies in the working folder; the command's own path has it not
+        sys.path.insert(0, "")  # a user's module is in the working folder, which is not on the command's search path
     return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
 
 
@@ -45,17 +45,17 @@ def _json(text: str | None) -> dict[str, Any] | None:
     try:
         return None if text is None else json.loads(text)
     except json.JSONDecodeError as error:
-        raise InputError("noise settings as JSON", found=f"{text} ({error.msg})") from None
+        raise InputError("noise settings in JSON", found=f"{text} ({error.msg})") from None
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--camera", metavar="WxH,FX,FY,CX,CY", help="default: camera.json there, or the benchmark's")
-    add("--units", type=float, metavar="N", help="depth units a metre; default: camera.json's, or 5000")
+    add("--camera", metavar="WxH,FX,FY,CX,CY", help="default: camera.json of the folder, or the benchmark's camera")
+    add("--units", type=float, metavar="N", help="depth units per metre; default: those of camera.json, or 5000")
 
 
 def camera_from(args: argparse.Namespace) -> SequenceCamera | None:
-    """The camera of the options; None leaves it to the folder."""
+    """The camera given by the options; None where none is given: the folder then decides."""
     if args.camera:
         return SequenceCamera(PinholeCamera.parse(args.camera), check_units(args.units or UNITS_PER_METRE))
     if args.units:
@@ -64,7 +64,7 @@ def camera_from(args: argparse.Namespace) -> SequenceCamera | None:
 
 
 def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> "Sequence":
-    """The sequence with the camera of the options, or of the folder; a camera that had to be assumed is named."""
+    """Open the sequence with the camera given by the options, or with that of the folder. A note names a camera that is assumed."""
     from iclnuim.odometry.run import Sequence
 
     sequence = Sequence(folder, depth_offset, camera_from(args))
@@ -73,26 +73,26 @@ def open_sequence(args: argparse.Namespace, console: Console, folder: Path, dept
 
 
 def note_assumed_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
-    """A note where no file gave the camera."""
+    """Print a note if no file gave the camera."""
     if camera.assumed:
         c, units = camera.pinhole, camera.depth_units_per_metre
         console.note(
-            f"{folder}: no camera.json: the benchmark's camera is taken, {c.width}x{c.height},{c.fx:g},{c.fy:g},"
-            f"{c.cx:g},{c.cy:g}, {units:g} units a metre; another: --camera"
+            f"{folder}: no camera.json, so the benchmark's camera is assumed: {c.width}x{c.height},{c.fx:g},{c.fy:g},"
+            f"{c.cx:g},{c.cy:g}, {units:g} depth units per metre; set another one with --camera"
         )
 
 
 def require(what: str, *modules: str) -> None:
-    """Raises WorkError, with the command that installs it, where one of the modules is missing."""
+    """Raises WorkError, with the command that installs it, if one of the modules is missing."""
     for module in modules:
         if find_spec(module) is None:
             raise WorkError(f"{what} needs {module}; try: pip install {PACKAGES[module]}")
 
 
 def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
-    """`word`, or what it is called now where it starts with an old one; with a note."""
+    """`word`, with its prefix replaced if that was renamed (`renamed`: old -> new). A note reports the replacement."""
     for old, new in renamed.items():
         if word.startswith(old):
-            console.note(f"note: {old} is now called {new}; the old name goes with the next release")
+            console.note(f"note: {old} is now called {new}; the next release removes the old name")
             return new + word.removeprefix(old)
     return word

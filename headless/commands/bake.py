@@ -1,4 +1,4 @@
-"""`iclnuim bake`: a scene's light map into the cache, where every render by baked light finds it."""
+"""`iclnuim bake`: bakes the light map of a scene into the cache, where every render with baked light finds it."""
 
 import argparse
 from dataclasses import replace
@@ -17,9 +17,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("scene", metavar="SCENE", help=f"{', '.join(shipped.SCENE_NAMES)}, or a file such as room.blend")
     add_scene_options(parser)
-    add("--map-size", type=int, metavar="N", help="side of the light map in texels; default: 2048")
-    add("--map-samples", type=int, metavar="N", help="rays a texel and source of light; default: 32")
-    add("--seed", type=int, metavar="N", help="of Cycles' samples; default: 0")
+    add("--map-size", type=int, metavar="N", help="width and height of the light map in texels; default: 2048")
+    add("--map-samples", type=int, metavar="N", help="rays per texel and light source; default: 32")
+    add("--seed", type=int, metavar="N", help="random seed of Cycles; default: 0")
     common(parser, "iclnuim bake living_room").set_defaults(opens="scene")
 
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     except ImportError as error:
         raise blender_missing("bake", error) from None
     job = jobs.shipped_job(f"{args.scene if args.scene in shipped.SCENE_NAMES else 'living_room'}/kt0")
-    if args.scene not in shipped.SCENE_NAMES:  # any trajectory does: light does not depend on the camera
+    if args.scene not in shipped.SCENE_NAMES:  # with any trajectory, as light does not depend on the camera
         if not Path(args.scene).is_file():
             expected = f"a scene: {', '.join(shipped.SCENE_NAMES)}, or a file"
             raise InputError(expected, path=args.scene, found="no such file")

@@ -1,4 +1,4 @@
-"""`iclnuim bench`: measurements, each with its figures and where they come from."""
+"""`iclnuim bench`: measurements of time and error; each reports its figures and their conditions."""
 
 import argparse
 import importlib
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from iclnuim.odometry.run import Sequence
     from matplotlib.figure import Figure
 
-#: Frames through each odometer beforehand, so that compiling and loading are not timed.
+#: Frames that each odometer tracks before the measurement, so that compiling and loading are not timed.
 _WARM_UP = 3
 
 
@@ -41,40 +41,48 @@ def configure(parser: argparse.ArgumentParser) -> None:
     render = action(actions, "render", help, "iclnuim bench render kt2", _render)
     add, sizes = render.add_argument, (512, 1024, 2048)
     add("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
-    add("--breakdown", action="store_true", help="instead: where a frame's time goes: rays, shading, EXR, overhead")
+    help = "instead, measure the parts of a frame's time: rays, shading, EXR, overhead"
+    add("--breakdown", action="store_true", help=help)
     add("--frames", metavar="A:B:S", help="default: every 160th; with --breakdown every 30th")
-    add("--maps", type=_sizes, default=sizes, metavar="N,N", help="sides of light maps; default: 512,1024,2048")
-    add("--only", metavar="TEXT", help="only ways whose name holds this, such as `baked`")
-    add("--light", choices=("baked", "path"), default="baked", help="of --breakdown; default: baked")
-    add("--samples", type=int, metavar="N", help="of --breakdown")
+    add(
+        "--maps",
+        type=_sizes,
+        default=sizes,
+        metavar="N,N",
+        help="sizes of light maps in texels; default: 512,1024,2048",
+    )
+    add("--only", metavar="TEXT", help="only methods whose name contains TEXT, such as `baked`")
+    add("--light", choices=("baked", "path"), default="baked", help="for --breakdown; default: baked")
+    add("--samples", type=int, metavar="N", help="samples per pixel, for --breakdown")
 
     help = "speed and error of our odometers and third-party ones in one run"
     example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
     odometry = action(actions, "odometry", help, example, _odometry)
     add = odometry.add_argument
-    what = "sequences with ground truth, or results from before: of --json, or results.json of `iclnuim run`"
+    what = "sequences with ground truth, or earlier results: output of --json, or results.json of `iclnuim run`"
     add("folders", type=Path, nargs="+", metavar="DIR", help=what)
     add_camera_options(odometry)
-    add("--preset", default="best", help="of ours: best (default) or paper")
+    add("--preset", default="best", help="preset of our odometers: best (default) or paper")
     add("--first", type=count, metavar="N", help="only the first N frames")
-    add("--only", metavar="TEXT", help="only odometers whose name holds this, such as `icp`")
+    add("--only", metavar="TEXT", help="only odometers whose name contains TEXT, such as `icp`")
 
-    help = "speed of the noise models beside that of the files alone, and likeness to published noisy frames"
+    help = "speed of the noise models next to that of file input and output alone; similarity to published noisy frames"
     example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
     noise = action(actions, "noise", help, example, _noise)
     add = noise.add_argument
-    add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
+    add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it")
     add("--frames", default=":40", metavar="A:B:S", help="default: the first 40")
-    add("--rounds", type=int, default=5, metavar="N", help="of which the median counts; default: 5")
-    add("--workers", type=int, default=4, metavar="N", help="processes; default: 4")
-    both = "holds clean/ and noisy/ of the same frames, such as the original's"
+    help = "number of repetitions, of which the median is reported; default: 5"
+    add("--rounds", type=int, default=5, metavar="N", help=help)
+    add("--workers", type=int, default=4, metavar="N", help="number of processes; default: 4")
+    both = "folder with clean/ and noisy/ of the same frames, such as those of the original dataset"
     add("--official", type=Path, metavar="DIR", help=both)
-    for parser, against in ((render, "error"), (odometry, "error"), (noise, "likeness")):
-        help = f"time against {against} as a picture (.png, .pdf, .svg)"
+    for parser, against in ((render, "error"), (odometry, "error"), (noise, "similarity")):
+        help = f"draw time against {against} (.png, .pdf, .svg)"
         parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
         renamed(parser, "--chart", "--plot", type=Path)
 
-    help = "speed against accuracy of odometers as one thing changes in steps, all steps on the same frames"
+    help = "speed against accuracy of odometers as one setting changes in steps, all steps on the same frames"
     example = (
         "iclnuim bench curve iterations out/living_room/kt2/clean --method icp --method rgbd --plot iterations.png"
     )
@@ -83,28 +91,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("curve", metavar="CURVE", help="levels, iterations, pixels, keyframe, resolution, realtime, rate or voxel")
     add("folder", type=Path, metavar="DIR", help="a sequence with ground truth")
     add_camera_options(curve)
-    add("--method", action="append", metavar="NAME", help="an odometer, several times; default: icp and rgbd")
-    add("--model", default="living_room", metavar="MODEL", help="of voxel: a room or mesh file; default: living_room")
-    add("--values", type=_numbers, metavar="V,V", help="steps; default: the curve's own")
+    help = "an odometer; may be given several times; default: icp and rgbd"
+    add("--method", action="append", metavar="NAME", help=help)
+    help = "for the curve voxel: a room or a mesh file; default: living_room"
+    add("--model", default="living_room", metavar="MODEL", help=help)
+    add("--values", type=_numbers, metavar="V,V", help="values of the setting; default: those of the curve")
     add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
-    add("--first", type=count, default=120, metavar="N", help="so many frames from there; default: 120")
-    add("--threads", type=count, default=1, metavar="N", help="of OpenCV; ours always have one; default: 1")
-    add("--plot", type=Path, metavar="FILE", help="time against error as a picture (.png, .pdf, .svg)")
+    add("--first", type=count, default=120, metavar="N", help="number of frames from there; default: 120")
+    help = "threads of OpenCV; our odometers always use one; default: 1"
+    add("--threads", type=count, default=1, metavar="N", help=help)
+    add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
 
-    help = "time of trajectory evaluation beside evo_ape, from start to exit"
+    help = "time of trajectory evaluation next to that of evo_ape, each a whole process"
     evaluate = action(actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", _evaluate)
     add = evaluate.add_argument
     add("reference", metavar="GT", help="ground truth, a TUM file")
     add("estimate", metavar="EST", help="estimated trajectory, a TUM file")
-    add("--rounds", type=count, default=7, metavar="N", help="of which the median counts; default: 7")
+    help = "number of repetitions, of which the median is reported; default: 7"
+    add("--rounds", type=count, default=7, metavar="N", help=help)
 
-    try:  # measurements of the project itself
+    try:  # measurements that only a checkout of the project has
         checkout.load("iclnuim.tools", "this benchmark")
         checkout.load("iclnuim.blend.builder", "this benchmark")
     except WorkError as error:
         for name in ("farm", "chaos", "detail"):
-            refused = actions.add_parser(name, help="needs a checkout of the repository")
-            refused.set_defaults(run=partial(_refuse, error))
+            unavailable = actions.add_parser(name, help="needs a checkout of the repository")
+            unavailable.set_defaults(run=partial(_refuse, error))
     else:
         for name in ("bench_farm", "bench_detail"):
             importlib.import_module(f"iclnuim.tools.{name}").configure(actions)
@@ -149,10 +161,10 @@ def _compare_light(args: argparse.Namespace, console: Console) -> None:
         raise InputError("at least 3 frames to compare", found=len(views))
     console.note(f"references: {light_comparison.REFERENCE_SAMPLES} samples, {len(views)} views")
     comparison = light_comparison.Comparison(job, views, PinholeCamera.parse("320x240"), console.note)
-    ways = [w for w in light_comparison.ways(job, args.maps) if (args.only or "") in w.family]
-    progress, results = console.progress(len(ways), "bench render", "ways"), []
-    for way in ways:
-        results.append(comparison.run(way))
+    methods = [w for w in light_comparison.ways(job, args.maps) if (args.only or "") in w.family]
+    progress, results = console.progress(len(methods), "bench render", "methods"), []
+    for method in methods:
+        results.append(comparison.run(method))
         console.note(light_comparison.row(results[-1]))
         progress.advance()
     if args.plot:
@@ -201,13 +213,13 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         charts.save(_odometry_figure(results), args.plot)
     texts = []
     for r in results:
-        title = r["sequence"] + (f", preset {r['preset']} of ours" if r["preset"] else "")
+        title = r["sequence"] + (f", our odometers with preset {r['preset']}" if r["preset"] else "")
         texts.append(f"{title}\n{table(r['runs'])}\nPareto front: {', '.join(_front(r['runs']))}")
     console.result({"races": results}, "\n\n".join(texts))
 
 
 def _installed(names: list[str], preset: str, console: Console) -> list[str]:
-    """Those whose packages are there; the others' rows are left out, with a note. Raises WorkError where none is left."""
+    """The odometers whose packages are installed; a note reports each one that is left out. Raises WorkError if none is left."""
     found = []
     for name in names:
         try:
@@ -223,7 +235,7 @@ def _installed(names: list[str], preset: str, console: Console) -> list[str]:
 def _compare_odometers(
     sequence: "Sequence", names: list[str], preset: str, frames: int | None, progress: Callable
 ) -> dict:
-    """`sequence`, `preset`, and `runs` (Run.to_dict()). Raises InputError without ground truth."""
+    """Run the odometers; returns `sequence`, `preset` and `runs` (Run.to_dict() of each). Raises InputError without ground truth."""
     from iclnuim.dataset.frames import sequence_name
     from iclnuim.odometry.run import run_together
 
@@ -235,17 +247,17 @@ def _compare_odometers(
 
 
 def _read_results(path: Path) -> list[dict]:
-    """Results that were written with --json, by 0.1.0 too. Raises InputError for another file."""
+    """Read results that were written with --json, also by version 0.1.0. Raises InputError for another file."""
     results = read_json(path).get("races")
     if not isinstance(results, list):
-        raise InputError("what `iclnuim bench odometry --json` printed", path=path)
+        raise InputError("output of `iclnuim bench odometry --json`", path=path)
     for run in (run for result in results for run in result["runs"]):
         run["odometer"] = run["odometer"].replace("peer:", "baseline:")
     return results
 
 
 def _front(runs: list[dict]) -> list[str]:
-    """The Pareto front: names of those that no other beats in both median time and error."""
+    """The Pareto front: names of the runs that no other run beats in both median time and error."""
     points = [(d["odometer"], d["ms_median"], d["ate_rmse_m"]) for d in runs if _has_point(d)]
     return [n for n, ms, ate in points if not any(m <= ms and a <= ate and (m, a) != (ms, ate) for _, m, a in points)]
 
@@ -255,7 +267,7 @@ def _has_point(d: dict) -> bool:
 
 
 def _odometry_figure(results: list[dict]) -> "Figure":
-    """ATE over time a frame: a dot at the median, a line to the 95th percentile (of several runs: triangle, quartiles of the ATE), the front dashed."""
+    """ATE over time per frame: a dot at the median and a line to the 95th percentile (several runs: a triangle, and the quartiles of the ATE); the Pareto front is dashed."""
     import numpy as np
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure
@@ -266,7 +278,8 @@ def _odometry_figure(results: list[dict]) -> "Figure":
     drawing = Figure(figsize=((side + 0.2) * columns + 1.5, side * rows), layout="constrained")
     panels = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     names = dict.fromkeys(d["odometer"] for result in results for d in result["runs"])
-    looks = {name: (COLOURS[i % len(COLOURS)], i // len(COLOURS)) for i, name in enumerate(names)}  # then hollow
+    # hollow markers once the colours are used up
+    looks = {name: (COLOURS[i % len(COLOURS)], i // len(COLOURS)) for i, name in enumerate(names)}
     shown = {}
     for axes, result in zip(panels.flat, results, strict=False):
         best, not_beaten = [], _front(result["runs"])
@@ -275,7 +288,7 @@ def _odometry_figure(results: list[dict]) -> "Figure":
                 continue
             ate_mm, marker = d["ate_rmse_m"] * 1e3, "s" if d["odometer"].startswith("baseline:") else "o"
             colour, hollow = looks[d["odometer"]]
-            if "runs" in d:  # of `iclnuim run`: quartiles of the error, and whole processes' time
+            if "runs" in d:  # from `iclnuim run`: quartiles of the error, and the time of the whole process
                 marker = "^"
                 axes.plot([d["ms_median"]] * 2, 1e3 * np.array(d["ate_quartiles_m"]), color=colour, linewidth=1)
             else:
@@ -292,7 +305,7 @@ def _odometry_figure(results: list[dict]) -> "Figure":
         axes.grid(alpha=0.3)
     for axes in panels.flat[len(results) :]:
         axes.set_visible(False)
-    drawing.supxlabel("ms a frame: median, line to 95 % (triangles: whole process)", fontsize="medium")
+    drawing.supxlabel("ms per frame: median, line to 95 % (triangles: whole process)", fontsize="medium")
     drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
     drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
     return drawing
@@ -351,7 +364,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
 
 
 def _evaluate(args: argparse.Namespace, console: Console) -> None:
-    """The time of `iclnuim evaluate ate` beside that of evo_ape on the same two TUM files."""
+    """Measure the time of `iclnuim evaluate ate` and of evo_ape on the same two TUM files."""
     reference, estimate = args.reference, args.estimate
     commands = {"iclnuim evaluate ate": [sys.executable, "-m", "iclnuim", "evaluate", "ate", reference, estimate]}
     evo_ape = shutil.which("evo_ape", path=str(Path(sys.executable).parent)) or shutil.which("evo_ape")
@@ -360,7 +373,7 @@ def _evaluate(args: argparse.Namespace, console: Console) -> None:
     else:
         console.note("evo_ape is not installed, so its row is left out; try: pip install evo")
     seconds: dict[str, list[float]] = {name: [] for name in commands}
-    for _ in range(args.rounds):  # interleaved, so that other load on the machine weighs on both
+    for _ in range(args.rounds):  # interleaved, so that other load on the machine affects both
         for name, command in commands.items():
             started = time.perf_counter()
             done = subprocess.run(command, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""`iclnuim check-depth DIR`: the depth of a run's frames, and their ground truth, against rays cast independently at the same geometry."""
+"""`iclnuim check-depth DIR`: compares the depth and ground truth of a run's frames with rays cast independently at the same geometry."""
 
 import argparse
 from dataclasses import asdict
@@ -24,12 +24,12 @@ from iclnuim.raycast.checks import (
 from ..isolation import opened_scene
 from ..options import Console, common, count, renamed
 
-#: What depth and ground truth are promised to.
+#: Guaranteed limits for depth and ground truth.
 _MIN_SHARE, _MAX_MEDIAN_M = 0.999, 1e-5
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` makes it")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` writes it")
     frames = "frames to check, spread over the run; default: 20"
     parser.add_argument("--max-frames", type=count, default=20, metavar="N", help=frames)
     renamed(parser, "--most", "--max-frames", type=count)
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
-    """Each figure beyond its limit, in a sentence."""
+    """A sentence for each figure beyond its limit."""
     shares = {"within 0.1 mm": e.within_01mm_share}
     if truth:
         shares |= {
@@ -83,7 +83,7 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
 def _casters(
     job: RenderJob, recipe: dict, picked: list[int], console: Console
 ) -> list[tuple[RayCaster, TruthCaster | None]]:
-    """For depth, and for ground truth where the run has it, of each frame: one and the same unless things move."""
+    """For each frame, the casters for depth and (if the run has it) ground truth; all frames share them unless the scene moves."""
     with opened_scene("check-depth", job.scene, job.reading):
         from iclnuim.blender import preflight, scene
 
@@ -92,19 +92,19 @@ def _casters(
         opened = scene.bpy.context.scene
         if strands := preflight.strand_names(opened):
             console.note(
-                f"note: rays pass through hair, curves and points ({', '.join(strands)[:120]}): pixels on them fail"
+                f"note: rays do not hit hair, curves and points ({', '.join(strands)[:120]}), so pixels on them fail"
             )
         if not preflight.moving_names(opened):
             return [_caster(job, console)] * len(picked)
         found = []
         for number in picked:
-            opened.frame_set(number)  # as frames are rendered
+            opened.frame_set(number)  # as rendering does
             found.append(_caster(job, console))
         return found
 
 
 def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | None]:
-    """Of the open scene as it is now."""
+    """The casters of the open scene in its current state."""
     from iclnuim.blender import model, surfaces
 
     found = surfaces.triangles()
@@ -122,7 +122,7 @@ def _text(frames: int, e: DepthErrors, truth: TruthErrors | None) -> str:
         "frames": f"{frames}",
         "pixels": f"{e.pixels}",
         "on an edge (left out)": f"{e.edge_share:.3%}",
-        "seen by one of the two only": f"{e.lost_share:.4%}",
+        "hit by one of the two only": f"{e.lost_share:.4%}",
         "|Z error| median": f"{e.median_m * 1e3:.6f} mm",
         "|Z error| 99.9 %": f"{e.p999_m * 1e3:.6f} mm",
         "|Z error| largest": f"{e.max_m * 1e3:.6f} mm",

@@ -1,4 +1,4 @@
-"""`iclnuim compare A B`: are these the same frames? To the byte, or by tolerance where processors or Blenders differ."""
+"""`iclnuim compare A B`: compares frames byte for byte, or within a tolerance if processors or Blender versions differ."""
 
 import argparse
 from concurrent.futures import ThreadPoolExecutor
@@ -14,58 +14,59 @@ from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
 
 from ..options import Console, common
 
-#: By tolerance a pixel is equal within so much, and a frame where at most this share of its pixels is not: edges move by a rounding.
+#: Tolerances of a pixel (colour of 0..255, depth in metres), and the largest share of pixels of a frame beyond them: rounding moves edges.
 COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01
-#: Of channels; that of normals is of a unit normal's components; labels of instances and classes have none.
+#: Channel -> tolerance; that of normals is per component of a unit normal. Labels of instances and classes have no tolerance.
 _TOLERANCES = {**dict.fromkeys(("RGB", "rgb"), COLOUR_OF_255), **dict.fromkeys(("Z", "depth"), DEPTH_M), "normal": 0.01}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("a", type=Path, metavar="A", help="a run (EXR frames) or a sequence")
-    parser.add_argument("b", type=Path, metavar="B", help="another of the same kind")
-    parser.add_argument("--tolerance", action="store_true", help="by tolerance even where equal bytes can be expected")
+    parser.add_argument("b", type=Path, metavar="B", help="another run or sequence, of the same kind as A")
+    help = "compare within the tolerance even if equal bytes can be expected"
+    parser.add_argument("--tolerance", action="store_true", help=help)
     common(parser, "iclnuim compare out/living_room/kt2/clean elsewhere/kt2/clean")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     found = compare(args.a, args.b, args.tolerance)
     if found["by_bytes"]:
-        how = f"{found['files']} files compared to the byte ({found['why']})"
+        how = f"{found['files']} files compared byte for byte ({found['why']})"
     else:
         tolerance = f"{COLOUR_OF_255:g} of 255, {1000 * DEPTH_M:g} mm, {100 * SHARE:g} % of the pixels"
         worst = f"worst file {100 * found['largest_share']:.2g} %"
-        how = f"{found['files']} files compared by tolerance ({found['why']}): {tolerance}; {worst}"
+        how = f"{found['files']} files compared within a tolerance ({found['why']}): {tolerance}; {worst}"
     names = [f"{name} ({', '.join(channels) or 'no channel'})" for name, channels in found["channels"].items()]
     names += [f"{name} (in one folder only)" for name in found["only_in_one"]]
     more = f" and {len(names) - 10} more" if len(names) > 10 else ""
     counts = f"{len(found['different'])} differ, {len(found['only_in_one'])} are in one folder only"
-    text = f"{how}: the same" if found["same"] else f"{how}: {counts}: {', '.join(names[:10])}{more}"
+    text = f"{how}: equal" if found["same"] else f"{how}: {counts}: {', '.join(names[:10])}{more}"
     console.result(found, text)
     return 0 if found["same"] else 3
 
 
 def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
-    """Frames of two runs (EXR) or two sequences (PNG). Raises InputError where a folder is neither, or they are not of one kind.
+    """Compare the frames of two runs (EXR) or two sequences (PNG). Raises InputError if a folder is neither, or if their kinds differ.
 
-    `different`: files that both have; `channels`: of each of them, those that differ (none where only the header does);
-    `largest_share`: of pixels beyond tolerance, in the worst file (0 where bytes were compared).
+    Keys: `different`: names of files that are in both folders and differ; `channels`: file -> channels that differ (none if only the
+    header differs); `largest_share`: share of pixels beyond the tolerance in the worst file (0 if bytes were compared).
     """
     recipes = _run_recipe(a), _run_recipe(b)
     images = ([p for p in d.glob("*/*") if p.suffix in (".exr", ".png") and p.name[0] != "."] for d in (a, b))
     files = [{str(p.relative_to(d)): p for p in found} for d, found in zip((a, b), images, strict=True)]
     both = sorted(files[0].keys() & files[1].keys())
     if not both:
-        raise InputError("frames of the same numbers in both folders", path=b, found=f"none that {a} has too")
-    parts = {  # what bytes depend on
+        raise InputError("frames with the same numbers in both folders", path=b, found=f"none that {a} has too")
+    parts = {  # the bytes depend on these
         "Blender": [r.get("blender", "unknown") for r in recipes],
         "processor features": [" ".join(r.get("machine", {}).get("features", ["unknown"])) for r in recipes],
     }
     differences = [f"{name}: {one} and {other}" for name, (one, other) in parts.items() if one != other]
-    why = "asked for" if by_tolerance else "; ".join(differences)
+    why = "requested" if by_tolerance else "; ".join(differences)
     pngs = [next((file for file in found.values() if file.suffix == ".png"), None) for found in files]
     units = [read_camera(d, png).depth_units_per_metre if png else 1.0 for d, png in zip((a, b), pngs, strict=True)]
 
-    def judge(name: str) -> tuple[bool, float, list[str]]:
+    def compare_file(name: str) -> tuple[bool, float, list[str]]:
         one, other = files[0][name], files[1][name]
         if not why:
             differs = one.read_bytes() != other.read_bytes()
@@ -75,23 +76,23 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
         return bool(beyond), max(shares.values()), beyond
 
     with ThreadPoolExecutor() as pool:
-        judged = dict(zip(both, pool.map(judge, both), strict=True))
-    channels = {name: names for name, (differs, _, names) in judged.items() if differs}
+        compared = dict(zip(both, pool.map(compare_file, both), strict=True))
+    channels = {name: names for name, (differs, _, names) in compared.items() if differs}
     alone = sorted(files[0].keys() ^ files[1].keys())
     return {
         "files": len(both),
         "by_bytes": not why,
-        "why": why or "one kind of processor, one Blender",
+        "why": why or "same kind of processor, same Blender",
         "different": list(channels),
         "only_in_one": alone,
-        "largest_share": max(share for _, share, _ in judged.values()) if why else 0.0,
+        "largest_share": max(share for _, share, _ in compared.values()) if why else 0.0,
         "channels": channels,
         "same": not channels and not alone,
     }
 
 
 def _run_recipe(folder: Path) -> dict:
-    """Of the render run that a folder is, or that its images come from."""
+    """The recipe of the run in this folder, or of the run from which the images of this sequence come."""
     if (folder / "sequence.json").is_file():
         return read_json(folder / "sequence.json")
     if (folder / "recipe.json").is_file():
@@ -100,17 +101,17 @@ def _run_recipe(folder: Path) -> dict:
 
 
 def _other_channels(a: Path, b: Path) -> list[str]:
-    """The channels that are not equal to the bit; none where a file cannot be read."""
+    """Names of the channels that are not bitwise equal; none if a file cannot be read."""
     try:
         one, other = (read_exr(f) if f.suffix == ".exr" else _channels(f, 1.0) for f in (a, b))
     except InputError:
         return []
-    there = {name for name in one.keys() & other.keys() if np.array_equal(one[name], other[name], equal_nan=True)}
-    return [name for name in one | other if name not in there]
+    equal = {name for name in one.keys() & other.keys() if np.array_equal(one[name], other[name], equal_nan=True)}
+    return [name for name in one | other if name not in equal]
 
 
 def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, float]:
-    """Of each channel the share of pixels that differ by more than its tolerance; all of them where one file has it not, or of another size."""
+    """Channel -> share of pixels that differ by more than its tolerance; 1 if one file lacks the channel, or the sizes differ."""
     shares = {}
     for name in a | b:
         same_size = name in a and name in b and a[name].shape == b[name].shape
@@ -119,13 +120,13 @@ def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, flo
 
 
 def _channels(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
-    """Colour 0..255 as far as a display shows it, depth in metres, normals -1..1, labels."""
+    """Channels of an image file: colour 0..255 clipped to a display's range, depth in metres, normals -1..1, labels."""
     if file.suffix == ".exr":
         channels = read_exr(file)
-        light = np.stack([channels.pop(c).astype(np.float32) for c in "RGB"], -1)
+        linear = np.stack([channels.pop(c).astype(np.float32) for c in "RGB"], -1)
         normal = [channels.pop(c) for c in NORMAL if c in channels]
         more = {"normal": np.stack(normal, -1)} if normal else {}
-        colour = {"RGB": 255 * np.clip(light, 0, 1) ** (1 / 2.2)}
+        colour = {"RGB": 255 * np.clip(linear, 0, 1) ** (1 / 2.2)}
         return colour | {c: v.astype(float) for c, v in channels.items()} | more
     kind = file.parent.name
     if kind == "depth":

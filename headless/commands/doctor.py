@@ -1,4 +1,4 @@
-"""`iclnuim doctor`: what is installed, what is missing, what works without it, and the command that installs it."""
+"""`iclnuim doctor`: reports what is installed, what is missing, what works without it, and the command that installs it."""
 
 import argparse
 import importlib.metadata
@@ -19,7 +19,7 @@ from ..options import Console, common
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked for: what was found, whether it will do, what installs it, and whether the main commands need it."""
+    """Result of one check. found: what was found. good: whether it is sufficient. mend: how to install it. needed: whether the main commands need it."""
 
     name: str
     found: str
@@ -31,12 +31,12 @@ class Finding:
 #: distribution, module, needed, what for, how to install
 PACKAGES = (
     ("numpy", "numpy", True, "everything", "numpy"),
-    ("OpenEXR", "OpenEXR", True, "frames; inside Blender its own OpenImageIO serves", "OpenEXR"),
+    ("OpenEXR", "OpenEXR", True, "frames; inside Blender, its OpenImageIO is used", "OpenEXR"),
     ("scipy", "scipy", False, "surfaces and odometers", "scipy"),
     ("numba", "numba", False, "odometry, fusion and surface error", "numba"),
     ("opencv-contrib-python-headless", "cv2", False, "odometry and fast PNG", "opencv-contrib-python-headless==4.11.*"),
     ("libigl", "igl", False, "distances to surfaces", "libigl"),
-    ("embreex", "embreex", False, "check-depth, clearances, what is seen of surfaces", "embreex"),
+    ("embreex", "embreex", False, "check-depth, clearances, visibility of surfaces", "embreex"),
     ("open3d-cpu", "open3d", False, "Open3D's odometers; glTF meshes", "iclnuim[open3d]"),
     ("matplotlib", "matplotlib", False, "plots", "matplotlib"),
     ("submitit", "submitit", False, "Slurm", "iclnuim[slurm]"),
@@ -62,22 +62,25 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def examine() -> list[Finding]:
-    """Look at this machine; nothing is changed."""
+    """Check this machine; nothing is changed."""
     bpy, binary, has_python = _bpy(), _blender_binary(), sys.version_info[:2] in ((3, 11), (3, 13))
     neither = not bpy.good and not binary.good
     python = platform.python_version() + ("" if has_python else ", for which there is no bpy")
     program = "import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)"
-    has_denoiser = bpy.good and "denoiser True" in _said(sys.executable, "-c", program).stdout
+    has_denoiser = bpy.good and "denoiser True" in _output_of(sys.executable, "-c", program).stdout
     denoiser = "OpenImageDenoise" if has_denoiser else "none" if bpy.good else "unknown without bpy"
-    # OpenCV's odometers lie in a contrib module that other OpenCV packages, and OpenCV 5, do not have
+    # OpenCV's odometers are in a contrib module, which other OpenCV packages and OpenCV 5 do not have
     program = "import cv2; print('rgbd', hasattr(cv2, 'rgbd'))"
-    has_rgbd = "rgbd True" in _said(sys.executable, "-c", program).stdout
+    has_rgbd = "rgbd True" in _output_of(sys.executable, "-c", program).stdout
     rgbd = "cv2.rgbd" if has_rgbd else "this OpenCV has no cv2.rgbd"
     try:
         names, sequences = shipped.sequence_names(), ""
     except InputError as error:
         names, sequences = [], str(error)
-    sbatch, login_node = shutil.which("sbatch"), "run on a login node of your cluster; other engines do not need it"
+    sbatch, login_node = (
+        shutil.which("sbatch"),
+        "run this on a login node of your cluster; other engines do not need it",
+    )
     return [
         Finding("iclnuim", __version__, True, needed=True),
         Finding("Python", python, has_python, "Python 3.11 (bpy 4.5 LTS) or 3.13 (bpy 5.2 LTS)"),
@@ -86,7 +89,7 @@ def examine() -> list[Finding]:
         Finding("denoiser", denoiser, has_denoiser, "install the bpy package or a Blender from blender.org" * bpy.good),
         *(_package(*package) for package in PACKAGES),
         Finding("OpenCV's odometers", rgbd, has_rgbd, "pip install 'opencv-contrib-python-headless==4.11.*'"),
-        Finding("shipped sequences", sequences or str(len(names)), len(names) > 0, "install iclnuim again"),
+        Finding("shipped sequences", sequences or str(len(names)), len(names) > 0, "reinstall iclnuim"),
         Finding("Slurm", sbatch or "no sbatch on the PATH", bool(sbatch), login_node),
         Finding("cores", str(len(own_cores())), True),
     ]
@@ -99,34 +102,34 @@ def _conclusion(good: dict[str, bool], broken: list[Finding]) -> str:
     if broken:
         return f"Missing: {', '.join(f.name for f in broken)}."
     if not good["bpy"]:
-        return "Rendering runs in the installed Blender; bake, surface, check-depth and trajectories through a scene need bpy."
-    return "Everything that is needed is installed."
+        return "Rendering uses the installed Blender; bake, surface, check-depth and trajectories through a scene need bpy."
+    return "All required components are installed."
 
 
 def _bpy() -> Finding:
-    """By importing it in a process of its own: where system libraries are missing it fails, and says which."""
-    mend = how_to_get_bpy()
+    """Check bpy by importing it in a separate process: without the system libraries it fails, and names the missing one."""
+    fix = how_to_get_bpy()
     if importlib.util.find_spec("bpy") is None:
-        return Finding("bpy", "not installed", False, mend)
-    done = _said(sys.executable, "-c", "import bpy; print('version', bpy.app.version_string)")
+        return Finding("bpy", "not installed", False, fix)
+    done = _output_of(sys.executable, "-c", "import bpy; print('version', bpy.app.version_string)")
     version = re.search(r"^version (.*)$", done.stdout, re.M)
     if version:
         return Finding("bpy", version[1], True)
     library = re.search(r"(lib\S+\.so\S*): cannot open", done.stderr)
     last = (done.stderr.strip().splitlines() or ["does not start"])[-1]
-    words = f"needs the system library {library[1]}" if library else last
-    return Finding("bpy", words, False, "./setup.sh installs the system libraries that it needs")
+    problem = f"needs the system library {library[1]}" if library else last
+    return Finding("bpy", problem, False, "./setup.sh installs the system libraries that it needs")
 
 
 def _blender_binary() -> Finding:
     path = shutil.which("blender")
-    mend = "https://www.blender.org/download (4.5 LTS or 5.2 LTS)"
+    fix = "https://www.blender.org/download (4.5 LTS or 5.2 LTS)"
     if path is None:
-        return Finding("blender binary", "not on the PATH", False, mend)
-    done = _said(path, "--version")
+        return Finding("blender binary", "not on the PATH", False, fix)
+    done = _output_of(path, "--version")
     version = re.search(r"Blender (\d+)\.(\d+)\S*", done.stdout)
     good = version is not None and (int(version[1]), int(version[2])) >= (4, 2)
-    return Finding("blender binary", f"{version[0] if version else 'no version'} at {path}", good, mend)
+    return Finding("blender binary", f"{version[0] if version else 'no version'} at {path}", good, fix)
 
 
 def _package(name: str, module: str, needed: bool, what: str, install: str) -> Finding:
@@ -137,5 +140,5 @@ def _package(name: str, module: str, needed: bool, what: str, install: str) -> F
     return Finding(name, importlib.metadata.version(name if name in names else names[0]) + other, True, needed=needed)
 
 
-def _said(*command: str) -> subprocess.CompletedProcess:
+def _output_of(*command: str) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

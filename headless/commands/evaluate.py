@@ -1,5 +1,5 @@
-"""`iclnuim evaluate`: the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe),
-of a reconstructed surface (surface), and of rendered views (views). iclnuim.report.trajectory_report says what --json prints and --csv writes.
+"""`iclnuim evaluate`: computes the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe),
+of a reconstructed surface (surface), and of rendered views (views). iclnuim.report.trajectory_report documents what --json prints and --csv writes.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     rpe = action(actions, "rpe", "relative pose error: drift over frames, seconds or metres", example, run_rpe)
     _files_and_times(rpe)
     rpe.add_argument("--delta", default="1", metavar="D", help="30 (frames), 1s (seconds) or 0.5m (metres); default: 1")
-    pairs = "a pair from every pose (default), or each from the end of the last"
+    pairs = "which pairs: all, one from every pose (default), or consecutive, each starting where the last one ends"
     rpe.add_argument("--pairs", choices=("all", "consecutive"), default="all", help=pairs)
     add_settings(rpe, RelativeErrorSettings)
     example = "iclnuim evaluate surface kt2.ply --model living_room --plot error.png"
@@ -59,21 +59,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     files = "the reconstruction, a mesh or a point cloud (.ply, .obj, .stl, .off, .glb)"
     add("mesh", type=Path, metavar="MESH", help=files)
     add("--model", required=True, metavar="MODEL", help="the truth: living_room, office, a .blend, or a mesh file")
-    add("--unit", default="m", metavar="UNIT", help="of MESH: m (default), cm, mm, in, ft or metres as a number")
-    transform = "the 16 numbers of T_model_mesh, row by row; default: none needed"
+    help = "unit of MESH: m (default), cm, mm, in, ft or a number of metres"
+    add("--unit", default="m", metavar="UNIT", help=help)
+    transform = "file with the 16 numbers of T_model_mesh, row by row; default: the identity"
     add("--transform", type=Path, metavar="FILE", help=transform)
-    poses = "trajectory that MESH was fused along; with --truth, its first pose is laid on the true one"
+    poses = "trajectory along which MESH was fused; with --truth, its first pose is aligned with the true one"
     add("--poses", type=Path, metavar="EST", help=poses)
     add("--truth", type=Path, metavar="GT", help="ground truth of that trajectory, in the model's world")
-    fit = "origin (default): by the first pose; yaw or se3: by the whole trajectory"
+    fit = "how the poses align: origin (default): by the first pose; yaw or se3: by the whole trajectory"
     add("--fit-poses", choices=("origin", "yaw", "se3"), default="origin", help=fit)
-    pairs = "points picked on both: x y z on MESH, in its unit, and x y z on the model, a pair a line"
+    pairs = "points picked on both: x y z on MESH, in its unit, and x y z on the model, one pair per line"
     add("--pairs", type=Path, metavar="FILE", help=pairs)
-    align = "none (default), or icp: then fitted to the model, as the paper did"
+    align = "none (default), or icp: the mesh is then aligned with the model by ICP, as in the paper"
     add("--align", choices=("none", "icp"), default="none", help=align)
-    seen_by = "completion over what was seen along it: kt2, office/kt0 or a file; or all; default: GT of --truth"
+    seen_by = "completion of what this trajectory saw: kt2, office/kt0 or a file; or all; default: GT of --truth"
     add("--seen-by", metavar="TRAJECTORY", help=seen_by)
-    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="of --seen-by; default: 640x480 and the paper's K")
+    help = "camera of --seen-by; default: 640x480 and the paper's K"
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
     add_settings(surface, QualitySettings)
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     add("--max-error", type=float, default=10.0, metavar="MM", help="upper end of the heat map; default: 10")
@@ -84,12 +86,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         actions, "views", "rendered views against true frames: PSNR, SSIM, LPIPS, Depth L1", example, run_views
     )
     add = views.add_argument
-    add("folder", type=Path, metavar="DIR", help="rendered colour, and depth if any, named as the images of SEQUENCE")
+    help = "rendered colour images, and depth images if any, named like the images of SEQUENCE"
+    add("folder", type=Path, metavar="DIR", help=help)
     add("--truth", type=Path, required=True, metavar="SEQUENCE", help="the true frames, a sequence in any format")
-    keyframes = "names, numbers or stamps of keyframes, one a line, or their trajectory: they are reported apart"
+    keyframes = "names, numbers or stamps of keyframes, one per line, or their trajectory: reported separately"
     add("--keyframes", type=Path, metavar="FILE", help=keyframes)
     add_settings(views, ViewSettings)
-    add("--csv", metavar="FILE", help="write the figures of every view as a table")
+    add("--csv", metavar="FILE", help="write the errors of every view as a CSV table")
 
 
 def _files_and_times(parser: argparse.ArgumentParser) -> None:
@@ -98,15 +101,16 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
     add("estimate", metavar="EST", help="estimated trajectory")
     add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, gt.freiburg, kitti ...")
     add("--reference-from", metavar="FORMAT", help="format of GT; default: by name and content, as for EST")
-    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of files that number their frames; default: 30")
+    help = "frame rate of files that number their frames instead of giving stamps; default: 30"
+    add("--file-rate", type=float, default=30.0, metavar="HZ", help=help)
     renamed(parser, "--rate", "--file-rate", type=float)
     add_settings(parser, AssociationSettings)
-    add("--csv", metavar="FILE", help="write the error of every pair as a table")
+    add("--csv", metavar="FILE", help="write the error of every pair as a CSV table")
     add("--plot", metavar="FILE", help="draw the trajectories, and the error along them and over time")
 
 
 def spelled_out(argv: list[str]) -> list[str]:
-    """`DIR EST` -> `ate GROUNDTRUTH EST`, the ground truth being the one in the folder; `ate` and `rpe` take one too."""
+    """`DIR EST` -> `ate GROUNDTRUTH EST` with the ground truth found in the folder; `ate DIR EST` and `rpe DIR EST` likewise."""
     if argv[:1] in (["surface"], ["views"]):
         return argv
     named = argv[:1] if argv[:1] in (["ate"], ["rpe"]) else []
@@ -117,7 +121,7 @@ def spelled_out(argv: list[str]) -> list[str]:
 
     truth = find_truth(Path(files[0]))
     if truth is None and named:
-        return argv  # camera files of POV-Ray are a folder, and a trajectory
+        return argv  # a folder of POV-Ray camera files is itself a trajectory
     if truth is None:
         raise InputError("a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)", path=files[0], found="none")
     return [*(named or ["ate"]), str(truth), *files[1:]]
@@ -140,7 +144,7 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
 def _report(
     settings: AbsoluteErrorSettings | RelativeErrorSettings, args: argparse.Namespace, console: Console
 ) -> None:
-    """Of ground truth and estimate; how each was read is noted."""
+    """Read ground truth and estimate, report how each was read, and report the errors."""
     sources = []
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
         sources.append(Source(path, read_trajectory(path, format, rate_hz=args.file_rate)))
@@ -183,7 +187,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     values["warnings"] = [named(text, option_name) for text in error.warnings]
     values["notes"] = list(mesh.notes)
-    if T_model_mesh is not given:
+    if T_model_mesh is not given:  # a fit was computed
         values["as_given"] = _as_given(surface, mesh.points, given, T_model_mesh)
     quality = _quality(surface, mesh, T_model_mesh, seen_by, whole, settings, console)
     values["quality"] = quality
@@ -202,7 +206,7 @@ def run_views(args: argparse.Namespace, console: Console) -> None:
     if found.missing:
         names = ", ".join(found.missing[:3]) + (" ..." if len(found.missing) > 3 else "")
         total = len(found.missing) + len(found.views)
-        console.note(f"note: {len(found.missing)} of {total} views are not there and are left out: {names}")
+        console.note(f"note: {len(found.missing)} of {total} views do not exist and are left out: {names}")
     values = {"folder": str(args.folder), "truth": str(args.truth), **settings.to_dict(), **found.to_dict()}
     console.result(values, _views_text(values))
 
@@ -225,7 +229,7 @@ def _views_text(values: dict) -> str:
 
 
 def _seen_by(args: argparse.Namespace) -> "tuple[SeenBy | None, bool]":
-    """What decides which part of the model completion is measured over; and whether that is all of it."""
+    """The camera and poses that decide over which part of the model completion is measured, and whether it is the whole model."""
     from iclnuim.fusion.quality import SeenBy
     from iclnuim.geometry.camera import PinholeCamera
 
@@ -240,7 +244,7 @@ def _seen_by(args: argparse.Namespace) -> "tuple[SeenBy | None, bool]":
 
 
 def _as_given(surface: "TrueSurface", points: "np.ndarray", given: "SE3", fitted: "SE3") -> dict:
-    """The figures without the fit, and how far the fit moved the middle of the reconstruction, and turned it."""
+    """The figures without the fit, and by how much the fit translated the centre of the reconstruction and rotated it."""
     T, middle = fitted @ given.inverse(), given.apply(points.mean(0))
     return {
         "distance_m": ErrorStatistics.of(surface.distance(given.apply(points))).to_dict(),
@@ -274,8 +278,8 @@ def _surface_text(values: dict) -> str:
     lines.append("  " + ", ".join(f"{share:.1%} within {w}" for w, share in values["within"].items()))
     if given := values.get("as_given"):
         moved = f"the fit moved it by {1e3 * given['moved_m']:.3f} mm and {given['turned_deg']:.4f} degrees"
-        lines.append(f"  as given: mean {1e3 * given['distance_m']['mean']:.3f}; {moved}")
-    lines.append(f"{quality['samples']} samples by area")
+        lines.append(f"  without the fit: mean {1e3 * given['distance_m']['mean']:.3f}; {moved}")
+    lines.append(f"{quality['samples']} samples, uniform by area")
     for name in ("accuracy", "completion", "depth_l1"):
         if f"{name}_m" in quality:
             lines.append(f"  {name.replace('_l1', ' L1'):<11}{1e3 * quality[f'{name}_m']:>10.3f} mm")
@@ -287,12 +291,12 @@ def _surface_text(values: dict) -> str:
         seen = f", {quality['seen_m2']:.2f} m2" if "seen_m2" in quality else ""
         lines.append(f"  over {quality['model_samples']} samples of the model{seen}")
     else:
-        lines.append("  no completion: --seen-by names the trajectory that says what was seen")
+        lines.append("  no completion: name the trajectory that saw the model with --seen-by")
     return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])
 
 
 def _given_transform(args: argparse.Namespace) -> "SE3":
-    """T_model_mesh as far as the options give it, without a fit."""
+    """T_model_mesh as given by the options, without a fit."""
     from iclnuim.fusion.surface_error import first_poses_transform, read_transform
     from iclnuim.geometry.se3 import SE3
 
@@ -307,7 +311,7 @@ def _given_transform(args: argparse.Namespace) -> "SE3":
 
 
 def _fitted_transform(args: argparse.Namespace, given: "SE3", unit_m: float, console: Console) -> "SE3":
-    """By picked pairs or the whole trajectory; what was given where neither is asked for."""
+    """T_model_mesh fitted to picked pairs or to the whole trajectory; `given` if the options request neither."""
     from iclnuim.fusion.surface_error import pairs_transform, read_pairs, trajectories_transform
 
     if args.fit_poses != "origin" and (args.pairs or not args.poses):
@@ -315,7 +319,7 @@ def _fitted_transform(args: argparse.Namespace, given: "SE3", unit_m: float, con
     if args.pairs:
         on_mesh, on_model = read_pairs(args.pairs)
         T, rms_m = pairs_transform(on_mesh * unit_m, on_model)
-        console.note(f"{len(on_mesh)} pairs, {1e3 * rms_m:.3f} mm RMS apart")
+        console.note(f"{len(on_mesh)} pairs, residual {1e3 * rms_m:.3f} mm RMS")
         return T
     if args.fit_poses == "origin":
         return given

@@ -1,4 +1,4 @@
-"""`iclnuim extension`: the Blender extension as a zip: the package with its manifest, every scene and all trajectories, the same bytes each time."""
+"""`iclnuim extension`: builds the Blender extension as a zip: the package with its manifest, all scenes and all trajectories. The bytes are reproducible."""
 
 import argparse
 import tomllib
@@ -14,12 +14,12 @@ from iclnuim.formats.files import atomic_write
 from ..options import Console, action, subcommands
 
 _DATE = (2020, 1, 1, 0, 0, 0)
-#: What the panel has no use for: it needs packages that Blender does not carry.
+#: Parts that the panel does not use: they need packages that Blender does not have.
 _LEFT_OUT = {"odometry", "fusion", "raycast", "report", "checkout.py", "__main__.py"}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    help, example = "the extension's zip, complete: code, scenes, trajectories", "iclnuim extension build --out dist/"
+    help, example = "write the zip of the extension: code, scenes, trajectories", "iclnuim extension build --out dist/"
     add = action(subcommands(parser), "build", help, example, _build).add_argument
     add("--out", type=Path, default=Path("dist"), metavar="DIR", help="folder of the zip; default: dist")
 
@@ -31,13 +31,13 @@ def _build(args: argparse.Namespace, console: Console) -> None:
 
 
 def build(out: Path) -> Path:
-    """Write `out`/iclnuim-VERSION.zip and return its path. Raises WorkError where it cannot be written."""
+    """Write `out`/iclnuim-VERSION.zip and return its path. Raises WorkError if it cannot be written."""
     package = Path(iclnuim.__file__).parent
     manifest = tomllib.loads((package / "blender_manifest.toml").read_text(encoding="utf-8"))
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkError(f"{out}: cannot be made: {error.strerror or error}; try another --out") from None
+        raise WorkError(f"{out}: the folder cannot be created: {error.strerror or error}; try another --out") from None
     target = out / f"{manifest['id']}-{manifest['version']}.zip"
 
     def write(path: Path) -> None:
@@ -52,7 +52,7 @@ def build(out: Path) -> Path:
 
 
 def contents(package: Path) -> Iterator[tuple[str, Path]]:
-    """Name in the zip and file of all that is shipped."""
+    """The name in the zip and the file, for everything that is shipped."""
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         if path.is_file() and path.suffix in (".py", ".toml") and not {"__pycache__", *_LEFT_OUT} & set(name.parts):

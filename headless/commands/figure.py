@@ -1,4 +1,4 @@
-"""`iclnuim figure N`: a figure of the paper, drawn of our rooms, our sequences and the cells of a benchmark."""
+"""`iclnuim figure N`: draws a figure of the paper from our rooms, our sequences and the cells of a benchmark."""
 
 import argparse
 from pathlib import Path
@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--data", type=Path, default=Path("out"), metavar="DIR", help="sequences, for 2 to 4; default: out")
     help = "folder of `iclnuim benchmark`, for 5 to 9; default: out/benchmark"
     add("--benchmark", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
-    add("--preset", default="best", help="of the cells: best (default) or paper")
+    add("--preset", default="best", help="preset of the cells: best (default) or paper")
     common(parser, "iclnuim figure 6 -o figure_6.png", json=False)
 
 

@@ -1,4 +1,4 @@
-"""`iclnuim fuse`: depth images and a trajectory to a coloured surface."""
+"""`iclnuim fuse`: fuses depth images along a trajectory into a coloured surface."""
 
 import argparse
 from pathlib import Path
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
-    add("--poses", type=Path, metavar="FILE", help="trajectory in any known format; default: DIR's ground truth")
-    help = "the surface as a PLY with colour; its recipe beside it"
+    add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
+    add("--poses", type=Path, metavar="FILE", help="trajectory in any supported format; default: ground truth of DIR")
+    help = "the surface as a PLY with colour; its recipe is written next to it"
     add("-o", "--out", type=Path, metavar="MESH", required=True, help=help)
-    help = "best (default): a window of 18 m; paper: one of 4.5 m that follows the camera"
+    help = "best (default): a window of 18 m; paper: a window of 4.5 m that follows the camera"
     add("--preset", default="best", help=help)
     add_settings(parser, VolumeSettings)
     add_settings(parser, FuseSettings)
     renamed(parser, "--least-weight", "--min-weight", type=float)
     renamed(parser, "--most-blocks", "--max-blocks", type=int)
-    add("--plot", type=Path, metavar="PNG", help="a picture of the surface, from above and aside")
+    add("--plot", type=Path, metavar="PNG", help="a picture of the surface, seen obliquely from above")
     add_camera_options(parser)
     common(parser, "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png")
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
     if args.preset not in PRESETS:
         raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
-    if args.voxel and args.truncation is None:  # it grows with the voxels
+    if args.voxel and args.truncation is None:  # the truncation distance grows with the voxels
         args.truncation = max(PRESETS[args.preset].truncation_m, 3 * args.voxel)
     settings = settings_from(args, FuseSettings(settings_from(args, PRESETS[args.preset])))
     poses = args.poses or find_truth(args.folder)
@@ -70,15 +70,15 @@ def run(args: argparse.Namespace, console: Console) -> None:
     f, rate = figures, figures["frames"] / figures["seconds"]
     lines = (
         f"{f['mesh']}: {f['vertices']} vertices, {f['triangles']} triangles",
-        f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s ({rate:.1f} a second with reading; "
-        f"fusing alone {f['fusing_ms_a_frame']:.1f} ms a frame, meshing {f['meshing_s']:.1f} s)",
-        f"{f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
+        f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s ({rate:.1f} frames per second with reading; "
+        f"fusing alone {f['fusing_ms_a_frame']:.1f} ms per frame, meshing {f['meshing_s']:.1f} s)",
+        f"at most {f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
     )
     console.result(figures, "\n".join(lines))
 
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:
-    """Worlds that are the first camera's frame (y down) are stood upright, as well as its tilt allows."""
+    """Draw the mesh. If the world is the frame of the first camera (y down), it is rotated z up, as far as the tilt of that camera allows."""
     from iclnuim.formats.png import write_png
     from iclnuim.fusion.pictures import picture
     from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN

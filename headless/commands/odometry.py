@@ -1,4 +1,4 @@
-"""`iclnuim odometry`: camera motion from the images of a sequence, by one odometer or all of them."""
+"""`iclnuim odometry`: estimates camera motion from the images of a sequence, with one odometer or all of them."""
 
 import argparse
 from functools import partial
@@ -23,28 +23,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/odometry.md)"
     add("method", nargs="?", metavar="METHOD", help=methods)
-    add("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
+    add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     add(
         "-o", "--out", type=Path, metavar="EST", help="write a TUM trajectory; with --all a folder, METHOD.txt for each"
     )
     add("--preset", default="best", help="best (default) or paper")
-    help = "what a frame is aligned against: default (what the method asks for), frame, keyframe, entropy or model"
+    help = "what a frame is aligned against: default (that of the method), frame, keyframe, entropy or model"
     add("--reference", default="default", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
-    help = "what the sensor adds to inverse depth, 1/m, taken off again; default: 0"
+    help = "offset of the sensor's inverse depth in 1/m, which is subtracted; default: 0"
     add("--depth-offset", type=float, default=0.0, metavar="B", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames")
     add("--all", action="store_true", help=f"run {', '.join(ODOMETERS)} on the same frames and print a table")
-    help = "draw trajectory, residual and certainty (.png, .pdf, .svg); with --all all methods in one figure"
+    help = "draw trajectory, residual and uncertainty (.png, .pdf, .svg); with --all all methods in one figure"
     add("--plot", type=Path, metavar="FILE", help=help)
-    add("--show", action="store_true", help="the same in a window")
+    add("--show", action="store_true", help="show the same figure in a window")
     add_rerun(parser, "truth, estimates, errors, residuals and flags")
     add_camera_options(parser)
     common(parser, "iclnuim odometry dvo out/living_room/kt2/clean -o est.txt")
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
-    """Exit code 0 also where frames were lost: they are named, and left out of the trajectory."""
+    """Exit code 0 even if frames were lost: notes name them, and the trajectory leaves them out."""
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     require("odometry", "numba", "cv2")
@@ -71,11 +71,11 @@ def run(args: argparse.Namespace, console: Console) -> None:
         record_runs(recording, args.folder, runs, sequence.camera.pinhole)
         console.note(f"{recording} written")
     if args.out or args.plot or args.show:
-        _keep(runs, args, console)
+        _write_and_draw(runs, args, console)
 
 
-def _keep(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:
-    """Write and draw the runs that have a trajectory. Raises WorkError where none has one."""
+def _write_and_draw(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:
+    """Write and draw the runs that have a trajectory. Raises WorkError if none has one."""
     found = []
     for done in runs:
         try:

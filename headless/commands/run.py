@@ -1,4 +1,4 @@
-"""`iclnuim run`: a system that estimates camera motion, ours or anybody's, on sequences: staged, timed, judged by what it wrote."""
+"""`iclnuim run`: runs a system that estimates camera motion, ours or a third-party one, on sequences, measures its time and memory, and evaluates the trajectories that it wrote."""
 
 import argparse
 import signal
@@ -18,23 +18,26 @@ from ..systems.system import built_in, read_system
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("system", metavar="SYSTEM", help=f"{', '.join(built_in())}, or a file SYSTEM.toml of your own: docs/systems.md")
-    add("folders", type=Path, nargs="+", metavar="DIR", help="sequences in any format; with ground truth for errors")
-    add("--runs", type=count, default=1, metavar="N", help="of each sequence; medians and quartiles count; default: 1")
-    help = "seconds after which a run and all its processes are killed; default: a minute, and a second a frame"
+    add("system", metavar="SYSTEM", help=f"{', '.join(built_in())}, or your own file SYSTEM.toml: docs/systems.md")
+    help = "sequences in any format; errors need their ground truth"
+    add("folders", type=Path, nargs="+", metavar="DIR", help=help)
+    help = "number of runs on each sequence; medians and quartiles are reported; default: 1"
+    add("--runs", type=count, default=1, metavar="N", help=help)
+    help = "seconds after which a run and all its processes are killed; default: 60 plus one per frame"
     add("--time-limit", type=seconds, metavar="S", help=help)
     add("-o", "--out", type=Path, default=Path("out/systems"), metavar="OUT", help="default: out/systems")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the system, several times")
+    help = "an option of the system; may be given several times"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
     add("--vocabulary", metavar="FILE", help="the same as --set vocabulary=FILE; .xz and .gz are unpacked")
-    add("--program", metavar="PATH", help="the system's program, or the Python it runs in; default: found on PATH")
+    add("--program", metavar="PATH", help="program of the system, or the Python that runs it; default: found on PATH")
     add("--first", type=count, metavar="N", help="only the first N frames")
-    add("--stage-only", action="store_true", help="write view and settings file, and print the command")
+    add("--stage-only", action="store_true", help="only write the view and the settings file, and print the command")
     add_camera_options(parser)
     common(parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt")
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
-    """Exit code 0 also where a system failed: its row says so."""
+    """Exit code 0 even if a system failed: its row reports the failure."""
     system = read_system(args.system, _options(args))
     experiments = []
     for folder in args.folders:
@@ -47,23 +50,23 @@ def run(args: argparse.Namespace, console: Console) -> None:
         commands = [system.filled(system.settings.command, {**e.prepare(), "out": "OUT"}) for e in experiments]
         console.result({"commands": commands}, "\n".join(" ".join(command) for command in commands))
         return
-    races = []
+    comparisons = []
     progress = console.progress(args.runs * len(experiments), f"run {system.name}", "runs")
     with _terminated_as_interrupted():
         for e in experiments:
             limit_s = args.time_limit or 60.0 + len(e.sequence.pairs)
             rows = e.run(args.runs, limit_s, progress.advance)
-            races.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
-            write_results(args.out, races[-1:])
-    console.note(f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it beside other results")
-    console.result({"races": races}, "\n\n".join(table(race) for race in races))
+            comparisons.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
+            write_results(args.out, comparisons[-1:])
+    console.note(f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it next to other results")
+    console.result({"races": comparisons}, "\n\n".join(map(table, comparisons)))
 
 
-def table(race: dict) -> str:
-    """A line for each trajectory of a system, medians over its runs; below it what is to be said of them."""
+def table(comparison: dict) -> str:
+    """A line for each trajectory of a system, with medians over its runs, followed by the notes about these runs."""
     head = f"{'runs':>6}{'covered':>9}{'ATE [mm]':>10}{'quartiles':>18}{'RPE [mm/s]':>12}{'wall [s]':>10}{'CPU [s]':>9}{'MB':>7}"
-    lines = [race["sequence"], f"{'':<26}{head}"]
-    for r in race["runs"]:
+    lines = [comparison["sequence"], f"{'':<26}{head}"]
+    for r in comparison["runs"]:
         ate, rpe = (_mm(r[key]) for key in ("ate_rmse_m", "rpe_1s_rmse_m"))
         quartiles = " .. ".join(map(_mm, r["ate_quartiles_m"])) if r["ate_quartiles_m"] else "-"
         runs = f"{r['good_runs']}/{r['runs']}"
@@ -78,7 +81,7 @@ def _mm(length_m: float | None) -> str:
 
 
 def _options(args: argparse.Namespace) -> dict[str, str]:
-    """What --set, --vocabulary and --program give."""
+    """The options of the system given by --set, --vocabulary and --program."""
     given = {"vocabulary": args.vocabulary, "program": args.program}
     options = {key: value for key, value in given.items() if value is not None}
     for text in args.set:
@@ -90,16 +93,16 @@ def _options(args: argparse.Namespace) -> dict[str, str]:
 
 
 def seconds(text: str) -> float:
-    """The type of --time-limit."""
+    """The argparse type of --time-limit."""
     value = float(text)
     if not 0 < value < 1e7:
-        raise argparse.ArgumentTypeError(f"expected seconds above 0, found {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, found {text!r}")
     return value
 
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the work as Ctrl-C does: the system's processes are killed, and no half run is left."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C: the processes of the system are killed, and no incomplete run is left."""
     numbers = (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:

@@ -1,4 +1,4 @@
-"""`iclnuim make`, `render`, `resume` and `task`: what a run is asked for, the plan made of it, and the plan carried out, here or on Slurm."""
+"""`iclnuim make`, `render`, `resume` and `task`: turn the options into a plan, and execute the plan on this machine or on Slurm."""
 
 import argparse
 import time
@@ -25,31 +25,36 @@ from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read
 from ..options import Console
 from ..sequence_options import add_sensor_options, sequence_options
 
-#: Two seconds: enough in a row for odometers, fusion and errors over a second. From the start, so that stamps begin at 1 s.
+#: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They are the first frames, so that stamps begin at 1 s.
 QUICK_FRAMES = ":60"
 _STAGES = {
-    "light": "first: the run folder with its recipe, and the light in the cache",
-    "frames": "then: some frames, those that are missing",
-    "dataset": "last: the clean and the noisy sequence of all frames",
+    "light": "first: write the run folder with its recipe, and bake the light into the cache",
+    "frames": "then: render those of the given frames that are missing",
+    "dataset": "last: write the clean and the noisy sequence of all frames",
 }
 
 
 def configure_make(parser: argparse.ArgumentParser) -> None:
-    add_run_options(parser, "make", "default: out/SEQUENCE (of all: out); holds clean/, noisy/ and, meanwhile, raw/")
-    views = "also views that lie 0.5 m or 20 degrees from all others and show what they saw, in held_out/: how many, or their trajectory"
+    out = "folder for clean/, noisy/ and, while frames are rendered, raw/; default: out/SEQUENCE (with `all`: out)"
+    add_run_options(parser, "make", out)
+    views = (
+        "also render novel views into held_out/: 0.5 m or 20 degrees away from all other views, of what these saw; "
+        "their number, or their trajectory"
+    )
     parser.add_argument("--held-out", metavar="N|TRAJECTORY", help=views)
     _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
 
 
 def configure_render(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser, "render", "folder of the run; default: out/SEQUENCE/raw")
-    blend = "also save the scene with the keyed camera, to play in Blender"
+    blend = "also save the scene with the animated camera, to play it in Blender"
     parser.add_argument("--blend", type=Path, metavar="FILE", help=blend)
     _add_farm_options(parser, "iclnuim render kt2 --quick", _begin)
 
 
 def configure_resume(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="what --out of `iclnuim render` or `make` was")
+    help = "output folder of `iclnuim render` or `make`"
+    parser.add_argument("folder", type=Path, metavar="DIR", help=help)
     _add_farm_options(parser, "iclnuim resume out/living_room/kt2", _resume)
 
 
@@ -60,47 +65,54 @@ def configure_task(parser: argparse.ArgumentParser) -> None:
         one = options.action(
             actions, stage, help, f"iclnuim task {stage} kt2 --out out/kt2{numbers}", _task, json=False
         )
-        add_run_options(one, "make", "folder that all tasks of the run share; holds clean/, noisy/ and raw/")
-        which = "which frames, both ends included; default: those of --frames"
+        add_run_options(one, "make", "folder that all tasks of the run share, for clean/, noisy/ and raw/")
+        which = "numbers of the frames, both ends included; default: those of --frames"
         one.add_argument("--numbers", metavar="A-B,C", help=which)
-        one.add_argument("--say", choices=("flamenco",), help="progress in lines that this render farm understands")
+        say = "print progress in lines that this render farm reads"
+        one.add_argument("--say", choices=("flamenco",), help=say)
 
 
 def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> None:
-    """What `render` or `make` is asked for, but for how the work is shared; `out`: the help of --out."""
+    """Add the options of `render` or `make`, except those that distribute the work. `out`: the help text of --out."""
     parser.set_defaults(command=command)
     add, names = parser.add_argument, ", ".join(shipped.SCENE_NAMES)
     every = ", or all eight: all" if command == "make" else ""
     known = f"kt2, living_room/kt2, office/kt0, or a recipe file (.json){every}"
     add("sequence", nargs="?", metavar="SEQUENCE", help=known)
-    add("--scene", metavar="NAME|FILE", help=f"another scene: {names}, or a file: {options.SCENE_KINDS}")
-    add("--trajectory", metavar="FILE", help="another trajectory, in any format that `iclnuim trajectory info` reads")
+    add("--scene", metavar="NAME|FILE", help=f"use another scene: {names}, or a file: {options.SCENE_KINDS}")
+    help = "use another trajectory, in any format that `iclnuim trajectory info` reads"
+    add("--trajectory", metavar="FILE", help=help)
     options.add_scene_options(parser)
-    add("--frames", metavar="A:B:S", help="which frames, as a Python slice (B excluded); default: all")
-    add("--quick", action="store_true", help="the first 60 frames, two seconds: all further commands work on them")
+    add("--frames", metavar="A:B:S", help="only these frames, as a Python slice (B excluded); default: all")
+    help = "only the first 60 frames (two seconds): enough for all further commands"
+    add("--quick", action="store_true", help=help)
     add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
     options.add_settings(parser, RenderJob, light="baked, or auto for a file")
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
         add_sensor_options(parser, "released", ("depth_units", "formats"))
         options.add_settings(parser, LogSettings)
-        add("--keep-raw", action="store_true", help="keep the EXR frames; default: they go once both sequences stand")
+        add(
+            "--keep-raw",
+            action="store_true",
+            help="keep the EXR frames; default: remove them once both sequences are complete",
+        )
 
 
 def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callable) -> None:
-    """How the work is shared: nothing here changes a pixel."""
+    """Add the options that distribute the work; none of them changes a pixel."""
     options.add_settings(parser, FarmSettings)
     options.renamed(parser, "--stuck-after", "--worker-timeout", type=float)
     add = parser.add_argument
     add("--slurm", type=Path, metavar="FILE", help="settings for Slurm in TOML; options take precedence")
     options.add_settings(parser, SlurmSettings)
-    add("--print-only", action="store_true", help="show job scripts and the estimate, submit nothing")
+    add("--print-only", action="store_true", help="show the job scripts and the estimate; submit nothing")
     options.common(parser, example)
     parser.set_defaults(run=run)
 
 
 def plan_from(args: argparse.Namespace) -> RunPlan:
-    """What the options ask for. Raises InputError."""
+    """The plan given by the options. Raises InputError."""
     job = _job(args)
     if args.quick and args.frames:
         raise InputError("{quick} or {frames}, not both")
@@ -115,9 +127,9 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
 
 
 def _held_out(name: str, job: RenderJob) -> str:
-    """A number of views, a shipped trajectory's whole name, or a file's whole path. Raises InputError."""
+    """The number of views, the full name of a shipped trajectory, or the absolute path of a file. Raises InputError."""
     if name.isdecimal() and int(name) < 1:
-        raise InputError("a number of views from 1 up, or a trajectory", setting="held_out", found=name)
+        raise InputError("a number of views of at least 1, or a trajectory", setting="held_out", found=name)
     if not name or name.isdecimal():
         return name
     own = name if "/" in name else f"{job.scene}/{name}"
@@ -155,7 +167,7 @@ def _job(args: argparse.Namespace) -> RenderJob:
 
 
 def with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
-    """The plan with the engine and the settings that options name. Raises InputError."""
+    """The plan with the engine and the settings given by the options. Raises InputError."""
     slurm = read_settings(args.slurm) if args.slurm else plan.slurm
     return replace(plan, farm=options.settings_from(args, plan.farm), slurm=options.settings_from(args, slurm))
 
@@ -169,14 +181,14 @@ def _begin(args: argparse.Namespace, console: Console) -> int:
 
 
 def _resume(args: argparse.Namespace, console: Console) -> int:
-    """What was asked for when the folder was begun, again; what is finished is skipped."""
+    """Execute the recorded plan of the folder again; finished work is skipped."""
     plan = with_farm_options(read_plan(find_run(args.folder)), args)
     console.note(f"resuming: iclnuim {plan.command} {plan.job.sequence}")
     return _execute(plan, console, args.print_only, None)
 
 
 def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
-    """What is missing of the plan, and then of its held-out views; the exit code. Raises InputError, WorkError."""
+    """Execute the missing parts of the plan, then those of its held-out views; returns the exit code. Raises InputError, WorkError."""
     if not plan.held_out:
         return _run(plan, console, print_only, blend)
     held_out.prepare(plan, console)
@@ -184,26 +196,26 @@ def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | No
 
 
 def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
-    """What is missing of the plan; the exit code. Raises InputError, WorkError.
+    """Execute the missing parts of the plan; returns the exit code. Raises InputError, WorkError.
 
-    print_only: show Slurm's job scripts instead. blend: also save the prepared scene there.
+    print_only: show the job scripts for Slurm instead. blend: also save the prepared scene to this file.
     """
     if print_only and plan.farm.engine != "slurm":
         raise InputError("{print_only} with {engine} slurm", found=f"{plan.farm.engine}")
-    plan.variants()  # unknown noise models are refused before anything is begun
+    plan.variants()  # raises for unknown noise models before any work begins
     if plan.farm.engine == "slurm":
         if blend is not None:
-            raise InputError("{blend} on this machine alone", hint="{engine} local")
+            raise InputError("{blend} only on this machine", hint="{engine} local")
         return slurm.run(plan, print_only, console)
-    with ExitStack() as held:
-        stopped = held.enter_context(stop_on_signals())
-        stage = held.enter_context(tasks.SequenceStage(plan, len(own_cores()))) if plan.sequences else None
-        run = held.enter_context(open_run(plan, console, stopped))
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stop_on_signals())
+        stage = stack.enter_context(tasks.SequenceStage(plan, len(own_cores()))) if plan.sequences else None
+        run = stack.enter_context(open_run(plan, console, stopped))
         plan.write_record()
         if stage is None:
             return report(run.render(plan.numbers, blend=blend), console)
         stage.begin(run.run)
-        try:  # pairs are made of finished frames while others are being rendered
+        try:  # sequence frames are written from finished frames while others are being rendered
             missing = stage.add_finished(plan.numbers)
             outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)
         finally:
@@ -211,42 +223,42 @@ def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) 
         code = report(outcome, console)
         if code == 0:
             stage.complete()
-            console.note(f"{' and '.join(map(str, plan.variants()))} hold {len(plan.numbers)} frames each")
+            console.note(f"{' and '.join(map(str, plan.variants()))} contain {len(plan.numbers)} frames each")
         return code
 
 
 def _task(args: argparse.Namespace, console: Console) -> int:
-    """One task of a render farm, as a scheduler calls it; many may share a folder, on many machines."""
+    """Run one task of a render farm, as called by a scheduler. Tasks on many machines may share a folder."""
     if args.out is None:
         raise InputError("a folder that all tasks of the run share", setting="out")
     plan = plan_from(args)
     if args.numbers is not None:
-        numbers, asked = numbers_from(args.numbers), plan.numbers
-        if not set(numbers) <= set(asked):
-            expected = f"some of the {len(asked)} frames {asked[0]}..{asked[-1]}"
+        numbers, planned = numbers_from(args.numbers), plan.numbers
+        if not set(numbers) <= set(planned):
+            expected = f"some of the {len(planned)} frames {planned[0]}..{planned[-1]}"
             raise InputError(expected, setting="numbers", found=args.numbers)
         plan = replace(plan, numbers=numbers)
     progress = console.progress(len(plan.numbers), plan.job.sequence)
-    tell = _flamenco(args.action, console, plan) if args.say == "flamenco" else lambda number: progress.advance()
+    on_frame = _flamenco(args.action, console, plan) if args.say == "flamenco" else lambda number: progress.advance()
     if args.action == "dataset":
-        return tasks.run(args.action, plan, console, tell)
+        return tasks.run(args.action, plan, console, on_frame)
     with stop_on_signals() as stopped:
-        return tasks.run(args.action, plan, console, tell, stopped)
+        return tasks.run(args.action, plan, console, on_frame, stopped)
 
 
 def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], None]:
-    """Flamenco's worker looks for lines of Blender's: `Time:` and `skipping` are a step, `Saved:` a picture to show."""
+    """Returns a callback that prints the lines which Flamenco's worker parses, as Blender prints them: `Time:` and `skipping` count as a step, `Saved:` names a picture to show."""
     last, images = time.monotonic(), plan.out / "clean/rgb"
 
-    def tell(number: int) -> None:
+    def on_frame(number: int) -> None:
         nonlocal last
         seconds, last = time.monotonic() - last, time.monotonic()
         console.result({}, f"Time: {int(seconds // 60):02}:{seconds % 60:05.2f} (frame {number})")
         image = images / f"{number:06}.png"
-        if stage == "dataset" and image.is_file():  # in the format tum alone
+        if stage == "dataset" and image.is_file():  # only in the format tum
             console.result({}, f"Saved: '{image}'")
 
     if stage == "frames":
         for number in sorted(set(plan.numbers).difference(plan.missing())):
             console.result({}, f"skipping existing frame {number}")
-    return tell
+    return on_frame

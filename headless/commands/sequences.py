@@ -1,8 +1,8 @@
-"""`iclnuim dataset`, `convert`, `noise`, `inspect` and `pack`: RGB-D sequences made of a run's frames or of one that somebody has, looked at,
-and published.
+"""`iclnuim dataset`, `convert`, `noise`, `inspect` and `pack`: make, convert, check and publish RGB-D sequences.
 
-`dataset` takes the EXR frames of a run, `convert` and `noise` any sequence, as it is or with a sensor's noise, to any format; `noise
-calibrate` fits the noise to a real sensor. `inspect` says what is wrong with a sequence, and draws it; `pack` makes the archive to publish.
+`dataset` reads the EXR frames of a run; `convert` and `noise` read any sequence. All three write any format; `dataset` and `noise` can
+add sensor noise. `noise calibrate` fits the noise model to a real sensor. `inspect` reports problems of a sequence and draws it. `pack`
+writes the archive to publish.
 """
 
 import argparse
@@ -31,26 +31,26 @@ from ..sequence_options import add_camera_options, add_sensor_options, camera_fr
 
 EXPOSURES = "exposures.txt"
 _ABOUT = """
-`iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR holds exposures.txt (lines
+`iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR contains exposures.txt (lines
 `exposure image.png`, two or more images of each exposure of a static scene), and depth/*.png of a static wall, or
 wall1/*.png, wall2/*.png ... of walls of different slope.
 """
-#: Labels of the figures, and their units.
+#: Figure -> its label and unit.
 _LABELS = {
-    "rate_hz": ("frames a second", ""),
+    "rate_hz": ("frames per second", ""),
     "duration_s": ("duration", " s"),
     "depth_m": ("depth in metres", ""),
     "depth_missing_share": ("share of pixels without depth", ""),
     "length_m": ("length of the trajectory", " m"),
-    "max_speed_m_s": ("fastest", " m/s"),
-    "depth_fits_poses_mm": ("depth carried by the poses meets depth to", " mm"),
-    "depth_fits_mirrored_poses_mm": ("by the poses mirrored in y to", " mm"),
+    "max_speed_m_s": ("maximum speed", " m/s"),
+    "depth_fits_poses_mm": ("difference of depth reprojected with the poses", " mm"),
+    "depth_fits_mirrored_poses_mm": ("the same with poses mirrored in y", " mm"),
 }
 
 
 def configure_dataset(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` makes it")
-    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence")
+    parser.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it")
+    parser.add_argument("out", type=Path, metavar="OUT", help="output folder of the sequence")
     parser.add_argument("--frames", default="::", metavar="A:B:S", help="as a Python slice (B excluded); default: all")
     _add_output_options(parser)
     example = "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released"
@@ -58,7 +58,7 @@ def configure_dataset(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
-    """The noise, and in which formats a sequence is written."""
+    """Add the options for noise and for the formats in which a sequence is written."""
     add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
     renamed(parser, "--dialect", "--format", append=True)
     _add_file_options(parser)
@@ -66,7 +66,8 @@ def _add_output_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_file_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, LogSettings)
-    parser.add_argument("--workers", type=int, metavar="N", help="processes that make images; default: one a core")
+    help = "number of processes that write images; default: one per core"
+    parser.add_argument("--workers", type=int, metavar="N", help=help)
 
 
 def _dataset(args: argparse.Namespace, console: Console) -> None:
@@ -84,17 +85,17 @@ def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespa
     written = writer.write(args.workers, lambda number: progress.advance())[0]
     folders = [str(path) for path in (*written.folders, *logs.write(written.folders[0], args.out, console.note))]
     values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
-    text = f"{', '.join(folders)}: {written.made} frames made, {written.found} found finished"
+    text = f"{', '.join(folders)}: {written.made} frames written, {written.found} already finished"
     lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
     if lost:
         kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
-        text += f"\ndepths that became 0 (no measurement): {kinds}"
+        text += f"\ndepth values set to 0 (no measurement): {kinds}"
     console.result(values, text)
 
 
 def configure_convert(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", type=Path, metavar="DIR", help="a sequence in any format that is known")
-    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the sequence in the other format")
+    parser.add_argument("source", type=Path, metavar="DIR", help="a sequence in any supported format")
+    parser.add_argument("out", type=Path, metavar="OUT", help="output folder of the converted sequence")
     text = "as a Python slice over the pairs; default: all"
     parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
     add_camera_options(parser)
@@ -113,17 +114,18 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
         if left_out := sorted(set(source.numbers) - set(posed.numbers)):
             first = ", ".join(map(str, left_out[:5])) + (" ..." if len(left_out) > 5 else "")
             count = f"{len(left_out)} of {len(source.numbers)} frames"
-            console.note(f"{needing[0]}: {count} are left out, as they have no pose: {first}")
+            console.note(f"{needing[0]}: {count} have no pose and are left out: {first}")
         source = posed if posed.numbers else source
     if left := [f"{kind}/" for kind in KINDS if (args.source / kind).is_dir()]:
-        console.note(f"{', '.join(left)} of {args.source} are not converted: only colour, depth and poses are")
+        console.note(f"{', '.join(left)} of {args.source} not converted: only colour, depth and poses are converted")
     _write(source, options, args, console)
 
 
 def configure_noise(parser: argparse.ArgumentParser) -> None:
     text = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
     parser.add_argument("source", metavar="DIR", help=text)
-    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the noisy sequence; or what to calibrate from")
+    help = "output folder of the noisy sequence; or the recordings to calibrate from"
+    parser.add_argument("out", type=Path, metavar="OUT", help=help)
     text = "as a Python slice over the pairs; default: all"
     parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
     add_camera_options(parser)
@@ -138,7 +140,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         _calibrate(args, console)
         return
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
-        raise InputError("a noise: --depth-noise, --rgb-noise", found="neither")
+        raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
     source = image_frames(Path(args.source), args.frames, camera_from(args))
     _write(source, sequence_options(args), args, console)
 
@@ -155,12 +157,12 @@ def _calibrate(args: argparse.Namespace, console: Console) -> None:
         settings = json.dumps({"sigma_c": rgb.sigma_c, "sigma_s": rgb.sigma_s})
         spreads = ", ".join(f"{name} {spread:.2%}" for name, spread in rgb.spreads.items())
         gamma = f" {rgb.gamma:.3f}" if rgb.response == "gamma" else ""
-        lines.append(f"response: {rgb.response}{gamma} (spread of the light between exposures: {spreads})")
+        lines.append(f"response: {rgb.response}{gamma} (spread of the radiance between exposures: {spreads})")
         lines.append(f"--rgb-noise paper --rgb-settings '{settings}'")
     if depth is not None:
         values["depth"] = asdict(depth)
         settings = json.dumps({"sigma_d": depth.sigma_d, "sigma_s_px": depth.sigma_s_px})
-        assumed = "; sigma_s_px assumed, as the walls are of one slope" if depth.fixed_sigma_s else ""
+        assumed = "; sigma_s_px is assumed, as all walls have the same slope" if depth.fixed_sigma_s else ""
         lines.append(f"depth from {depth.frames} frames{assumed}")
         lines.append(f"--depth-noise paper --depth-settings '{settings}'")
     console.result(values, "\n".join(lines))
@@ -192,7 +194,7 @@ def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibrat
 
 
 def configure_inspect(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="a sequence in any format that is known")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
     add_rerun(parser, "its images, camera and poses")
@@ -200,7 +202,7 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
 
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:
-    """Exit code 2 where something is wrong, 0 where things are at most odd."""
+    """Exit code 2 if errors were found, 0 if there are at most warnings."""
     recording = checked_rerun(args)
     found = inspect_sequence(args.folder)
     values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
@@ -210,8 +212,8 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
         if isinstance(value, dict):
             value = ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
         lines.append(f"{label}: {value}{unit}")
-    lines += [f"WRONG: {sentence}" for sentence in found.wrong] + [f"odd: {sentence}" for sentence in found.odd]
-    console.result(values, "\n".join(lines + ([] if found.wrong else ["nothing wrong found"])))
+    lines += [f"ERROR: {sentence}" for sentence in found.wrong] + [f"warning: {sentence}" for sentence in found.odd]
+    console.result(values, "\n".join(lines + ([] if found.wrong else ["no errors found"])))
     if args.preview is not None:
         from iclnuim.report.preview import draw_preview
 
@@ -229,8 +231,8 @@ def configure_pack(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="a finished sequence")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: DIR.tar.gz")
     parser.add_argument("--licence", choices=tuple(LICENCES), default="CC-BY-4.0", help="default: %(default)s")
-    parser.add_argument("--author", default="", help="who is to be named")
-    parser.add_argument("--no-preview", action="store_true", help="leave preview.png and preview.mp4 out")
+    parser.add_argument("--author", default="", help="name of the author in the archive")
+    parser.add_argument("--no-preview", action="store_true", help="leave out preview.png and preview.mp4")
     common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz").set_defaults(run=_pack)
 
 

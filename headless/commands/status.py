@@ -1,4 +1,4 @@
-"""`iclnuim status DIR`: what is done in an output folder and what is missing, read from the files alone."""
+"""`iclnuim status DIR`: reports what is finished in an output folder and what is missing, from its files alone."""
 
 import argparse
 import json
@@ -17,8 +17,8 @@ from ..options import Console, common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="what --out of `iclnuim render` or `make` was")
-    frames = "which frames count, as a Python slice; default: those asked for"
+    parser.add_argument("folder", type=Path, metavar="DIR", help="output folder of `iclnuim render` or `make`")
+    frames = "frames to count, as a Python slice; default: those of the recorded command"
     parser.add_argument("--frames", metavar="A:B:S", help=frames)
     common(parser, "iclnuim status out/living_room/kt2")
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     lines = [
         f"{values['folder']}: {values['sequence']}, {values['finished']} of {values['frames']} frames rendered, "
         f"{values['in_sequences']} of them in the sequences, {missing}",
-        f"works on it: {values['holder'] or 'no local command'}",
+        f"working on it: {values['holder'] or 'no local command'}",
     ]
     if values["queue"] is not None:
         lines.append(f"in Slurm's queue: {values['queue']}; logs: {values['folder']}/.farm/slurm")
@@ -45,28 +45,28 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def state(folder: Path, frames: str | None) -> dict:
-    """Without `frames` those that the recorded command asked for count. Raises InputError for a folder without a run."""
+    """State of a run. Without `frames`, the frames of the recorded command count. Raises InputError for a folder without a run."""
     plan: RunPlan | None = None
-    with suppress(InputError):  # None where nothing that can be read is recorded
+    with suppress(InputError):  # None without a readable record
         plan = read_plan(find_run(folder))
     places = [place for place in (folder, folder / "raw") if (place / "sequence.json").is_file()]
     made: set[int] = set()
     if places:
         run = read_run(places[0])
         raw, job = run.path, RenderJob.from_dict(run.recipe["job"])
-        asked = plan.numbers if frames is None and plan else frame_slice(frames or "::", len(load_trajectory(job)))
-        if raw.name == "raw":  # frames that the journals of both sequences beside it name
+        numbers = plan.numbers if frames is None and plan else frame_slice(frames or "::", len(load_trajectory(job)))
+        if raw.name == "raw":  # frames listed in the journals of both sequences in the folder above
             names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)
             journals = [raw.parent / name / "frames.jsonl" for name in names]
-            made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(asked)
-        missing = run.missing([n for n in asked if n not in made])
-    elif plan is not None and frames is None:  # it waits in a queue: there is no recipe yet
-        raw, job, asked, missing = plan.raw, plan.job, plan.numbers, list(plan.numbers)
+            made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(numbers)
+        missing = run.missing([n for n in numbers if n not in made])
+    elif plan is not None and frames is None:  # it waits in a queue and has no recipe yet
+        raw, job, numbers, missing = plan.raw, plan.job, plan.numbers, list(plan.numbers)
     else:
         expected = "a folder with a run begun by `iclnuim render` or `make`"
         raise InputError(expected, path=folder, found="no sequence.json")
     queue, holder = None, None
-    with suppress(WorkError):  # None where nothing was submitted, or no Slurm answers
+    with suppress(WorkError):  # None if nothing was submitted, or Slurm does not answer
         if jobs := slurm.recorded(raw):
             queue = slurm.counted(slurm.in_queue(jobs)) or "nothing"
     with suppress(OSError, ValueError, KeyError, TypeError):
@@ -75,8 +75,8 @@ def state(folder: Path, frames: str | None) -> dict:
     return {
         "folder": str(raw),
         "sequence": job.sequence,
-        "frames": len(asked),
-        "finished": len(asked) - len(missing),
+        "frames": len(numbers),
+        "finished": len(numbers) - len(missing),
         "in_sequences": len(made),
         "missing": len(missing),
         "missing_frames": missing,
@@ -88,6 +88,6 @@ def state(folder: Path, frames: str | None) -> dict:
 
 
 def _held_out(plan: RunPlan) -> dict:
-    """The state of the views' own run; {} before it has begun."""
+    """State of the run of the held-out views; {} before it has begun."""
     folder = plan.out / held_out.FOLDER
     return state(folder, None) if (folder / "raw/sequence.json").is_file() else {}

@@ -1,4 +1,4 @@
-"""`iclnuim stress`: where methods fail: frames perturbed step by step, every method on each, figures and heat maps."""
+"""`iclnuim stress`: measures where methods fail: runs every method on frames perturbed with increasing severity, and writes figures and heat maps."""
 
 import argparse
 import os
@@ -21,39 +21,46 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     help = "clean sequences with ground truth; default: out/living_room/kt2/clean out/office/kt1/clean"
     add("folders", type=Path, nargs="*", metavar="DIR", help=help)
-    add("--list", action="store_true", help="one perturbation a line with its five severities, and nothing else")
-    help = "perturbations (default), or corruptions: those of SLAM-under-Perturbation"
+    add("--list", action="store_true", help="only list the perturbations, one per line, with their five severities")
+    help = "perturbations (default), or corruptions, which are those of SLAM-under-Perturbation"
     add("--scale", default="perturbations", metavar="NAME", help=help)
     add("-o", "--out", type=Path, default=Path("out/stress"), metavar="OUT", help="default: out/stress")
-    help = "perturbations whose name holds this, such as `holes`; several times; default: all"
+    help = "only perturbations whose name contains TEXT, such as `holes`; may be given several times; default: all"
     add("--only", action="append", default=[], metavar="TEXT", help=help)
     add("--severities", type=_severities, default=_SEVERITIES, metavar="K,K", help="such as 1,2,5; default: all five")
-    help = "an odometer, or those whose name holds this, such as `baseline`; several times; default: all that are installed"
+    help = (
+        "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several times; "
+        "default: all that are installed"
+    )
     add("--methods", action="append", default=[], metavar="TEXT", help=help)
-    help = "also a system of `iclnuim run`, such as orbslam3; several times"
+    help = "also run a system of `iclnuim run`, such as orbslam3; may be given several times"
     add("--system", action="append", default=[], metavar="SYSTEM", help=help)
-    add("--set", action="append", default=[], metavar="SYSTEM.NAME=VALUE", help="an option of a system, several times")
-    add("--runs", type=count, default=5, metavar="N", help="of each system of others on each stretch; default: 5")
-    add("--preset", default="best", help="of ours: best (default) or paper")
-    add("--frames", type=count, metavar="N", help="of a stretch; default: 120")
-    add("--starts", type=count, metavar="N", help="only the first N stretches of each sequence; default: all three")
-    add("--workers", type=count, metavar="N", help="processes; default: one a core")
-    add("--report-only", action="store_true", help="table and pages of what is there, without making any cell")
-    help = "by third-party odometers alone: how much errors grow at severities 1 and 2, how many fail at 5"
+    help = "an option of a system; may be given several times"
+    add("--set", action="append", default=[], metavar="SYSTEM.NAME=VALUE", help=help)
+    help = "number of runs of each third-party system on each segment; default: 5"
+    add("--runs", type=count, default=5, metavar="N", help=help)
+    add("--preset", default="best", help="preset of our odometers: best (default) or paper")
+    add("--frames", type=count, metavar="N", help="number of frames of a segment; default: 120")
+    add("--starts", type=count, metavar="N", help="only the first N segments of each sequence; default: all three")
+    add("--workers", type=count, metavar="N", help="number of processes; default: one per core")
+    add("--report-only", action="store_true", help="table and pages of the existing cells; measure nothing")
+    help = (
+        "print, for third-party odometers only, by how much errors grow at severities 1 and 2, and how many fail at 5"
+    )
     add("--calibration", action="store_true", help=help)
-    add("--plot", type=Path, metavar="FILE", help="heat maps of all methods as a picture (.png, .pdf, .svg)")
+    add("--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)")
     common(parser, "iclnuim stress out/living_room/kt2/clean --only holes --only noise --starts 1")
 
 
 def _severities(text: str) -> tuple[int, ...]:
     found = tuple(sorted({int(part) for part in text.split(",")}))
     if not set(found) <= set(_SEVERITIES):
-        raise argparse.ArgumentTypeError(f"expected numbers of {_SEVERITIES[0]} to {_SEVERITIES[-1]}, found {text!r}")
+        raise argparse.ArgumentTypeError(f"expected numbers from {_SEVERITIES[0]} to {_SEVERITIES[-1]}, found {text!r}")
     return found
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
-    """Exit code 0 also where methods failed: their cells say so."""
+    """Exit code 0 even if methods failed: their cells report the failures."""
     require("stress", "numba", "cv2")
     from ..stress.plan import SCALES, read_plan
 
@@ -64,7 +71,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         values = {name: p.to_dict() for name, p in plan.perturbations.items()}
         console.result(values, plan.table())
         return
-    # before Open3D is loaded, whose results change with the number of threads
+    # set before Open3D is loaded, as its results depend on the number of threads
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     from ..stress import pages
     from ..stress.matrix import Base, Matrix
@@ -95,7 +102,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         matrix.run(args.workers or cores(), progress.advance)
     summary = Summary.of(matrix)
     if not summary.cells:
-        raise WorkError(f"{args.out}: no cells", hint="the same command without --report-only")
+        raise WorkError(f"{args.out}: no measured cells", hint="the same command without --report-only")
     pages.write(summary, args.out)
     console.note(f"{args.out / 'stress.html'} written")
     if args.plot:
@@ -106,14 +113,14 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
-    """Names of the registry; those whose packages are missing are left out, with a note."""
+    """Names of the requested odometers; those whose packages are missing are left out, with a note."""
     texts = args.methods or [""]
     exact = {text for text in texts if text in NAMES}  # icp is also part of icp_rgbd
-    wanted = [name for name in NAMES if name in exact or any(text in name for text in texts if text not in exact)]
-    if not wanted:
+    selected = [name for name in NAMES if name in exact or any(text in name for text in texts if text not in exact)]
+    if not selected:
         raise InputError(f"part of a name of {', '.join(NAMES)}", setting="--methods", found=args.methods[0])
     found = []
-    for name in wanted:
+    for name in selected:
         try:
             odometer(name, args.preset)
             found.append(name)
@@ -123,7 +130,7 @@ def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
 
 
 def _systems(args: argparse.Namespace) -> tuple[System, ...]:
-    """Of --system, with the options that --set gives each."""
+    """The systems of --system, with the options of --set."""
     options: dict[str, dict[str, str]] = {name: {} for name in args.system}
     for text in args.set:
         key, sign, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""`iclnuim surface SCENE`: the scene as a surface model, whole or what a trajectory saw of it."""
+"""`iclnuim surface SCENE`: exports the scene as a surface model: all of it, or what a trajectory saw."""
 
 import argparse
 from pathlib import Path
@@ -22,13 +22,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}")
     add = parser.add_argument
     add("-o", "--out", type=Path, metavar="MODEL", help=".ply, or .obj with .mtl and textures; default: SCENE.ply")
-    seen_by = "only what is seen along it: kt2, office/kt0 or a file; may be given several times"
+    seen_by = "only what this trajectory saw: kt2, office/kt0 or a file; may be given several times"
     add("--seen-by", action="append", metavar="TRAJECTORY", help=seen_by)
-    add("--every", type=int, default=10, metavar="N", help="of --seen-by: every Nth pose; default: 10")
-    cell = "of --seen-by: longest edge of the pieces that are seen or not, in metres; default: 0.05"
+    add("--every", type=int, default=10, metavar="N", help="for --seen-by: use every Nth pose; default: 10")
+    cell = "for --seen-by: longest edge of the pieces whose visibility is tested, in metres; default: 0.05"
     add("--cell", type=float, default=0.05, metavar="M", help=cell)
-    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="of --seen-by; default: 640x480 and the paper's K")
-    without = "leave out an object, or a class such as backdrop"
+    help = "camera of --seen-by; default: 640x480 and the paper's K"
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
+    without = "leave out an object, or a class such as backdrop; may be given several times"
     add("--without", action="append", default=[], metavar="NAME", help=without)
     add_scene_options(parser)
     common(parser, "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop")
@@ -38,20 +39,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> None:
     out = args.out or Path(f"{Path(args.scene).stem}.ply")
     if out.suffix.lower() not in WRITERS:
-        raise InputError("a model's name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
+        raise InputError("a file name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
     if args.every < 1 or not args.cell > 0:
         raise InputError("--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}")
     poses = [poses_of(name, args.scene)[:: args.every] for name in args.seen_by or ()]
     camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
     model = _model(args)
     if not len(model):
-        raise InputError("something of the scene left", found="--without everything")
+        raise InputError("at least one object of the scene", found="all objects left out by --without")
     whole_m2 = float(model.area_m2().sum())
     if poses:
         model = _seen(model, camera, poses, args.cell, console)
         if not len(model):
-            what = "a trajectory that sees something of the scene"
-            raise InputError(what, found="nothing seen", hint="the scene's own")
+            what = "a trajectory that sees part of the scene"
+            raise InputError(what, found="nothing seen", hint="a trajectory of this scene")
     WRITERS[out.suffix.lower()](out, model)
     area_m2, points_m = float(model.area_m2().sum()), model.corners_m.reshape(-1, 3)
     figures = {
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def poses_of(name: str, scene: str) -> SE3:
-    """The poses (k,) of a shipped trajectory (of that room where it has no other) or of a file."""
+    """The poses (k,) of a shipped trajectory (of the room `scene` if the name gives no room) or of a file."""
     own = name if "/" in name or scene not in shipped.SCENE_NAMES else f"{scene}/{name}"
     path = shipped.trajectory_file(own) if own in shipped.sequence_names() else Path(name)
     return read_trajectory(path).trajectory.T_world_camera

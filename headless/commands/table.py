@@ -1,4 +1,4 @@
-"""`iclnuim table N`: a table of the paper beside our figures: Table I from the shipped trajectories, the others from a benchmark."""
+"""`iclnuim table N`: prints a table of the paper with our figures: Table I from the shipped trajectories, the others from a benchmark."""
 
 import argparse
 from pathlib import Path
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         return
     results = measured(args.out)
     if not results:
-        hint = "iclnuim benchmark makes them; another folder: --out"
+        hint = "iclnuim benchmark, or another folder with --out"
         raise InputError("a benchmark with measured cells", path=args.out, found="none", hint=hint)
     names = [f"table_{args.number}"] + ([] if args.preset == "best" else [f"table_{args.number}_{args.preset}"])
     table = next(table for table in preset_tables(results, args.preset) if table.name == names[-1])

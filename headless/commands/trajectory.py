@@ -1,4 +1,4 @@
-"""`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample. Each says which frame it comes from and goes to."""
+"""`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample. Each action reports the coordinate frames of its input and output."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ from iclnuim.raycast.distance import TriangleDistance
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
 
-#: Routes round obstacles are searched this far beyond the viewpoints.
+#: The planner searches this far beyond the viewpoints for a way around obstacles.
 _DETOUR_M = 2.0
 NAMES = [*shipped.paper_sequences(), *shipped.HARD_SEQUENCES]
 _FILE = "a trajectory file or a folder of POV-Ray camera files"
@@ -35,7 +35,7 @@ _FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True, dest="action")
-    text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was taken"
+    text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was read"
     info = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
     info.add_argument("files", nargs="+", metavar="FILE", help=_FILE)
     _add_reading(info)
@@ -46,39 +46,46 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     plot = action(actions, "plot", text, f"iclnuim trajectory plot {example}", run_plot, json=False)
     plot.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
-    help = "the picture (.png, .pdf or .svg), overwritten"
+    help = "the picture (.png, .pdf or .svg); an existing file is overwritten"
     plot.add_argument("-o", "--out", required=True, metavar="PNG", help=help)
     _add_reading(plot)
     _configure_make(actions)
-    text = "the animation of a scene's camera as a TUM trajectory"
+    text = "write the animation of a scene's camera as a TUM trajectory"
     camera = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
     camera.set_defaults(opens="scene")
     camera.add_argument("scene", metavar="SCENE", help=f"a file: {SCENE_KINDS}")
-    camera.add_argument("-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, here")
-    camera.add_argument("--camera-object", metavar="NAME", help="another camera than the active one")
+    camera.add_argument(
+        "-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, in the working folder"
+    )
+    camera.add_argument("--camera-object", metavar="NAME", help="use this camera instead of the active one")
     renamed(camera, "--camera", "--camera-object")
     camera.add_argument("--force", action="store_true", help="overwrite OUT")
     add_scene_options(camera)
 
 
 def _configure_changes(actions: Actions) -> None:
-    """Those that read a trajectory and write another."""
-    text, example = "turn a trajectory file into another format", "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
+    """Add the actions that read a trajectory and write another."""
+    text, example = (
+        "convert a trajectory file to another format",
+        "iclnuim trajectory convert traj0.gt.freiburg kt0.txt",
+    )
     convert = action(actions, "convert", text, example, partial(_run_change, _restamped), json=False)
     convert.add_argument("source", metavar="IN", help=_FILE)
-    help = "its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
+    help = "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
     convert.add_argument("out", metavar="OUT", help=help)
-    help = "stamps 1 + i / FILE_RATE instead of the file's own"
+    help = "use the stamps 1 + i / FILE_RATE instead of those of the file"
     convert.add_argument("--restamp", action="store_true", help=help)
-    text = "put any trajectory into a scene: a start pose and a uniform scale (equation 2 of the paper)"
+    text = "move any trajectory into a scene with a start pose and a uniform scale (equation 2 of the paper)"
     example = "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 --scale 0.8 -o kt9.txt"
     adopt = action(actions, "adopt", text, example, partial(_run_change, _adopted), json=False)
-    # a start pose may begin with a minus; argparse would take it for an option
+    # a start pose may begin with a minus, which argparse would read as an option
     adopt._negative_number_matcher = re.compile(r"^-[\d.]")
     adopt.add_argument("source", metavar="SOURCE", help="a trajectory file")
-    pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is taken"
+    pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is used"
     adopt.add_argument("--start", required=True, metavar="POSE", help=pose)
-    adopt.add_argument("--scale", type=float, default=1.0, metavar="S", help="of the source's path (default 1)")
+    adopt.add_argument(
+        "--scale", type=float, default=1.0, metavar="S", help="scale of the translations of SOURCE (default 1)"
+    )
     text = "the same motion at another frame rate, by interpolation on SE(3)"
     example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
     resample = action(actions, "resample", text, example, partial(_run_change, _resampled), json=False)
@@ -88,27 +95,30 @@ def _configure_changes(actions: Actions) -> None:
     for parser in (convert, adopt, resample):
         add = parser.add_argument
         if parser is not convert:
-            add("-o", "--out", metavar="OUT", help="default: TUM on standard output")
+            add("-o", "--out", metavar="OUT", help="output file; default: TUM on standard output")
         _add_reading(parser)
-        help = f"instead of the one that OUT's name means: {names}"
+        help = f"format of OUT, instead of the one that its name implies: {names}"
         add("--to", dest="out_format", metavar="FORMAT", help=help)
-        add("--out-unit", type=parse_unit, default=1.0, metavar="UNIT", help="of the output (default m)")
-        add("--start-z", type=float, default=-2.25, metavar="Z", help="start of gt.freiburg and gt.sim (office -2.5)")
+        add("--out-unit", type=parse_unit, default=1.0, metavar="UNIT", help="unit of the output (default m)")
+        help = "z of the start pose in gt.freiburg and gt.sim (default -2.25; office -2.5)"
+        add("--start-z", type=float, default=-2.25, metavar="Z", help=help)
         add("--force", action="store_true", help="overwrite OUT")
 
 
 def _configure_make(actions: Actions) -> None:
-    """Trajectories from their recipes, or one through a user-provided scene, clear of its surfaces."""
+    """Add `make`: trajectories from their recipes, or one through a user-provided scene that keeps clear of its surfaces."""
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
     parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make)
     parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of beside the recipe")
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 3 where the file is not what is made")
-    # a viewpoint may begin with a minus; argparse would take it for an option
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of next to the recipe")
+    help = "write nothing; exit with 3 if a file differs from the trajectory that its recipe makes"
+    parser.add_argument("--check", action="store_true", help=help)
+    # a viewpoint may begin with a minus, which argparse would read as an option
     parser._negative_number_matcher = re.compile(r"^-[\d.]")
-    parser.add_argument("--scene", metavar="NAME|FILE", help="a trajectory through this scene instead of recipes")
+    parser.add_argument("--scene", metavar="NAME|FILE", help="make a trajectory through this scene instead of recipes")
     places = (
-        "places in metres, z up, each with a point to look at; or a file of such lines; or auto:N for N places chosen"
+        "positions in metres, z up, each optionally with a point to look at; or a file with one per line; "
+        "or auto:N, which chooses N positions"
     )
     parser.add_argument("--viewpoints", nargs="+", metavar="X,Y,Z[:X,Y,Z]", help=places)
     add_settings(parser, PlanSettings)
@@ -118,11 +128,12 @@ def _configure_make(actions: Actions) -> None:
 
 def _add_reading(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    names = f"instead of recognising it by name and content: {', '.join(files.FORMATS)}"
+    names = f"format of the input; default: recognised by name and content: {', '.join(files.FORMATS)}"
     add("--from", dest="source_format", metavar="FORMAT", help=names)
-    unit = "of the input: m (default), cm, mm, in, ft or metres as a number"
+    unit = "unit of the input: m (default), cm, mm, in, ft or a number of metres"
     add("--unit", type=parse_unit, default=1.0, metavar="UNIT", help=unit)
-    add("--file-rate", type=float, default=30.0, metavar="HZ", help="of a file that numbers its frames (default 30)")
+    rate = "frame rate of a file that numbers its frames instead of giving stamps (default 30)"
+    add("--file-rate", type=float, default=30.0, metavar="HZ", help=rate)
     renamed(parser, "--fps", "--file-rate", type=float)
 
 
@@ -142,7 +153,7 @@ def run_info(args: argparse.Namespace, console: Console) -> None:
 def _info_text(one: dict) -> str:
     gaps = f"{one['gaps']}, the longest step is {one['longest_gap_s']:.3f} s" if one["gaps"] else "none"
     return f"""{one["file"]}
-  taken as  {one["taken"]["sentence"]}
+  read as   {one["taken"]["sentence"]}
   frames    {one["frames"]} at {one["rate_hz"]:.6g} Hz
   length    {one["length_m"]:.3f} m
   duration  {one["duration_s"]:.3f} s
@@ -158,13 +169,13 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.report import charts as plots  # Matplotlib takes half a second to import
 
     plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
-    console.note(f"{args.out}: {len(loaded)} drawn; gt.freiburg and gt.sim turned z up")
+    console.note(f"{args.out}: {len(loaded)} trajectories drawn; gt.freiburg and gt.sim are rotated z up")
 
 
 def _run_change(
     change: Callable[[argparse.Namespace, Trajectory, Console], Trajectory], args: argparse.Namespace, console: Console
 ) -> None:
-    """Read, change, write; what OUT asks for is known first, so that nothing is read for nothing."""
+    """Read a trajectory, change it, and write it. OUT is checked first, before anything is read."""
     to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
     if args.out:
         _refuse_existing(args.out, args.force)
@@ -186,7 +197,7 @@ def _restamped(args: argparse.Namespace, source: Trajectory, console: Console) -
 def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
     T_world_start, frame = _start_pose(args)
     adopted = trajectories.adopt(source, T_world_start, args.scale)
-    console.note(f"adopted: first pose put on the start pose in {frame}, path scaled by {args.scale:g}")
+    console.note(f"adopted: the first pose is the start pose in {frame}, translations scaled by {args.scale:g}")
     return adopted
 
 
@@ -198,7 +209,7 @@ def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -
 
 
 def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
-    """The pose that --start gives, and the name of its world."""
+    """The pose given by --start, and the name of its world."""
     if os.path.exists(args.start):
         loaded = files.read_trajectory(args.start)
         return loaded.trajectory.T_world_camera[0], loaded.read_as.frame
@@ -209,13 +220,13 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         raise InputError("--start x,y,z,qx,qy,qz,qw or a trajectory file", found=args.start)
     try:
-        return SE3.from_quat_xyzw(numbers[3:], numbers[:3]), "the world it was given in"
+        return SE3.from_quat_xyzw(numbers[3:], numbers[:3]), "the world of --start"
     except InputError as error:
         raise InputError(f"{error.expected} in --start", found=error.found) from None
 
 
 def run_camera(args: argparse.Namespace, console: Console) -> None:
-    """Write the poses, one for each frame of the scene's timeline."""
+    """Write one pose for each frame of the scene's timeline."""
     out = args.out or Path(f"{Path(args.scene).stem}.txt")
     _refuse_existing(out, args.force)
     reading = settings_from(args, SceneReading())
@@ -238,7 +249,7 @@ def run_camera(args: argparse.Namespace, console: Console) -> None:
 
 def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
     if os.path.lexists(out) and not force:
-        raise InputError("a name that is free", path=out, found="an existing file", hint="--force to overwrite it")
+        raise InputError("a new file name", path=out, found="an existing file", hint="--force to overwrite it")
 
 
 def run_make(args: argparse.Namespace, console: Console) -> None:
@@ -258,9 +269,9 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             atomic_write_text(target, text)
         elif not target.is_file():
-            raise WorkError(f"{target}: not there to be checked")
+            raise WorkError(f"{target}: does not exist, so it cannot be checked")
         elif target.read_bytes() != text.encode():
-            raise WorkError(f"{target}: not what its recipe makes")
+            raise WorkError(f"{target}: differs from the trajectory that its recipe makes")
         figures = asdict(trajectories.statistics(motion.trajectory))
         made.append({"name": name, "file": str(target), "scale": motion.scale, **figures})
     rows = [f"{'':16}{'frames':>8}{'length':>9}{'mean':>8}{'max':>7} m/s{'mean':>8}{'max':>7} deg/s   scale"]
@@ -273,7 +284,7 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
 
 
 def tum_text(made: Trajectory) -> str:
-    """A TUM file of 1e-6 m and 1e-7 in the quaternion: few enough digits that processors' last bits do not show."""
+    """A TUM file with 1e-6 m and 1e-7 in the quaternion: so few digits that rounding differences between processors do not appear."""
     rows = np.column_stack([made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]).tolist()
     line = "%.6f %.6f %.6f %.6f %.7f %.7f %.7f %.7f\n"
     text = "".join([line % tuple(row) for row in rows])
@@ -281,7 +292,7 @@ def tum_text(made: Trajectory) -> str:
 
 
 def _places(name: str, out: Path | None) -> tuple[Path, Path]:
-    """The recipe's file and the trajectory's, for `kt2`, `office/kt0` or a recipe file."""
+    """The file of the recipe and that of the trajectory, for `kt2`, `office/kt0` or a recipe file."""
     known = f"living_room/{name}" if f"living_room/{name}" in NAMES else name
     if known in NAMES:
         folder = shipped.folder("trajectories")
@@ -293,7 +304,7 @@ def _places(name: str, out: Path | None) -> tuple[Path, Path]:
 
 
 def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
-    """Write NAME.txt, the TUM file, and NAME.json, its recipe."""
+    """Plan a trajectory through a scene; write it as NAME.txt (TUM) and its recipe as NAME.json."""
     if not args.scene or not args.viewpoints or args.recipes:
         raise InputError("--scene and --viewpoints together, and no recipe", hint="--viewpoints auto:6")
     settings = settings_from(args, PlanSettings())
@@ -312,7 +323,7 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
         shape = shape_of(found.vertices, found.triangles)
         if not is_plausible(shape.extent, "z"):
             size = " x ".join(f"{x:.3g}" for x in shape.extent)
-            hint = "another {unit_m}, or places of your own"
+            hint = "another {unit_m}, or explicit viewpoints"
             raise InputError("a scene of the size of a room or building", found=f"{size} m", hint=hint)
         low, high = np.maximum(shape.low - 0.5, found.vertices.min(0)), shape.low + shape.extent + 0.5
         space = FreeSpace.between(low, np.minimum(high, found.vertices.max(0)), clearance)
@@ -353,7 +364,7 @@ def _waypoints(texts: list[str]) -> list[Waypoint]:
 
 
 def _waypoint(text: str, path: str | None = None, line: int | None = None) -> Waypoint:
-    """`x,y,z`, `x,y,z:x,y,z`, with spaces for commas in files; a seventh number is seconds of rest."""
+    """Parse `x,y,z` or `x,y,z:x,y,z`; files may have spaces instead of commas. A seventh number is a pause in seconds."""
     try:
         numbers = [float(part) for part in re.split(r"[,:\s]+", text.strip())]
     except ValueError:

@@ -15,7 +15,7 @@ from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.held_out import check_held_out, choose_held_out
 
-from ..isolation import opened_scene, survived
+from ..isolation import opened_scene, run_isolated
 from ..options import Console
 from .chunks import numbers_text
 from .run_plan import RunPlan
@@ -35,7 +35,7 @@ def prepare(plan: RunPlan, console: Console) -> None:
         there = read_json(record)
         refuse_other("set of views", record, {key: there.get(key) for key in asked}, asked, "another {out}")
         return
-    survived(partial(_make, plan, asked, console), plan.job.scene)
+    run_isolated(partial(_make, plan, asked, console), plan.job.scene)
 
 
 def views_plan(plan: RunPlan) -> RunPlan:

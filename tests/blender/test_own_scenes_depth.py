@@ -206,13 +206,13 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, co
 def test_a_crash_of_blender_becomes_words():
     program = (
         "import os, signal, sys\n"
-        "from iclnuim.headless.isolation import survived\n"
+        "from iclnuim.headless.isolation import run_isolated\n"
         "from iclnuim.errors import InputError, WorkError\n"
         "def crash(): os.kill(os.getpid(), signal.SIGSEGV)\n"
         "def refuse(): raise InputError('a scene', path='b.obj')\n"
-        "assert survived(lambda: 3, 'a.obj') == 3\n"
+        "assert run_isolated(lambda: 3, 'a.obj') == 3\n"
         "for work in (crash, refuse):\n"
-        "    try: survived(work, 'a.blend')\n"
+        "    try: run_isolated(work, 'a.blend')\n"
         "    except Exception as error: print(error.exit_code, error)\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)

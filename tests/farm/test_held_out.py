@@ -39,7 +39,9 @@ def test_a_number_a_shipped_trajectory_or_a_file_is_asked_for(tmp_path):
     assert plan_of(tmp_path, "--held-out", "12").held_out == "12"
     assert plan_of(tmp_path, "--held-out", "kt1").held_out == "living_room/kt1"
     assert plan_of(tmp_path, "--held-out", "views.txt").held_out.endswith("/views.txt")
-    with pytest.raises(InputError, match="held_out: expected a number of views from 1 up, or a trajectory, found 0"):
+    with pytest.raises(
+        InputError, match="held_out: expected a number of views of at least 1, or a trajectory, found 0"
+    ):
         plan_of(tmp_path, "--held-out", "0")
 
 

@@ -310,4 +310,4 @@ def test_an_assumed_camera_is_named_before_the_work(sequence, icl):
             )
     fused = icl("fuse", sequence, "-o", "box.ply", "--frames", ":2")
     assert fused.returncode == 0, fused.stderr
-    assert fused.stderr.index("the benchmark's camera is taken") < fused.stderr.index("fuse:")
+    assert fused.stderr.index("the benchmark's camera is assumed") < fused.stderr.index("fuse:")

@@ -73,7 +73,7 @@ def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_pat
     assert found["wrong"] == [] and found["figures"]["pairs"] == 3
     (tmp_path / "noisy/rgb/000001.png").write_bytes(b"")
     assert main(["inspect", noisy]) == 2
-    assert "WRONG: " in capsys.readouterr().out
+    assert "ERROR: " in capsys.readouterr().out
     assert main(["noise", clean, str(tmp_path / "x")]) == 2
     assert "expected a noise" in capsys.readouterr().err
 

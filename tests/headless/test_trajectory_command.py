@@ -117,7 +117,7 @@ def test_an_existing_file_is_kept_unless_forced(run, walk, tmp_path):
     out = tmp_path / "out.txt"
     out.write_text("precious")
     for arguments in (["convert", walk, out], ["resample", walk, "--rate", 60, "-o", out]):
-        assert_refused(run(*arguments), f"{out}: expected a name that is free", "--force")
+        assert_refused(run(*arguments), f"{out}: expected a new file name", "--force")
         assert out.read_text() == "precious"
     assert run("convert", walk, out, "--force")[0] == 0
     assert len(read_trajectory(out).trajectory) == 61

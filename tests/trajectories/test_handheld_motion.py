@@ -187,9 +187,9 @@ def test_the_command_makes_checks_and_says_what_is_other(repository, tmp_path, c
     assert made.read_bytes() == (repository / "trajectories/living_room/kt1.txt").read_bytes()
     made.write_text(made.read_text().replace("1", "2", 1))
     assert cli.main(["trajectory", "make", "kt1", "--out", str(tmp_path), "--check"]) == 3
-    assert "kt1.txt: not what its recipe makes" in capsys.readouterr().err
+    assert "kt1.txt: differs from the trajectory that its recipe makes" in capsys.readouterr().err
     assert cli.main(["trajectory", "make", "office/kt1", "--out", str(tmp_path), "--check"]) == 3
-    assert "not there to be checked" in capsys.readouterr().err
+    assert "does not exist" in capsys.readouterr().err
 
 
 def test_the_command_takes_ones_own_recipe_and_refuses_other_things(recipe_of, tmp_path, capsys):
