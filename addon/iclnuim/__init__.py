@@ -1,7 +1,7 @@
 """ICL-NUIM rebuilt: the library `import iclnuim`, and at the same time the Blender extension "ICL-NUIM Export".
 
-Importing it loads none of numpy, SciPy, Matplotlib, numba and Blender: a public name is imported when it is first used. docs/python.md
-shows the names at work.
+Importing it does not load numpy, SciPy, Matplotlib, numba or Blender: a public name is imported at its first use. docs/python.md shows
+examples.
 """
 
 import ast
@@ -89,16 +89,16 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        """A public name, from the module where it lives. Raises ImportError, in one line, where a package that it needs is missing."""
+        """Import a public name from its module. Raises ImportError, in one line, if a required package is missing."""
         if name not in _PLACES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         module, attribute = _PLACES[name]
         try:
             value = getattr(import_module(f".{module}", __name__), attribute)
         except ModuleNotFoundError as error:
-            text = f"needs {error.name}; try: pip install {error.name}"
+            text = f"needs the package {error.name}; try: pip install {error.name}"
             if (error.name or "").startswith(f"{__name__}."):
-                text = "is not part of the Blender extension; try: pip install iclnuim, in a Python of its own"
+                text = "is not part of the Blender extension; try: pip install iclnuim, in a separate Python"
             raise ImportError(f"iclnuim.{name} {text}") from None
         globals()[name] = value
         return value
@@ -118,7 +118,7 @@ _PLACES = {
 
 
 def register() -> None:
-    """Called by Blender when the extension is switched on. Raises InputError below Blender 4.2."""
+    """Called by Blender when the extension is enabled. Raises InputError for a Blender older than 4.2."""
     from .blender import compat
 
     compat.require_supported_version()
@@ -128,7 +128,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Called by Blender when the extension is switched off: nothing stays behind."""
+    """Called by Blender when the extension is disabled. Removes everything that register() added."""
     from . import ui
 
     ui.unregister()

@@ -1,4 +1,4 @@
-"""Packages that lie elsewhere in a checkout of the repository: headless/ without an installation, tools/ and blend/builder/ in any case."""
+"""Imports packages from other folders of a repository checkout: headless/ if it is not installed, tools/ and blend/builder/ always."""
 
 import importlib
 import importlib.util
@@ -14,7 +14,7 @@ _FOLDERS = {"iclnuim.headless": "headless", "iclnuim.tools": "tools", "iclnuim.b
 
 
 def load(name: str, what: str) -> ModuleType:
-    """Import the package `name`, from an installation or from the checkout. Raises WorkError, naming `what` needs it, where it is in neither."""
+    """Import the package `name` from an installation or from the checkout. If it is in neither, raises WorkError that `what` needs a checkout."""
     with_parent = name.rpartition(".")[0]
     try:
         if with_parent != "iclnuim":

@@ -1,4 +1,4 @@
-"""What can go wrong, said in one line: what, where, expected, found, and what to try."""
+"""Errors that are reported in one line: where, what, expected, found, and what to try."""
 
 import copy
 import os
@@ -10,7 +10,7 @@ from collections.abc import Callable
 class IclnuimError(Exception):
     """Base of every error that a user should read as one line instead of a traceback: `MESSAGE; try HINT`.
 
-    In a hint, `{name}` stands for the setting of that name; `worded` puts what a user calls it: an option, or a label in the panel.
+    In a hint, `{name}` is a placeholder for the setting of that name; `worded` replaces it by the user's name of it: an option or a label.
     """
 
     exit_code = 3
@@ -22,20 +22,20 @@ class IclnuimError(Exception):
         return self.worded()
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
-        """The message, with settings called as `name_of` does."""
+        """The message; `name_of` returns the name of each setting."""
         return self.message + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
     @property
     def template(self) -> str:
-        """The message with `{name}` for each setting, for a process that words it with `named`."""
+        """The message with a placeholder `{name}` for each setting, for a process that replaces them with `named`."""
         return self.worded("{{{}}}".format)
 
 
 class InputError(IclnuimError):
-    """A file, setting or array that cannot be used as it is (exit code 2).
+    """A file, setting or array that is invalid (exit code 2).
 
-    The message reads `FILE:LINE: SETTING: expected E, found F; try HINT`; every part but `expected` may be left out. In `expected` too,
-    `{name}` stands for a setting.
+    The message is `FILE:LINE: SETTING: expected E, found F; try HINT`. Every part except `expected` is optional. `expected` may also
+    contain placeholders `{name}` for settings.
     """
 
     exit_code = 2
@@ -54,7 +54,7 @@ class InputError(IclnuimError):
         super().__init__(expected, hint=hint)
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
-        """The message, with settings called as `name_of` does."""
+        """The message; `name_of` returns the name of each setting."""
         place = "" if self.path is None else f"{os.fspath(self.path)}{'' if self.line is None else f':{self.line}'}: "
         what = "" if self.setting is None else f"{name_of(self.setting)}: "
         text = f"{place}{what}expected {named(self.expected, name_of)}"
@@ -64,7 +64,7 @@ class InputError(IclnuimError):
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
     def at(self, path: str | os.PathLike[str]) -> "InputError":
-        """The same error in that file, or part of one; a path that it has is a place in there."""
+        """The same error with `path` as its file. If the error has a path already, that path is appended as a place inside the file."""
         path = path if self.path is None else f"{os.fspath(path)}: {os.fspath(self.path)}"
         moved = copy.copy(self)
         moved.path = path
@@ -72,11 +72,11 @@ class InputError(IclnuimError):
 
 
 class WorkError(IclnuimError):
-    """Work that was well described but could not be done: a render, a write, a worker (exit code 3)."""
+    """Valid input, but the work failed: a render, a write, a worker (exit code 3)."""
 
 
 def blender_missing(what: str, error: ImportError) -> WorkError:
-    """The error of `what` where Blender's Python package bpy could not be imported, with what to do about it in this Python."""
+    """The error for `what` if Blender's Python package bpy cannot be imported, with a hint for this version of Python."""
     if isinstance(error, ModuleNotFoundError) and error.name == "bpy":
         return WorkError(f"{what} needs Blender's Python package bpy", hint=how_to_get_bpy())
     text = f"{what} needs Blender's Python package bpy, which cannot be imported: {error}"
@@ -84,7 +84,7 @@ def blender_missing(what: str, error: ImportError) -> WorkError:
 
 
 def how_to_get_bpy() -> str:
-    """What to do for bpy in this Python: Python 3.11 has 4.5 LTS, Python 3.13 has 5.2 LTS, other versions have none that we support."""
+    """How to install bpy in this Python: 4.5 LTS for Python 3.11, 5.2 LTS for Python 3.13; there is no supported bpy for other versions."""
     version = {(3, 11): "4.5", (3, 13): "5.2"}.get(sys.version_info[:2])
     if version:
         return f"pip install 'bpy=={version}.*'"
@@ -92,5 +92,5 @@ def how_to_get_bpy() -> str:
 
 
 def named(text: str, name_of: Callable[[str], str] = str) -> str:
-    """The text with every `{name}` of a setting replaced by what `name_of` calls it."""
+    """The text with every placeholder `{name}` of a setting replaced by `name_of(name)`."""
     return re.sub(r"\{([a-z_]+)\}", lambda found: name_of(found[1]), text)

@@ -1,4 +1,4 @@
-"""The frozen description of a render job <-> JSON: the one contract between panel, farm and worker."""
+"""The frozen description of a render job, to and from JSON. Panel, farm and worker exchange jobs in this form."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -15,21 +15,21 @@ from .sensor.exposure import Exposure
 from .settings import Settings, declared, same_as, setting
 
 SCHEMA_VERSION = 1
-#: Effective settings where a job names none. Few samples do for baked light: only reflections and glass are sampled.
+#: Values of settings that a job does not set. Baked light needs few samples: only reflections and glass are sampled.
 LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples": 1, "denoise": False}}
 #: Core-seconds that a bake of 2048 x 2048 texels with 32 samples takes in the living room (docs/farm.md).
 _BAKE_CORE_S = 1110.0
-#: A light map's folder: the map, where each surface lies in it, what it was made from.
+#: Files in the folder of a light map: the map, the layout of the surfaces in it, and what it was baked from.
 LIGHT_FILES = ("light.exr", "layout.npz", "recipe.json")
 
 
 @dataclass(frozen=True)
 class RenderJob(Settings):
-    """What decides the pixels of a run, and nothing else (frames asked for, folder and threads do not).
+    """All settings that determine the pixels of a run, and nothing else: not the requested frames, the folder or the threads.
 
     `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as `living_room/kt2` or a file.
-    `reading`: axes and units of a scene file. It, `ground_truth` and `glass` are left out of the recipe where nothing is asked for, so
-    that runs from before they were there keep theirs.
+    `reading`: axes and units of a scene file. `reading`, `ground_truth` and `glass` are left out of the recipe if they have their default
+    values, so that the recipes of older runs stay the same.
     """
 
     group: ClassVar[str] = "a render job"
@@ -43,33 +43,33 @@ class RenderJob(Settings):
         "how light is computed",
         choices={
             "baked": "diffuse light from a map that is baked once per scene; reflections and glass are traced",
-            "path": "every frame path traced in full; slow, follows moving things",
-            "auto": "user-provided scenes: the one that ends sooner, the default of the command line; built-in scenes: baked",
+            "path": "every frame is fully path traced; slow, correct for moving objects",
+            "auto": "user-provided scenes: whichever takes less time, the default of the command line; built-in scenes: baked",
         },
         source="baked: paper, section III",
     )
     samples: int | None = setting(None, "rays per pixel; default: 1 baked, 64 path traced", low=1, high=65536)
-    denoise: bool | None = setting(None, "OpenImageDenoise; default: for path tracing, where this Blender has it")
+    denoise: bool | None = setting(None, "OpenImageDenoise; default: on for path tracing if this Blender has it")
     antialias: bool = setting(
-        False, "filter RGB over 1.5 pixels; Z stays that of the pixel's centre", source="off in the paper, section II"
+        False, "filter RGB over 1.5 pixels; Z is still that of the pixel centre", source="off in the paper, section II"
     )
-    lambertian: bool = setting(False, "leave reflections out")
+    lambertian: bool = setting(False, "render without reflections")
     map_size: int = setting(2048, "side of the light map", unit="texels", low=16, high=16384)
-    map_samples: int = setting(32, "samples per texel of the light map, and per source of light", low=2, high=65536)
+    map_samples: int = setting(32, "samples per texel of the light map and per light source", low=2, high=65536)
     seed: int = setting(0, "seed of Cycles' samples and of the noise", low=0, high=2**31 - 1)
     exposure_s: float = same_as(Exposure, "exposure_s")
     readout_s: float = same_as(Exposure, "readout_s")
     reading: SceneReading = field(default_factory=SceneReading)
     ground_truth: bool = setting(
-        False, "also instances, classes and normals of every pixel, and objects.json (docs/ground_truth.md)"
+        False, "also write instances, classes and normals of every pixel, and objects.json (docs/ground_truth.md)"
     )
     glass: str = setting(
         "surface",
-        "depth where a pane (a Transparent BSDF) is seen",
+        "depth of pixels that show a pane of glass (a Transparent BSDF)",
         choices={
-            "surface": "that of the pane, as in the original",
-            "none": "0, a hole, as most real sensors have there",
-            "behind": "that of what is seen through it",
+            "surface": "depth of the pane, as in the original",
+            "none": "0 (missing), as most real sensors measure",
+            "behind": "depth of the surface seen through the pane",
         },
     )
 
@@ -81,14 +81,16 @@ class RenderJob(Settings):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, declaration in known.items():
-            declaration.checked(getattr(self, name))  # the value stays as the recipe has it: 0 does not become 0.0
+            declaration.checked(
+                getattr(self, name)
+            )  # the value keeps the type it has in the recipe: 0 does not become 0.0
         for name in ("sequence", "scene", "trajectory"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InputError("text", setting=name, found=getattr(self, name))
 
     @property
     def exposure(self) -> Exposure:
-        """The shutter."""
+        """The exposure and readout time of the shutter."""
         return Exposure(self.exposure_s, self.readout_s)
 
     def to_dict(self) -> dict[str, Any]:
@@ -109,7 +111,7 @@ class RenderJob(Settings):
         return super().from_dict(content)
 
     def changed(self, **settings: Any) -> "RenderJob":
-        """The same job with other settings; None means unchanged. A change of light takes that light's own defaults."""
+        """The same job with other settings; None means unchanged. If `light` changes, samples and denoise get the defaults of the new value."""
         settings = {key: value for key, value in settings.items() if value is not None}
         if settings.get("light", self.light) != self.light:
             settings = {"samples": None, "denoise": None, **settings}
@@ -117,16 +119,16 @@ class RenderJob(Settings):
 
 
 def bake_core_s(job: RenderJob) -> float:
-    """Core-seconds that the light map of a job takes, from its texels and samples, those of the coarse map included; estimated, scenes differ."""
+    """Estimated core-seconds to bake the light map of a job, from its texels and samples and those of the coarse map. Scenes differ."""
     fine, coarse = job.map_size**2 * job.map_samples, min(1024, job.map_size) ** 2 * 16
     return (
         _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
-    )  # lamps and one bounce, and three more
+    )  # fine map: lamps and one bounce; coarse map: lamps and three bounces
 
 
 def shipped_light(job: RenderJob) -> Path | None:
-    """The folder of the light that travels with the job's room, whatever the seed; None for other scenes and settings of maps, and where the
-    room's file is another than that which was baked.
+    """The folder of the light map that is shipped with the job's built-in scene, for any seed. None for other scenes, for other settings of the
+    map, and if the scene's file is not the one that was baked.
     """
     if job.scene not in shipped.SCENE_NAMES or job.lambertian:
         return None
@@ -141,15 +143,15 @@ def shipped_light(job: RenderJob) -> Path | None:
 
 
 def shipped_job(sequence: str) -> RenderJob:
-    """The job of `kt2`, `office/kt0`..."""
+    """The job of a built-in sequence, such as `kt2` or `office/kt0`."""
     name = shipped.full_name(sequence)
     return RenderJob(sequence=name, scene=name.split("/")[0], trajectory=name)
 
 
 def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
-    """A recipe file (or a run's sequence.json). Its paths are relative to it and may not leave its folder.
+    """The job of a recipe file (or of a run's sequence.json). Its paths are relative to the file and may not leave its folder.
 
-    Raises InputError with the file's name for anything that does not fit.
+    Raises InputError with the file's name for invalid content.
     """
     path = Path(path)
     content = read_json(path)
@@ -168,12 +170,12 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
 
 
 def _inside(recipe: Path, name: str, shipped_names: Iterable[str]) -> str:
-    """A shipped name stays; a path is taken from the recipe's folder, which it may not leave."""
+    """A shipped name is returned unchanged. A path is relative to the recipe's folder and may not leave it."""
     if name in shipped_names:
         return name
     folder = recipe.resolve().parent
     target = (folder / name).resolve()
     if not target.is_relative_to(folder):
-        hint = "moving the file beside the recipe"
+        hint = "moving the file into the recipe's folder"
         raise InputError("paths inside the recipe's own folder", path=recipe, found=name, hint=hint)
     return str(target)

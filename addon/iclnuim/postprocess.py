@@ -1,4 +1,4 @@
-"""Noise, sequences and trajectory error for use from Python, in Blender or out of it: one thin module over the library.
+"""Noise, sequences and trajectory error for use from Python, inside or outside Blender: a thin layer over the library.
 
 from iclnuim import postprocess
 postprocess.make_sequence("out/living_room/kt2/raw", "noisy", depth_noise="released", rgb_noise="released", seed=1)
@@ -34,10 +34,10 @@ def noisy_depth(
     frame: int = 0,
     settings: Settings | None = None,
 ) -> np.ndarray:
-    """Planar depth (h, w) in metres, 0 = missing, -> the same with the noise of a sensor model, float32.
+    """Add the noise of a sensor model to planar depth (h, w) in metres, 0 = missing. Returns float32 of the same shape.
 
-    model: a key of DEPTH_MODELS, or `module:function`; settings: the model's own, by name (docs/sensor.md). camera: default is the
-    benchmark's view, scaled to the image's width. The noise is a function of seed and frame number alone. Raises InputError for an
+    model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). camera: default is the
+    benchmark's camera, scaled to the image's width. The noise depends only on seed and frame number. Raises InputError for an
     unknown model or setting.
     """
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
@@ -47,10 +47,10 @@ def noisy_depth(
 def noisy_rgb(
     rgb: np.ndarray, model: str = "paper", seed: int = 0, frame: int = 0, settings: Settings | None = None
 ) -> np.ndarray:
-    """Scene-linear RGB (h, w, 3), 1 = white, -> sRGB (h, w, 3) uint8 with the noise of a sensor model.
+    """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a sensor model.
 
-    model: a key of RGB_MODELS, or `module:function`; settings: the model's own, by name (docs/sensor.md). The noise is a function of
-    seed and frame number alone. Raises InputError for an unknown model or setting.
+    model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). The noise depends only on
+    seed and frame number. Raises InputError for an unknown model or setting.
     """
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))
 
@@ -65,11 +65,11 @@ def make_sequence(
     depth_settings: Settings | None = None,
     rgb_settings: Settings | None = None,
 ) -> WrittenSequence:
-    """A sequence from the EXR frames of a run folder, or from a sequence of PNG pairs, with noise; resumes one that was interrupted.
+    """Write a sequence with noise from the EXR frames of a run folder, or from a sequence of PNG pairs. An interrupted sequence is resumed.
 
-    formats: names in dataset/sequence_formats.py; several go into a folder each.
+    formats: names in dataset/sequence_formats.py. Several formats are written into a folder each.
 
-    Raises InputError where `frames` holds neither or `out` holds another sequence, WorkError where a file cannot be written.
+    Raises InputError if `frames` contains neither or `out` contains another sequence, and WorkError if a file cannot be written.
     """
     folder = Path(frames)
     source = run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
@@ -83,10 +83,10 @@ def frames_from(
     load: Callable[[int], tuple[np.ndarray, np.ndarray]],
     name: str = "own",
 ) -> FrameSource:
-    """Frames of a renderer or simulator of one's own, for write_sequence: frame i has the stamp and the pose i of the trajectory.
+    """Frames of your own renderer or simulator, for write_sequence. Frame i has stamp i and pose i of the trajectory.
 
-    load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = nothing there, both of the
-    camera's size; it may be called in any order and from several threads. `name` stands in the sequence's recipe.
+    load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = no surface, both of the
+    camera's size. It may be called in any order and from several threads. `name` is written into the sequence's recipe.
     """
     stamps_s, poses = dict(enumerate(trajectory.stamps_s.tolist())), lambda numbers: trajectory[np.array(numbers)]
     return FrameSource(camera, tuple(stamps_s), stamps_s, load, poses, {"frames": name})
@@ -97,8 +97,8 @@ def absolute_trajectory_error(
 ) -> AbsoluteError:
     """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
 
-    By default stamps within 20 ms are associated and the estimate is aligned by SE(3). `.translation_m.rmse` is the figure papers print.
-    Raises InputError for a file that cannot be read, where no stamps agree, and where the poses do not determine the alignment.
+    By default, stamps within 20 ms are associated and the estimate is aligned by SE(3). `.translation_m.rmse` is the value that papers
+    report. Raises InputError for a file that cannot be read, if no stamps match, and if the poses do not determine the alignment.
     """
     return absolute_error(_trajectory(truth), _trajectory(estimate), settings)
 
@@ -108,8 +108,8 @@ def relative_pose_error(
 ) -> RelativeError:
     """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
 
-    By default over all pairs of neighbouring frames; settings choose another delta in frames, seconds or metres. Raises InputError for a
-    file that cannot be read, where no stamps agree, and where no two poses are delta apart.
+    By default, all pairs of consecutive frames are used; `settings` can set another delta in frames, seconds or metres. Raises InputError for
+    a file that cannot be read, if no stamps match, and if no two poses are delta apart.
     """
     return relative_error(_trajectory(truth), _trajectory(estimate), settings)
 

@@ -1,8 +1,8 @@
-"""Settings, each declared once: default, unit, range, choices, help and source.
+"""Declarations of settings: default, unit, range, choices, help and source. Each setting is declared once.
 
-A group of settings is a frozen dataclass derived from `Settings` whose fields are made with `setting`. Its checks and its JSON are here;
-the command's options (headless/options.py), the panel's properties (ui/properties.py) and the tables in docs/settings.md are made from
-the same declarations.
+A group of settings is a frozen dataclass derived from `Settings` whose fields are made with `setting`. This module checks values and converts
+them to and from JSON. The options of the command line (headless/options.py), the panel's properties (ui/properties.py) and the tables in
+docs/settings.md are made from the same declarations.
 
     @dataclass(frozen=True)
     class LightSettings(Settings):
@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Self
 
 from .errors import InputError
 
-#: value -> what it means, for people
+#: value -> its meaning, shown to users
 Choices = Mapping[str, str]
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
@@ -32,9 +32,10 @@ _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 class Setting:
     """The declaration of one setting, as `declared` returns it.
 
-    kind: bool, int, float or str, of each element where `length` is the number of elements of a tuple, 0 for one or more. optional: None is allowed and
-    means what `help` says. option: the command's option, empty where it has none; parse reads its text where `kind` does not. label: the
-    panel's, which shows value * shown[1] in the unit shown[0]. others: what is allowed beside `choices`, in words.
+    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more) and `kind` the type of each. optional: None
+    is allowed; `help` describes its meaning. option: the option of the command line, empty if there is none. parse: converts the option's text,
+    if `kind` cannot. label: the label in the panel, which shows value * shown[1] in the unit shown[0]. others: a description of values that
+    are allowed in addition to `choices`.
     """
 
     name: str
@@ -56,12 +57,12 @@ class Setting:
 
     @property
     def choices(self) -> Choices | None:
-        """The values that are allowed, where they are a list."""
+        """The allowed values and their meanings; None if the setting has no list of values."""
         return None if self.list_choices is None else self.list_choices()
 
     @property
     def range(self) -> str:
-        """`in 16..16384`, `of 0 or more`, or nothing."""
+        """The range for messages: `in 16..16384`, `of 0 or more`, or an empty text."""
         if math.isfinite(self.low) and math.isfinite(self.high):
             return f"in {plain(self.low)}..{plain(self.high)}"
         if math.isfinite(self.low):
@@ -69,7 +70,7 @@ class Setting:
         return f"of at most {plain(self.high)}" if math.isfinite(self.high) else ""
 
     def checked(self, value: Any) -> Any:
-        """The value as its own type. Raises InputError, with the setting's name, for one that does not fit."""
+        """The value converted to the setting's type. Raises InputError, with the setting's name, for an invalid value."""
         if value is None and self.optional:
             return None
         if self.length is not None:
@@ -98,30 +99,30 @@ class Setting:
 
 
 def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any) -> Any:
-    """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` the paper and its section.
+    """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` is the paper and its section.
 
-    choices: value -> meaning, or a function that returns it (a registry). option: the command's option where it is not `--` and the
-    name with dashes; "" for none. label: the panel's, where it is not the name. others: what may stand instead of a choice, such as
-    MODULE:FUNCTION; what uses the setting checks it. parse: text -> value, where the option takes more than a number. shown: the unit that
-    the panel shows, and the factor to it. unit, low, high: as in Setting.
+    choices: value -> meaning, or a function that returns it (a registry). option: the option of the command line if it is not `--` and the
+    name with dashes; "" for none. label: the label in the panel if it is not the name. others: other values that are allowed instead of a
+    choice, such as MODULE:FUNCTION; the code that uses the setting checks them. parse: text -> value, if the option accepts more than a
+    number. shown: the unit that the panel shows, and the factor to it. unit, low, high: as in Setting.
     """
     listed = choices if callable(choices) or choices is None else lambda: choices
     return dataclasses.field(default=default, metadata={"setting": {"help": help, "list_choices": listed, **about}})
 
 
-#: A setting without an option of the command line; `setting(MISSING, ...)` is one that must be given.
+#: A setting without an option of the command line. `setting(MISSING, ...)` declares a setting that must be given.
 parameter = partial(setting, option="")
 MISSING: Any = dataclasses.MISSING
 
 
 def same_as(group: type, name: str) -> Any:
-    """A dataclass field with the declaration that the setting `name` has in another group."""
+    """A dataclass field with the same declaration as the setting `name` of another group."""
     field = next(f for f in dataclasses.fields(group) if f.name == name)
     return dataclasses.field(default=field.default, metadata=field.metadata)
 
 
 def declared(group: type) -> dict[str, Setting]:
-    """Name -> declaration of all settings of a dataclass, in their order; fields that were not made with `setting` are left out."""
+    """Name -> declaration, for all settings of a dataclass in their order. Fields that were not made with `setting` are left out."""
     return _declarations(group)
 
 
@@ -148,7 +149,7 @@ def _declaration(field: Any, hint: Any) -> Setting:
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of all groups of settings: frozen, checked when made, to and from JSON. `group` is what errors call it."""
+    """Base of all groups of settings: frozen, checked at construction, converted to and from JSON. `group` is its name in errors."""
 
     group: ClassVar[str] = "settings"
 
@@ -164,9 +165,9 @@ class Settings:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Settings by name; those left out keep their default, and a group among them is a mapping too.
+        """Make the settings from a mapping of names to values. Settings left out get their defaults. A nested group is a mapping too.
 
-        Raises InputError for an unknown or missing name or a value that does not fit; its path is the group's place.
+        Raises InputError for an unknown or missing name or an invalid value; the error's path is the name of the nested group.
         """
         fields, hints = dataclasses.fields(cls), typing.get_type_hints(cls)
         refuse_unknown(content, [f.name for f in fields], cls.group)
@@ -176,17 +177,17 @@ class Settings:
         return cls(**{name: _inner(hints[name], value, name) for name, value in content.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """Every setting, for JSON; from_dict takes it back."""
+        """Every setting by name, ready for JSON; the inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     def changed(self, **settings: Any) -> Self:
-        """The same with other values; None means unchanged."""
+        """A copy with other values; None means unchanged."""
         return dataclasses.replace(self, **{name: value for name, value in settings.items() if value is not None})
 
 
 def _inner(kind: Any, value: Any, place: str) -> Any:
-    """The value of a field as its type has it, where that is a group of settings or a tuple of them."""
+    """The value of a field; a mapping is converted if the field's type is a group of settings or a tuple of groups."""
     group = typing.get_args(kind)[0] if typing.get_origin(kind) is tuple else kind
     if not (isinstance(group, type) and issubclass(group, Settings)):
         return value
@@ -201,7 +202,7 @@ def _inner(kind: Any, value: Any, place: str) -> Any:
 
 
 def find(name: str) -> Setting | None:
-    """The declaration of a setting with an option by its name, among the groups that are loaded; None where there is none, or where several differ."""
+    """The declaration of the setting `name` that has an option, among the loaded groups. None if there is none, or if several differ."""
     groups, found = list(Settings.__subclasses__()), []
     while groups:
         group = groups.pop(0)
@@ -211,7 +212,7 @@ def find(name: str) -> Setting | None:
 
 
 def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:
-    """Raises InputError where `content` is no mapping, or has a key that is not known."""
+    """Raises InputError if `content` is not a mapping or has an unknown key."""
     known = list(known)
     expected = f"{group}: {', '.join(known) or 'there are none'}"
     if not isinstance(content, Mapping):
@@ -222,7 +223,7 @@ def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:
 
 
 def plain(value: Any) -> str:
-    """A value as help texts and tables show it."""
+    """A value as text, for help texts and tables."""
     if isinstance(value, tuple):
         return " ".join(map(plain, value))
     if isinstance(value, bool):

@@ -1,6 +1,6 @@
-"""The built-in scenes and trajectories, where they lie (the installed package, or the checkout's top level), and the cache.
+"""The built-in scenes and trajectories, their folders (in the installed package, or at the top level of the checkout), and the cache folder.
 
-The code that builds the scenes lies in blend/builder/ of the repository.
+The code that builds the scenes is in blend/builder/ of the repository.
 """
 
 import os
@@ -17,7 +17,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 @dataclass(frozen=True)
 class SceneEntry:
-    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and `description` are for people."""
+    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and `description` are shown to users."""
 
     name: str
     title: str
@@ -29,14 +29,14 @@ SCENES = {
     "office": SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
 }
 
-#: name -> description; each is there for every scene
+#: name -> description; every scene has all of them
 TRAJECTORIES: dict[str, str] = {
     "kt0": "1510 frames (paper, Table I); passes a bare wall",
     "kt1": "967 frames (paper, Table I)",
     "kt2": "882 frames (paper, Table I)",
     "kt3": "1242 frames (paper, Table I); closes a small loop",
 }
-#: full name -> description; hard by intent, and none of the paper's eight
+#: full name -> description; made to be difficult, not among the paper's eight sequences
 HARD_SEQUENCES: dict[str, str] = {
     "living_room/window": "882 frames; a balcony window fills up to 43 % of the picture, and the floor mirrors it",
 }
@@ -45,7 +45,7 @@ TRAJECTORY_NAMES = tuple(TRAJECTORIES)
 
 
 def folder(name: str) -> Path:
-    """`blend` or `trajectories`. Raises InputError where neither place has it."""
+    """The path of the folder `blend` or `trajectories`. Raises InputError if it is neither in the package nor in the checkout."""
     for place in (_PACKAGE / name, _PACKAGE.parents[1] / name):
         if place.is_dir():
             return place
@@ -53,25 +53,25 @@ def folder(name: str) -> Path:
 
 
 def cache_folder() -> Path:
-    """ICLNUIM_CACHE, or iclnuim below XDG_CACHE_HOME, or ~/.cache/iclnuim."""
+    """The cache folder: ICLNUIM_CACHE, or iclnuim in XDG_CACHE_HOME, or ~/.cache/iclnuim."""
     if own := os.environ.get("ICLNUIM_CACHE"):
         return Path(own).expanduser()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser() / "iclnuim"
 
 
 def paper_sequences() -> list[str]:
-    """The eight of the paper's Table I."""
+    """The names of the eight sequences of the paper's Table I."""
     return [f"{scene}/{kt}" for scene in SCENE_NAMES for kt in TRAJECTORY_NAMES]
 
 
 def sequence_names() -> list[str]:
-    """`living_room/kt0` and so on: what is there to be rendered, the paper's eight first."""
+    """The names of all sequences that can be rendered, such as `living_room/kt0`; the paper's eight first."""
     names = [*paper_sequences(), *HARD_SEQUENCES]
     return [name for name in names if (folder("trajectories") / f"{name}.txt").is_file()]
 
 
 def full_name(sequence: str) -> str:
-    """`kt2` -> `living_room/kt2`. Raises InputError with the list of those that exist."""
+    """`kt2` -> `living_room/kt2`. Raises InputError with the list of sequences for an unknown name."""
     name = sequence if "/" in sequence else f"living_room/{sequence}"
     if name not in (known := sequence_names()):
         hint = "a recipe file, or {scene} and {trajectory}"
@@ -80,12 +80,12 @@ def full_name(sequence: str) -> str:
 
 
 def trajectory_file(name: str) -> Path:
-    """The TUM file of `living_room/kt2`."""
+    """The TUM file of a sequence, such as `living_room/kt2`."""
     return folder("trajectories") / f"{full_name(name)}.txt"
 
 
 def versions(*packages: str) -> dict[str, str | None]:
-    """Of Python and of installed packages, for a recipe; None for a package that is not there."""
+    """The versions of Python and of installed packages, for a recipe; None for a package that is not installed."""
     found: dict[str, str | None] = {"python": platform.python_version()}
     for name in packages:
         try:
@@ -96,7 +96,7 @@ def versions(*packages: str) -> dict[str, str | None]:
 
 
 def source_commit() -> str | None:
-    """The commit of the checkout this runs from, with `+` where files differ from it; None where it is installed."""
+    """The commit of the checkout that contains this file, with `+` if files were changed; None if the package is installed."""
     if not (_PACKAGE.parents[1] / ".git").exists():
         return None
     try:

@@ -1,7 +1,8 @@
-"""A render worker as others see it: what it reports, typed events <-> one JSON object each, and the client that starts it, tells it
-commands and listens. The farm and the panel both use it; needs no Blender.
+"""The interface of a render worker: its events, each a typed object or one JSON object, and the client that starts a worker, sends it commands
+and receives its events. The farm and the panel use it. It needs no Blender.
 
-`worker.Session` emits the events in this process; blender/child.py, the other end of the client's pipes, as lines on its standard output.
+`worker.Session` emits the events inside its process. blender/child.py, at the other end of the client's pipes, prints them as lines on its
+standard output.
 """
 
 import importlib.util
@@ -29,7 +30,7 @@ _BLENDER = ("-b", "--factory-startup", "--python-exit-code", "3", "-P", str(CHIL
 @dataclass_transform(frozen_default=True)
 @dataclass(frozen=True)
 class Event:
-    """Base of all events, each a frozen dataclass. `name` is the value of `event` in JSON; fields that are None or False are left out there."""
+    """Base of all events. Each event is a frozen dataclass. In JSON, `event` is its `name`, and fields that are None or False are left out."""
 
     name: ClassVar[str]
 
@@ -38,39 +39,40 @@ class Event:
         dataclass(frozen=True)(cls)
 
     def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
+        """The event as a mapping, ready for JSON."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {"event": self.name, **{k: v for k, v in values.items() if v is not None and v is not False}}
 
 
 class Note(Event, name="note"):
-    """Something worth knowing."""
+    """A message for the user."""
 
     text: str
 
 
 class Started(Event, name="start"):
-    """The run folder exists. frames: of the trajectory."""
+    """The run folder exists. frames: number of frames of the trajectory."""
 
     frames: int
     pid: int | None = None
 
 
 class Ready(Event, name="ready"):
-    """The scene is prepared, frames follow."""
+    """The scene is prepared; frames follow."""
 
 
 class Missing(Event, name="missing"):
-    """How many `frames` or `sequences` (of) the command still has to make."""
+    """How many frames the command still has to make. of: `frames` or `sequences`."""
 
     of: str
     missing: int
 
 
 class FrameDone(Event, name="frame"):
-    """Frame `frame` is finished under its name. Seconds in Cycles, and to close its file; found: another process had finished it.
+    """Frame `frame` is finished and its file has its final name. cycles, close: seconds to render, and to close the file. found: another process
+    had finished it.
 
-    black: the likely cause, where the frame came out black.
+    black: the likely cause, if the frame is black.
     """
 
     frame: int
@@ -81,20 +83,20 @@ class FrameDone(Event, name="frame"):
 
 
 class Written(Event, name="written"):
-    """Frame `frame` is in all sequences that the command asks for."""
+    """Frame `frame` is written in all requested sequences."""
 
     frame: int
 
 
 class Baked(Event, name="baked"):
-    """The light map lies in `folder`; made: just now."""
+    """The light map is in `folder`. made: this command has baked it."""
 
     folder: str
     made: bool = False
 
 
 class ChunkDone(Event, name="chunk"):
-    """A command is done: frames rendered, seconds, resident memory in MB."""
+    """A command is done: number of rendered frames, seconds, resident memory in MB."""
 
     rendered: int
     seconds: float
@@ -114,9 +116,9 @@ class Alive(Event, name="alive"):
 
 
 class Failed(Event, name="error"):
-    """One line that says what failed, the same with `{name}` for each setting (errors.named), and the exit code.
+    """An error in one line, the same line with placeholders `{name}` for settings (errors.named), and the exit code.
 
-    bug: an error inside this program.
+    bug: the error is a defect of this program.
     """
 
     text: str
@@ -126,11 +128,11 @@ class Failed(Event, name="error"):
 
 
 class Done(Event, name="done"):
-    """All that was asked for is done."""
+    """All requested work is done."""
 
 
 class Exited(Event, name="exit"):
-    """Added by the parent: the worker process has ended with this code, below 0 for a signal; log: its last line where it failed."""
+    """Added by the parent: the worker process has exited with this code, below 0 for a signal. log: the log's last line, if it failed."""
 
     code: int
     log: str | None = None
@@ -140,9 +142,9 @@ _KINDS: dict[str, type[Event]] = {kind.name: kind for kind in Event.__subclasses
 
 
 def from_dict(content: dict[str, Any]) -> Event | None:
-    """The event of a JSON object; None for one that a later version may send. Keys that are not known are left out.
+    """The event of a JSON object; None for an unknown event, which a later version may send. Unknown keys are ignored.
 
-    Raises InputError where a field is missing.
+    Raises InputError if a field is missing.
     """
     kind = _KINDS.get(str(content.get("event")))
     if kind is None:
@@ -154,7 +156,7 @@ def from_dict(content: dict[str, Any]) -> Event | None:
 
 
 def worker_command() -> list[str]:
-    """How a worker is started: this Blender again, Python with the bpy package, or a Blender on the PATH. Raises WorkError."""
+    """The command that starts a worker: this Blender again, Python with the bpy package, or a Blender on the PATH. Raises WorkError."""
     bpy = sys.modules.get("bpy")
     if bpy is not None and not getattr(bpy.app, "module", False) and bpy.app.binary_path:
         return [bpy.app.binary_path, *_BLENDER]
@@ -163,16 +165,17 @@ def worker_command() -> list[str]:
     blender = shutil.which("blender")
     if blender is None:
         hint = f"{how_to_get_bpy()}; or install Blender"
-        raise WorkError("there is neither the bpy package nor a blender binary", hint=hint)
+        raise WorkError("neither the bpy package nor a blender executable was found", hint=hint)
     return [blender, *_BLENDER]
 
 
 class WorkerClient(subprocess.Popen[bytes]):
-    """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client, event); the last is Exited.
+    """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client, event). The last event is Exited.
 
-    terminate() and kill() end it at once, kill() also where it is stopped or hangs; the frame in work is lost.
+    terminate() and kill() end it immediately, kill() also if it is stopped or hangs; the unfinished frame is lost.
 
-    `options`: {"job": {...}, "cores": [...], ...} as child.py describes them, written beside `log`, which takes standard error.
+    `options`: {"job": {...}, "cores": [...], ...} as described in child.py. They are written to a file next to `log`, which receives standard
+    error.
     """
 
     def __init__(
@@ -184,7 +187,7 @@ class WorkerClient(subprocess.Popen[bytes]):
         inbox: "queue.SimpleQueue[tuple[WorkerClient, Event]] | None" = None,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """Raises WorkError where it cannot be started."""
+        """Raises WorkError if the process cannot be started."""
         self.log, self.asked_to_stop = log, False
         self._inbox = queue.SimpleQueue() if inbox is None else inbox
         self._options_file = log.with_suffix(".json")
@@ -199,7 +202,7 @@ class WorkerClient(subprocess.Popen[bytes]):
                     stderr=errors,
                     env={**os.environ, **(environment or {})},
                     creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
-                    # a group of its own: Ctrl-C reaches the parent alone, and the kernel ends a stopped child whose parent is gone
+                    # a separate process group: only the parent receives Ctrl-C, and the kernel ends a stopped child whose parent has exited
                     process_group=0,
                 )
         except OSError as error:
@@ -208,11 +211,11 @@ class WorkerClient(subprocess.Popen[bytes]):
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the last event, or since the last command. A worker sends one every two seconds once it has started."""
+        """Seconds since the last event or command. A started worker sends an event every two seconds."""
         return time.monotonic() - self._last_s
 
     def send(self, command: Mapping[str, Any]) -> None:
-        """Never fails: where the process has ended, its Exited event has the exit code."""
+        """Send a command. Never fails: if the process has ended, its Exited event has the exit code."""
         self._last_s = time.monotonic()
         assert self.stdin is not None
         with suppress(OSError, ValueError):
@@ -220,7 +223,7 @@ class WorkerClient(subprocess.Popen[bytes]):
             self.stdin.flush()
 
     def events(self) -> list[Event]:
-        """What has arrived since the last call, where no inbox was given."""
+        """The events received since the last call, if no inbox was given."""
         found = []
         with suppress(queue.Empty):
             while True:
@@ -228,23 +231,23 @@ class WorkerClient(subprocess.Popen[bytes]):
         return found
 
     def stop(self) -> None:
-        """Ask it to end after the frame in work; once."""
+        """Request that it ends after the current frame. The request is sent once."""
         if not self.asked_to_stop:
             self.asked_to_stop = True
             self.send({"stop": True})
 
     def close(self, keep_log: bool = True) -> None:
-        """Wait for its end, and remove its options file."""
+        """Wait until the process ends, and remove its options file."""
         self.wait()
         assert self.stdin is not None
-        with suppress(OSError):  # what it did not live to read
+        with suppress(OSError):  # the process may have ended before it read everything
             self.stdin.close()
         self._options_file.unlink(missing_ok=True)
         if not keep_log:
             self.log.unlink(missing_ok=True)
 
     def log_end(self, lines: int = 3) -> str:
-        """The last lines of its log, in one line of at most 400 characters."""
+        """The last lines of its log, joined to one line of at most 400 characters."""
         try:
             text = self.log.read_text("utf-8", "replace")
         except OSError:
@@ -255,7 +258,7 @@ class WorkerClient(subprocess.Popen[bytes]):
     def _listen(self) -> None:
         assert self.stdout is not None
         for line in self.stdout:
-            with suppress(ValueError, InputError):  # a line of Blender's own, before the stream was ours
+            with suppress(ValueError, InputError):  # a line that Blender printed before its output was redirected
                 content = json.loads(line)
                 event = from_dict(content) if isinstance(content, dict) else None
                 if event is not None:

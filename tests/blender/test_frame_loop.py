@@ -219,7 +219,7 @@ def test_scene_files_that_cannot_be_opened_are_refused(render, tmp_path):
     broken.write_bytes(b"BLENDER-v405 and no more")
     for scene, words in (
         (broken, "broken.blend"),
-        (tmp_path / "absent.glb", "nothing of that name"),
+        (tmp_path / "absent.glb", "no such file"),
         (tmp_path / "room.xyz", ".blend"),
     ):
         done = render(tmp_path / "out", scene=scene)

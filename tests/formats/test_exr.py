@@ -109,7 +109,7 @@ def test_a_header_that_claims_the_impossible_is_refused_before_any_memory_is_tak
     place = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     struct.pack_into("<4i", data, place, 0, 0, *corner)
     (tmp_path / "f.exr").write_bytes(data)
-    with pytest.raises(InputError, match="a header that claims|truncated"):
+    with pytest.raises(InputError, match="a header with|truncated"):
         read_exr(tmp_path / "f.exr")
 
 
@@ -137,7 +137,7 @@ def test_tiles_depth_lists_and_integer_channels_are_named_as_what_they_are(tmp_p
     (tmp_path / "png.exr").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
     with pytest.raises(InputError, match="expected an EXR image, found PNG"):
         read_exr(tmp_path / "png.exr")
-    with pytest.raises(InputError, match="nothing of that name"):
+    with pytest.raises(InputError, match="no such file"):
         exr_header(tmp_path / "absent.exr")
     with pytest.raises(InputError, match="a folder"):
         exr_header(tmp_path)

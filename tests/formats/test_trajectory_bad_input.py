@@ -113,7 +113,7 @@ def test_bytes_that_are_no_text_are_named_with_their_line(tmp_path):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match="no.txt: expected a trajectory file, found nothing of that name"):
+    with pytest.raises(InputError, match="no.txt: expected a trajectory file, found no such file"):
         read_trajectory(tmp_path / "no.txt")
 
 

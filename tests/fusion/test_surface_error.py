@@ -74,7 +74,7 @@ def test_a_plane_alone_cannot_be_fitted():
     [
         ("mesh.txt", "x", "a mesh"),
         ("mesh.ply", "ply\nnonsense", "PLY"),
-        ("mesh.ply", None, "nothing of that name"),
+        ("mesh.ply", None, "no such file"),
     ],
 )
 def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):

@@ -79,7 +79,7 @@ def test_info_knows_the_official_lengths(run, samples):
 
 def test_the_form_can_be_told(run, tmp_path):
     (tmp_path / "a.txt").write_text("1 0 1 0 0 0 0 1\n2 0 1 0 0 0 0 1\n")
-    assert "gt.freiburg (as told): LEFT-handed" in run("info", tmp_path / "a.txt", "--from", "gt.freiburg")[1]
+    assert "gt.freiburg (as requested): LEFT-handed" in run("info", tmp_path / "a.txt", "--from", "gt.freiburg")[1]
     assert "30 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids")[1]
     assert "60 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids", "--fps", "60")[1]
 
@@ -127,7 +127,7 @@ def test_stamps_of_a_recording_can_be_made_anew(run, tmp_path):
     write_trajectory(tmp_path / "a.txt", Trajectory(WALK.stamps_s * 1.01 + 1305031102.17, WALK.T_world_camera), "tum")
     assert_refused(
         run("convert", tmp_path / "a.txt", tmp_path / "a.gt.freiburg", "--quiet"),
-        "stamps of frame numbers",
+        "stamps of whole frame numbers",
         "--restamp",
     )
     assert run("convert", tmp_path / "a.txt", tmp_path / "a.gt.freiburg", "--restamp")[0] == 0
@@ -218,7 +218,7 @@ def test_one_pose_can_be_plotted(run, tmp_path):
         ("1 2 3 4 5 6 7\n", ["bad.txt:1: ", "7 columns", "try --from"]),
         ("1 0 0 0 0 0 0 1\n2 0 0 nan 0 0 0 1\n", ["bad.txt:2: ", "nan in column 4"]),
         ("1 0 0 0 0 0 0 0\n", ["bad.txt:1: ", "length 0"]),
-        ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", ["bad.txt:2: ", "above the 2 of line 1", "try a file of one run"]),
+        ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", ["bad.txt:2: ", "above the 2 of line 1", "try a file of a single run"]),
         ("\0\1\2", ["bad.txt: ", "a binary file"]),
     ],
 )

@@ -200,6 +200,6 @@ def test_the_command_takes_ones_own_recipe_and_refuses_other_things(recipe_of, t
     own.write_text(json.dumps({**recipe_of("office/kt2"), "speed": 9}))
     assert cli.main(["trajectory", "make", str(own)]) == 2
     assert f"{own}: expected a recipe: scene" in capsys.readouterr().err
-    for name, said in (("kt9", "expected one of living_room/kt0"), ("no.json", "found nothing of that name")):
+    for name, said in (("kt9", "expected one of living_room/kt0"), ("no.json", "found no such file")):
         assert cli.main(["trajectory", "make", name]) == 2
         assert said in capsys.readouterr().err

@@ -93,7 +93,7 @@ def test_when_all_is_done_the_worker_is_stopped_and_the_message_given_at_the_sta
 
 
 def test_a_second_render_is_refused(work):
-    with pytest.raises(WorkError, match="running here already"):
+    with pytest.raises(WorkError, match="already running"):
         work.start("render", RENDER, FakeWorker())
 
 

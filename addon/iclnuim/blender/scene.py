@@ -224,7 +224,7 @@ def checked_file(name: str) -> Path:
     if path.suffix.lower() not in KINDS:
         raise InputError(f"a scene: {', '.join(SCENES)} or a scene file ending in {', '.join(KINDS)}", found=name)
     if not path.is_file():
-        raise InputError("a scene file", path=path, found="a folder" if path.is_dir() else "nothing of that name")
+        raise InputError("a scene file", path=path, found="a folder" if path.is_dir() else "no such file")
     if not path.stat().st_size:
         raise InputError("a scene file", path=path, found="an empty file")
     return path

@@ -90,7 +90,7 @@ def view_errors(
     folder, truth, settings = Path(folder), Path(truth), settings or ViewSettings()
     pairs = find_pairs(truth)
     if not folder.is_dir():
-        raise InputError("a folder of rendered views", path=folder, found="nothing of that name")
+        raise InputError("a folder of rendered views", path=folder, found="no such folder")
     camera = read_camera(truth, pairs[0].rgb)
     own = camera_file(folder) or camera
     chosen = set() if keyframes is None else read_keyframes(Path(keyframes), pairs)

@@ -1,1 +1,1 @@
-"""Files in and out: trajectories of every format, EXR, PNG, recipes. Each conversion names the frame it comes from."""
+"""Readers and writers of files: trajectories of all formats, EXR, PNG, PLY, JSON. The name of each conversion states its frames."""

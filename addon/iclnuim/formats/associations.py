@@ -1,4 +1,4 @@
-"""Lists of images: `associations.txt` both ways round, recognised by content, and `rgb.txt` / `depth.txt`.
+"""Lists of images: `associations.txt` in either order, detected by content, and `rgb.txt` / `depth.txt`.
 
 TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers.
 """
@@ -19,9 +19,9 @@ PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/.
 
 @dataclass(frozen=True)
 class ImageList:
-    """Stamps in seconds, and paths as the file gives them, relative to its folder.
+    """Stamps in seconds, and paths as written in the file, relative to its folder.
 
-    written: stamps to the character as the file has them, "" or () where they are no seconds; what is written again keeps them.
+    written: the exact text of the stamps in the file, so that a list that is written again has the same text; "" or () if they are not seconds.
     """
 
     stamps_s: tuple[float, ...]
@@ -33,17 +33,17 @@ class ImageList:
             raise InputError("as many paths as stamps", found=f"{len(self.paths)} and {len(self.stamps_s)}")
 
     def stamp_texts(self) -> list[str]:
-        """Seconds as they are written into a list."""
+        """The text of each stamp in seconds, as it is written into a list."""
         written = self.written or ("",) * len(self)
         return [text or stamp_text(stamp_s) for stamp_s, text in zip(self.stamps_s, written, strict=True)]
 
     def frame_numbers(self) -> list[int]:
-        """Stamp = 1 + number / 30 s. Raises InputError for stamps between frames."""
+        """The frame numbers: stamp = 1 + number / 30 s. Raises InputError for stamps between frames."""
         frames = frames_of_stamps(self.stamps_s)
         numbers = np.rint(frames)
         bad = np.flatnonzero((np.abs(frames - numbers) > STAMP_SLACK) | (numbers < 0) | (numbers > LARGEST_FRAME))
         if bad.size:
-            expected = f"stamps of frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, to write ICL-NUIM's order"
+            expected = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, to write ICL-NUIM's order"
             raise InputError(expected, found=f"{self.stamps_s[bad[0]]:.9g} s")
         return numbers.astype(int).tolist()
 
@@ -53,7 +53,7 @@ class ImageList:
 
 @dataclass(frozen=True)
 class Associations:
-    """Pairs of a colour and a depth image; `order` says how the file had them: "tum" or "icl-nuim"."""
+    """Pairs of a colour and a depth image. `order`: the order of the columns in the file, "tum" or "icl-nuim"."""
 
     rgb: ImageList
     depth: ImageList
@@ -68,14 +68,14 @@ class Associations:
 
 
 def read_associations(path: str | os.PathLike[str]) -> Associations:
-    """Either order; which column holds the depth is read off the paths. Whole numbers in ICL-NUIM's order are
-    frame numbers, stamp = 1 + id / 30 s. Raises InputError naming file and line.
+    """Read associations in either order; the paths show which column is depth. Whole numbers in ICL-NUIM's order are frame numbers,
+    stamp = 1 + id / 30 s. Raises InputError with file and line.
     """
     rows = _rows(path, 4, PAIRS)
     firsts = ["depth" in fields[1].lower() for _, fields in rows]
     for (number, fields), first_is_depth in zip(rows, firsts, strict=True):
         if first_is_depth == ("depth" in fields[3].lower()) or first_is_depth != firsts[0]:
-            expected = "one path of each line, always the same, that says depth"
+            expected = "the word depth in one of the two paths, always in the same column"
             raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
     first, second = (_image_list(path, rows, column, increasing=column == 0) for column in (0, 2))
     if not firsts[0]:
@@ -88,7 +88,7 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
 
 
 def write_associations(path: str | os.PathLike[str], pairs: Associations, order: str = "tum") -> None:
-    """In TUM's order with seconds, or in ICL-NUIM's with frame numbers; whole or not at all."""
+    """Write associations in TUM's order with seconds, or in ICL-NUIM's order with frame numbers, atomically."""
     numbered = order == "icl-nuim"
     first, second = (pairs.depth, pairs.rgb) if numbered else (pairs.rgb, pairs.depth)
     stamps = (images.frame_numbers() if numbered else images.stamp_texts() for images in (first, second))
@@ -97,12 +97,12 @@ def write_associations(path: str | os.PathLike[str], pairs: Associations, order:
 
 
 def read_image_list(path: str | os.PathLike[str]) -> ImageList:
-    """`rgb.txt`, `depth.txt`: stamps in seconds, increasing. Raises InputError naming file and line."""
+    """Read `rgb.txt` or `depth.txt`: stamps in seconds, increasing. Raises InputError with file and line."""
     return _image_list(path, _rows(path, 2, "2 columns: stamp path"), 0, increasing=True)
 
 
 def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
-    """`# timestamp filename`, then a line each; whole or not at all."""
+    """Write a header `# timestamp filename` and one line per image, atomically."""
     lines = [f"{s} {_plain(image)}\n" for s, image in zip(images.stamp_texts(), images.paths, strict=True)]
     atomic_write_text(path, "# timestamp filename\n" + "".join(lines))
 

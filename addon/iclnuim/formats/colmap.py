@@ -1,6 +1,6 @@
-"""COLMAP's images.txt: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of image points.
+"""COLMAP's images.txt: lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of image points.
 
-Its images have no stamps: the last number in a name is the frame's number, its stamp in nanoseconds, or, with a point, in seconds.
+Its images have no stamps. The last number in a name is the frame's number, or its stamp in nanoseconds, or, with a decimal point, in seconds.
 """
 
 import os
@@ -20,7 +20,7 @@ _STAMP = re.compile(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", re.ASCII)
 
 @dataclass(frozen=True)
 class _Images:
-    """Lines of a file and their images in the order of time: names, and rows (n, 8) as `rows` has them."""
+    """The images of a file in the order of time: their names, line numbers, and values (n, 8) as returned by `rows`."""
 
     names: list[str]
     lines: list[int]
@@ -29,15 +29,15 @@ class _Images:
 
 
 def names_an_image(line: str) -> bool:
-    """Whether the tenth field, where COLMAP has the image's name, is no number."""
+    """Whether the tenth field, COLMAP's image name, is not a number."""
     fields = line.split(None, 10)
     return len(fields) >= 10 and not is_number(fields[9])
 
 
 def rows(source: Source) -> Table:
-    """(n, 8): frame number, or stamp where the images are named by stamps, translation, quaternion (scalar last), in the order of time.
+    """(n, 8) in the order of time: frame number (or stamp if the images are named by stamps), translation, quaternion (scalar last).
 
-    The lines of image points, whose fields are all numbers, are left out.
+    Lines of image points are left out: all their fields are numbers.
     """
     images = _read(source)
     return Table(images.values, lambda row: (source.path, images.lines[row]), images.ticks)
@@ -60,7 +60,7 @@ def _read(source: Source) -> _Images:
         fields = line.split(None, 9)
         stamp = _STAMP.search(fields[9])
         if not stamp or not all(map(is_number, fields[:9])):
-            expected = f"{EXPECTED}, the name ending in the frame's number or its stamp"
+            expected = f"{EXPECTED}, with a name that ends in the frame's number or stamp"
             raise InputError(expected, path=source.path, line=number, found=line)
         w, x, y, z, *translation = (float(field) for field in fields[1:8])
         found.append(((float(stamp[1]), *translation, x, y, z, w), number, fields[9]))

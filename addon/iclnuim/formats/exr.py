@@ -1,9 +1,9 @@
-"""EXR images in and out: through the OpenEXR package, or inside Blender through OpenImageIO; equal pixels either way.
+"""Reading and writing of EXR images by the OpenEXR package, or inside Blender by OpenImageIO. The pixels are equal.
 
 Compression is zip: one 640 x 480 frame of half R, G, B and float Z takes 1.8 MB, 30 ms to write and 7.5 ms to read (piz: 2.0 MB,
-48 ms, 13 ms). OpenImageIO alone would do, but writes the header's attributes in other bytes, and reads 1.6 to 2.3 times as slowly.
-The libraries print to standard error on a broken file, and trust the size that a header claims; so every header is checked here
-first, without them. Layout: OpenEXR's "File Layout" page.
+48 ms, 13 ms). OpenImageIO would be sufficient, but it writes the header's attributes in other bytes, and reads 1.6 to 2.3 times as slowly.
+The libraries print to standard error for a damaged file, and do not verify the size in the header. Therefore every header is checked here
+first, without the libraries. Layout: OpenEXR's "File Layout" page.
 """
 
 import os
@@ -26,7 +26,7 @@ _TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
 _COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")
 _ROWS_A_CHUNK = dict(zip(_COMPRESSIONS, (1, 1, 1, 16, 32, 16, 32, 32, 32, 256), strict=True))
 _PIXEL_TYPES = ("uint", "half", "float")
-#: A frame beyond these counts as a broken or hostile header.
+#: A header with a larger frame is rejected as damaged or malicious.
 _MAX_SIDE_PX, _MAX_PIXEL_BYTES = 65536, 1 << 30
 _LONGEST_HEADER = 1 << 18
 _AGAIN = "rendering or copying this frame again"
@@ -34,7 +34,7 @@ _AGAIN = "rendering or copying this frame again"
 
 @dataclass(frozen=True)
 class ExrPart:
-    """One part: channel name -> "half" or "float", in file order; size in pixels; text attributes."""
+    """One part of a file. channels: name -> "half" or "float", in file order; size in pixels; text attributes."""
 
     channels: dict[str, str]
     width: int
@@ -45,7 +45,9 @@ class ExrPart:
 
 @dataclass(frozen=True)
 class ExrHeader:
-    """All parts of a file, with their size and all of their channels; one, unless the writer splits passes into parts, as Blender 5 does."""
+    """All parts of a file, their common size and all of their channels. There is one part, unless the writer splits passes into parts, as Blender 5
+    does.
+    """
 
     parts: tuple[ExrPart, ...]
     width: int
@@ -54,9 +56,9 @@ class ExrHeader:
 
 
 def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[str, np.ndarray]:
-    """Every channel of every part by its full name, (height, width), float16 or float32 as stored.
+    """Read every channel of every part by its full name: (height, width), float16 or float32 as stored.
 
-    Raises InputError where the file is missing, truncated, no flat EXR, or of a size no frame has.
+    Raises InputError if the file is missing, truncated, not a flat EXR, or of an implausible size.
     """
     header = exr_header(path, whole=True)
     name, module = first_library("EXR", *([backend] if backend else BACKENDS))
@@ -83,11 +85,11 @@ def write_exr(
 ) -> None:
     """Write (height, width) float16 or float32 arrays under their names, and text attributes into the header.
 
-    compressed: by ZIP, which takes a rendered frame from 3.1 to 2.3 MB and seven times as long as writing it plainly.
+    compressed: compress by ZIP, which reduces a rendered frame from 3.1 to 2.3 MB and takes seven times as long as writing uncompressed.
 
-    The same pixels and attributes give the same bytes: no date, no host.
+    The same pixels and attributes give the same bytes: date and host are not written.
 
-    The file is whole or absent. Raises InputError for other arrays, WorkError where it cannot be written.
+    The file is written atomically. Raises InputError for other arrays, WorkError if it cannot be written.
     """
     channels = {name: np.ascontiguousarray(values) for name, values in sorted(channels.items())}
     shapes = {values.shape for values in channels.values()}
@@ -108,7 +110,7 @@ def write_exr(
             else:
                 texts = {**(attributes or {}), "compression": "zip" if compressed else "none"}
                 _write_oiio(module, str(temporary), channels, texts)
-            exr_header(temporary, whole=True)  # a full disk is not always reported by the libraries
+            exr_header(temporary, whole=True)  # the libraries do not always report a full disk
         except (RuntimeError, ValueError, InputError) as error:
             reason = " ".join(str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split())
             raise WorkError(f"{os.fspath(path)}: cannot write: {reason or 'the disk may be full'}") from None
@@ -125,7 +127,7 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
         pixels = image.read_image(index, 0, 0, len(part.channels), module.FLOAT)
         if pixels is None:
             raise ValueError(image.geterror())
-        names = image.spec(index).channelnames  # R, G, B sorted to the front; the part's name may stand before them
+        names = image.spec(index).channelnames  # R, G, B are sorted to the front; the part's name may be a prefix
         for name, kind in part.channels.items():
             place = next((i for i, own in enumerate(names) if own == name or own.endswith("." + name)), None)
             if place is None:
@@ -142,7 +144,7 @@ def _write_oiio(module: ModuleType, path: str, channels: dict[str, np.ndarray], 
     spec.channelformats = tuple(module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values())
     for name, text in attributes.items():
         spec.attribute(name, text)
-    spec.attribute("DateTime", "")  # left out, it would become the time of writing
+    spec.attribute("DateTime", "")  # without this, the library writes the current time
     output = module.ImageOutput.create(path)
     if output is None or not output.open(path, spec):
         raise ValueError(output.geterror() if output else module.geterror())
@@ -152,9 +154,9 @@ def _write_oiio(module: ModuleType, path: str, channels: dict[str, np.ndarray], 
 
 
 def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
-    """The header of `path`; with `whole`, also that each chunk the header promises lies inside the file. No pixel is read.
+    """The header of `path`. `whole`: also check that each chunk listed in the header is inside the file. No pixel is read.
 
-    Raises InputError for what is not a flat EXR of half and float channels of one sane size.
+    Raises InputError unless it is a flat EXR of half and float channels of one plausible size.
     """
     try:
         with open(path, "rb") as file:
@@ -165,7 +167,7 @@ def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
     except InputError as error:
         raise error.at(path) from None
     except (OSError, ValueError):
-        read_bytes(path, "an EXR image")  # for its error
+        read_bytes(path, "an EXR image")  # raises the InputError
         raise
 
 
@@ -174,7 +176,7 @@ def _cut() -> InputError:
 
 
 class _Cursor:
-    """Reads little-endian values one after the other; running out of bytes means a truncated file."""
+    """Reads little-endian values one after the other. Raises InputError for a truncated file at the end of the data."""
 
     def __init__(self, data: bytes, place: int) -> None:
         self.data, self.place = data, place
@@ -245,7 +247,7 @@ def _part(cursor: _Cursor) -> ExrPart:
     total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
     if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES):
         expected = f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
-        raise InputError(expected, found=f"a header that claims {width} x {height} ({total_bytes / 1e9:.3g} GB)")
+        raise InputError(expected, found=f"a header with {width} x {height} ({total_bytes / 1e9:.3g} GB)")
     return ExrPart(channels, width, height, _COMPRESSIONS[code], text)
 
 
@@ -263,7 +265,7 @@ def _channels(raw: bytes) -> dict[str, str]:
 
 
 def _check_chunks(file: BinaryIO, header: ExrHeader, table: int, multipart: bool) -> None:
-    """Each part's table of offsets follows the headers; a chunk is [part] y size bytes."""
+    """Check that all chunks are inside the file. Each part's offset table follows the headers; a chunk is [part] y size bytes."""
     lead, end = 12 if multipart else 8, file.seek(0, os.SEEK_END)
     for part in header.parts:
         count = -(-part.height // _ROWS_A_CHUNK[part.compression])

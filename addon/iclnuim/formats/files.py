@@ -1,4 +1,4 @@
-"""Writing so that a file is whole or absent, and reading text with errors that name the place."""
+"""Atomic writing of files (a file is complete or absent), and reading of text with errors that give file and line."""
 
 import errno
 import hashlib
@@ -13,14 +13,14 @@ from pathlib import Path
 
 from ..errors import InputError, WorkError
 
-#: Stands for this host in temporary names: process numbers alone mean nothing on a shared file system.
+#: Identifies this host in temporary names: process numbers are not unique on a shared file system.
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 
 
 def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path` (same ending), then rename it onto `path`.
+    """Call `write` with a temporary file in the folder of `path` (same ending), then rename it to `path`.
 
-    Whatever fails, `path` is either as before or whole. An OSError becomes WorkError with the path in it.
+    If anything fails, `path` is unchanged. An OSError is raised as a WorkError with the path.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}-{_HOST}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}")
@@ -34,13 +34,13 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
 
 
 def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
-    """The error of a file that could not be written; errors of a full disk do not name it."""
+    """The error for a file that could not be written. The OSError of a full disk does not contain the file's name."""
     hint = "freeing space there, then the same command again" if error.errno in (errno.ENOSPC, errno.EDQUOT) else None
     return WorkError(f"{os.fspath(path)}: cannot write: {error.strerror or error}", hint=hint)
 
 
 def make_folder(folder: Path, hint: str | None = None) -> None:
-    """With its parents. Raises WorkError where it cannot be made."""
+    """Make a folder and its parents. Raises WorkError if this fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -49,7 +49,7 @@ def make_folder(folder: Path, hint: str | None = None) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A new folder with a temporary name, which becomes `folder` at the end, in place of what is there, and is removed where anything fails."""
+    """Yield a new folder with a temporary name. At the end it replaces `folder`; if anything fails, it is removed."""
     temporary = folder.with_name(f".{folder.name}.part")
     shutil.rmtree(temporary, ignore_errors=True)
     make_folder(temporary)
@@ -62,7 +62,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def process_lives(process: int) -> bool:
-    """Whether a process of this host runs; on Windows, where asking would end it, supposed to."""
+    """Whether a process of this host is running. Always True on Windows, where os.kill would end it."""
     if os.name == "nt":
         return True
     try:
@@ -75,7 +75,7 @@ def process_lives(process: int) -> bool:
 
 
 def writer_died(temporary: Path) -> bool:
-    """Whether a file of `atomic_write` was left by a process of this host that is gone; those of other hosts may be in work."""
+    """Whether a temporary file of `atomic_write` was left by a process of this host that has ended. Those of other hosts may be in use."""
     try:
         process, host, _ = temporary.name.split(".")[-3].split("-")
         return host == _HOST and not process_lives(int(process))
@@ -84,17 +84,17 @@ def writer_died(temporary: Path) -> bool:
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
-    """UTF-8, line ends as given."""
+    """Write text in UTF-8, with its line ends unchanged."""
     atomic_write(path, lambda temporary: temporary.write_bytes(text.encode()))
 
 
 def write_json(path: str | os.PathLike[str], content: dict) -> None:
-    """Indented, keys in the order given, ends with a line end."""
+    """Write JSON: indented, keys in the given order, with a line end at the end."""
     atomic_write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> dict:
-    """A JSON object. Raises InputError with the line of the first mistake."""
+    """Read a JSON object. Raises InputError with the line of the first error."""
     text = read_text(path)
     try:
         content = json.loads(text)
@@ -108,17 +108,17 @@ def read_json(path: str | os.PathLike[str]) -> dict:
 
 
 def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
-    """The whole file. Raises InputError where it cannot be read."""
+    """The content of a file. Raises InputError if it cannot be read."""
     try:
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
-        words = {"IsADirectoryError": "a folder", "FileNotFoundError": "nothing of that name"}
+        words = {"IsADirectoryError": "a folder", "FileNotFoundError": "no such file or folder"}
         found = words.get(type(error).__name__) or getattr(error, "strerror", None) or error
         raise InputError(what, path=path, found=found) from None
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
-    """Whether there is such a file; of a name that cannot be one, there is not."""
+    """Whether the file exists; False for an invalid name."""
     try:
         return Path(path).is_file()
     except (OSError, ValueError):
@@ -126,7 +126,7 @@ def is_file(path: str | os.PathLike[str]) -> bool:
 
 
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
-    """UTF-8 text. Raises InputError for what is missing, unreadable, empty or binary, and for a saved web page."""
+    """Read UTF-8 text. Raises InputError for a missing, unreadable, empty or binary file, and for a saved web page."""
     data = read_bytes(path, what)
     if not data.strip():
         raise InputError(what, path=path, found="an empty file")
@@ -143,14 +143,14 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
 
 
 def data_lines(text: str) -> list[tuple[int, str]]:
-    """(number from 1, content without comment) of each line that holds data."""
+    """(number from 1, content without comment) of each line that contains data."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     stripped = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(lines, 1))
     return [(number, line) for number, line in stripped if line]
 
 
 def sha256(data: bytes) -> str:
-    """Hex digest."""
+    """The SHA-256 of the data as a hexadecimal string."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -159,7 +159,7 @@ PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 
 def check_picture(path: str | os.PathLike[str]) -> None:
-    """InputError where the ending is none of PICTURES, or the folder is not there."""
+    """Raises InputError if the ending is not one of PICTURES, or the folder does not exist."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in PICTURES:
         raise InputError(f"a picture's name ending in {', '.join(PICTURES)}", path=path, found=ending or "no ending")
@@ -167,7 +167,7 @@ def check_picture(path: str | os.PathLike[str]) -> None:
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
-    """InputError where a file to be written has no folder."""
+    """Raises InputError if the folder of a file to be written does not exist."""
     folder = os.path.dirname(os.fspath(path))
     if folder and not os.path.isdir(folder):
-        raise InputError("a folder to write into", path=folder, found="nothing of that name")
+        raise InputError("a folder to write into", path=folder, found="no such folder")

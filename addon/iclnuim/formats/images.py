@@ -1,4 +1,4 @@
-"""Images of sequences that somebody has: colour as PNG or JPEG, depth as 16-bit PNG or as an array of metres (.npy). Content decides, not the name."""
+"""Images of user-provided sequences: colour as PNG or JPEG, depth as 16-bit PNG or as an array of metres (.npy). The format is detected by content."""
 
 import io
 import os
@@ -14,16 +14,16 @@ from .libraries import first_library
 from .png import PngHeader
 
 JPEG, ARRAY = ".jpg", ".npy"
-#: Nearly without loss: 100, and every pixel with a colour of its own.
+#: JPEG quality. 100, without chroma subsampling, is nearly lossless.
 _QUALITY = 100
 _NUMPY, _JPEG = b"\x93NUMPY", b"\xff\xd8\xff"
 _MAX_PIXELS = 1 << 28
 
 
 def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader:
-    """Size and kind of a PNG, JPEG or .npy image; `whole`: the file is read to its end and, where it has checksums, these are compared.
+    """Size and kind of a PNG, JPEG or .npy image. `whole`: read the file to its end and verify its checksums, if it has any.
 
-    Raises InputError where `path` is none of them, or broken.
+    Raises InputError if `path` is none of these, or damaged.
     """
     start = read_bytes(path, "an image") if whole else _start(path)
     if start.startswith(_JPEG):
@@ -35,7 +35,7 @@ def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader
 
 
 def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """(height, width, 3) uint8 in the order R, G, B of a PNG or JPEG. Raises InputError for anything else."""
+    """Read a PNG or JPEG as (height, width, 3) uint8 in the order R, G, B. Raises InputError for other files."""
     if not _start(path).startswith(_JPEG):
         return png.read_rgb8(path, backend)
     data = read_bytes(path, "an image")
@@ -53,10 +53,10 @@ def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np
 
 
 def seen_by(image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The image (h, w, 3) uint8 of a camera K as another one at the same place sees it, (height, width, 3); black beyond its border. Needs OpenCV."""
+    """Resample the image (h, w, 3) uint8 of a camera K to a camera K_new with the same pose: (height, width, 3), black outside. Needs OpenCV."""
     _, cv2 = first_library("colour of another size than depth", "cv2")
     scale = K[[0, 1], [0, 1]] / K_new[[0, 1], [0, 1]]
-    if (scale > 1).any():  # pixels that fall together are averaged
+    if (scale > 1).any():  # downsampling: pixels are averaged
         image = cv2.blur(image, tuple(max(1, round(s)) for s in scale.tolist()))
     u = (np.arange(width) - K_new[0, 2]) * scale[0] + K[0, 2]
     v = (np.arange(height) - K_new[1, 2]) * scale[1] + K[1, 2]
@@ -65,14 +65,14 @@ def seen_by(image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, hei
 
 
 def read_array(path: str | os.PathLike[str]) -> np.ndarray:
-    """(height, width) float32 of a NumPy file. Raises InputError for another array, and for Python objects, which are never loaded."""
+    """Read (height, width) float32 from a NumPy file. Raises InputError for other arrays, and for Python objects, which are never loaded."""
     expected, data = "a NumPy array of depth, height x width, in metres", read_bytes(path, "an image")
     file = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, by_columns, kind = read(file)
-    except Exception:  # of whatever kind numpy's parser of headers raises
+    except Exception:  # numpy's header parser may raise anything
         raise InputError(expected, path=path, found="a damaged header") from None
     if len(shape) != 2 or kind.kind != "f" or kind.hasobject or not 0 < shape[0] * shape[1] <= _MAX_PIXELS:
         raise InputError(expected, path=path, found=f"{kind} {shape}")
@@ -84,7 +84,7 @@ def read_array(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
-    """(h, w, 3) uint8 RGB, whole or absent. Raises WorkError where it cannot be written."""
+    """Write (h, w, 3) uint8 RGB as JPEG, atomically. Raises WorkError if it cannot be written."""
     name, module = first_library("JPEG", *([backend] if backend else png.BACKENDS))
     if name == "cv2":
         settings = [module.IMWRITE_JPEG_QUALITY, _QUALITY]
@@ -105,7 +105,7 @@ def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | N
 
 
 def write_array(path: str | os.PathLike[str], depth_z_m: np.ndarray) -> None:
-    """(h, w) metres as float32, whole or absent. Raises WorkError where it cannot be written."""
+    """Write (h, w) metres as float32 .npy, atomically. Raises WorkError if it cannot be written."""
     file = io.BytesIO()
     np.lib.format.write_array(file, np.ascontiguousarray(depth_z_m, "<f4"), (1, 0))
     atomic_write(path, lambda temporary: temporary.write_bytes(file.getvalue()))
@@ -116,11 +116,11 @@ def _start(path: str | os.PathLike[str]) -> bytes:
         with open(path, "rb") as file:
             return file.read(8)
     except (OSError, ValueError):
-        return read_bytes(path, "an image")[:8]  # words the error
+        return read_bytes(path, "an image")[:8]  # raises the InputError
 
 
 def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
-    """From the frame's header (SOF) of a file that ends as it should."""
+    """Size and kind from the frame header (SOF). Raises InputError if the file has no end marker or is damaged."""
     place, cut = 2, InputError("a whole JPEG image", path=path, found="a truncated or damaged file")
     if b"\xff\xd9" not in data[-64:]:
         raise cut

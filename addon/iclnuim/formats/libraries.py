@@ -1,4 +1,4 @@
-"""The image libraries that may be there: OpenEXR and OpenCV where pip is, OpenImageIO inside Blender."""
+"""The image libraries that may be installed: OpenEXR and OpenCV with pip, OpenImageIO inside Blender."""
 
 import contextlib
 import functools
@@ -12,20 +12,20 @@ from ..errors import WorkError
 
 
 def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
-    """Name and module of the first of `packages` (module names) that imports. Raises WorkError where none does."""
+    """Name and module of the first of `packages` (module names) that can be imported. Raises WorkError if there is none."""
     for package in packages:
         module = _module(package)
         if module is not None:
             return package, module
     raise WorkError(
-        f"{what} needs {' or '.join(packages)}, which this Python ({sys.executable}) has not; try installing one, "
-        "for a distribution's Blender its package python3-openimageio"
+        f"{what} needs {' or '.join(packages)}, which this Python ({sys.executable}) does not have; try installing one; "
+        "for the Blender of a Linux distribution, its package python3-openimageio"
     )
 
 
 @functools.cache
 def _module(package: str) -> ModuleType | None:
-    """From the path, or from the bpy wheel, which carries OpenImageIO off the path, under bpy/X.Y/python/lib/python3.XX/site-packages."""
+    """Import from sys.path, or from the bpy wheel, which contains OpenImageIO in bpy/X.Y/python/lib/python3.XX/site-packages."""
     with contextlib.suppress(ImportError):
         return importlib.import_module(package)
     bundled = f"bpy/*/python/lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"

@@ -1,7 +1,7 @@
-"""PLY files in and out: meshes and point clouds, binary or ASCII.
+"""Reading and writing of PLY files: meshes and point clouds, binary or ASCII.
 
-numpy alone, because this runs inside Blender too: Blender's own PLY reader follows a face's vertex numbers without
-checking them, so `check_ply` looks at a file first.
+It uses only numpy, because it also runs inside Blender. Blender's PLY reader does not check the vertex numbers of faces, so `check_ply`
+checks a file before.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ class PlyModel:
 
 @dataclass
 class _Element:
-    """`vertex` or `face`: how many, and its properties as (name, type, type of the list's length or None)."""
+    """An element such as `vertex` or `face`: its count, and its properties as (name, type, type of the list's length or None)."""
 
     name: str
     count: int
@@ -48,9 +48,9 @@ class _Element:
 
 
 def read_ply(path: Path) -> PlyModel:
-    """The vertices of a file and its faces as triangles (polygons become fans).
+    """Read the vertices of a file and its faces as triangles (polygons become triangle fans).
 
-    Raises InputError for a file that is no PLY, ends too early, or whose faces name vertices that are not there.
+    Raises InputError for a file that is not a PLY, is truncated, or whose faces use vertices that do not exist.
     """
     vertices, polygons = _checked(path)
     if any(name not in vertices for name in "xyz"):
@@ -69,7 +69,7 @@ def read_ply(path: Path) -> PlyModel:
 
 
 def check_ply(path: Path) -> None:
-    """Raises InputError where a face names a vertex that is not there, or the file ends too early."""
+    """Raises InputError if a face uses a vertex that does not exist, or the file is truncated."""
     _checked(path)
 
 
@@ -83,10 +83,10 @@ def write_ply(
     face_values: Mapping[str, np.ndarray] | None = None,
     comment: str | None = None,
 ) -> None:
-    """Binary little-endian: float x y z (n, 3), float nx ny nz, uchar red green blue; faces of triangles (m, 3) with further int
-    values (m,) by name; no face element without triangles.
+    """Write binary little-endian PLY: float x y z (n, 3), float nx ny nz, uchar red green blue; faces of triangles (m, 3) with further int
+    values (m,) by name. Without triangles there is no face element.
 
-    Raises WorkError where it cannot be written.
+    Raises WorkError if it cannot be written.
     """
     columns = [(name, "f4", points[:, a]) for a, name in enumerate("xyz")]
     if normals is not None:
@@ -113,7 +113,7 @@ def _rows(count: int, columns: list[tuple]) -> bytes:
 
 
 def _checked(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Columns of the vertices by name, and the faces: arrays (k, corners) of vertex numbers."""
+    """Properties of the vertices by name, and the faces as arrays (k, corners) of vertex numbers."""
     data = read_bytes(path, "a PLY file")
     order, elements, at = _header(path, data)
     if not order:
@@ -135,10 +135,10 @@ def _checked(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
 
 
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
-    """Byte order, elements, and where the data starts."""
+    """Byte order, elements, and the offset of the data."""
     end = data.find(b"end_header", 0, _LONGEST_HEADER)
     if not data.startswith(b"ply") or end < 0:
-        raise InputError("a PLY file", path=path, found="no header of one")
+        raise InputError("a PLY file", path=path, found="a file without a PLY header")
     order, elements = None, []
     for number, row in enumerate(data[:end].split(b"\n"), 1):
         line = row.decode("latin-1")
@@ -164,7 +164,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
-    """The numbers of an ASCII file as a binary one would have them, were all of them doubles; the elements then say so."""
+    """Convert the numbers of an ASCII file to binary data of doubles. The types of the elements are changed to double accordingly."""
     found: list[np.ndarray] = []
     for element in elements:
         if len(lines) < element.count:
@@ -187,8 +187,8 @@ def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
 
 
 def _rows_of(path: Path, data: bytes, at: int, order: str, element: _Element) -> tuple[int, list[np.ndarray]]:
-    """Where the element ends, and its rows: structured arrays, a new one where lists change their length. All rows at once while their
-    lists are as long as the first row's; row by row from where they are not.
+    """The offset of the end of the element, and its rows as structured arrays, a new one wherever lists change their length. Rows are read
+    together as long as their lists have the length of the first row's.
     """
     found, done, ahead = [], 0, 64
     while done < element.count and element.properties:
@@ -203,7 +203,7 @@ def _rows_of(path: Path, data: bytes, at: int, order: str, element: _Element) ->
             raise _cut(path, element)
         found.append(rows[:like_first])
         at, done = at + like_first * row.itemsize, done + like_first
-        ahead = 2 * ahead if like_first == ahead else 64  # rows of changing length are not looked at again and again
+        ahead = 2 * ahead if like_first == ahead else 64  # rows of changing length are not scanned repeatedly
     return at, found
 
 

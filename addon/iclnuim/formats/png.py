@@ -1,6 +1,6 @@
-"""PNG images in and out, 8-bit colour and 16-bit depth: through OpenCV, or inside Blender through OpenImageIO.
+"""Reading and writing of PNG images, 8-bit colour and 16-bit depth, by OpenCV, or inside Blender by OpenImageIO.
 
-Compression level 1 with run-length matching: a noisy 640 x 480 colour image takes 16 ms and 0.38 MB (level 3: 30 ms and
+Images are compressed at level 1 with run-length matching: a noisy 640 x 480 colour image takes 16 ms and 0.38 MB (level 3: 30 ms and
 0.43 MB), a depth image 10 ms and 0.24 MB (15 ms and 0.21 MB).
 """
 
@@ -27,7 +27,7 @@ _AGAIN = "writing or copying this image again"
 
 @dataclass(frozen=True)
 class PngHeader:
-    """Size in pixels, bits a channel, and the kind of colour in words."""
+    """Size in pixels, bits per channel, and a description of the colour type."""
 
     width: int
     height: int
@@ -39,7 +39,7 @@ class PngHeader:
 
 
 def png_header(path: str | os.PathLike[str]) -> PngHeader:
-    """Size and kind, from the first bytes alone. Raises InputError where `path` is no PNG."""
+    """Size and kind, from the first bytes only. Raises InputError if `path` is not a PNG."""
     try:
         with open(path, "rb") as file:
             return _header(path, file.read(33))
@@ -48,29 +48,29 @@ def png_header(path: str | os.PathLike[str]) -> PngHeader:
 
 
 def check_png(path: str | os.PathLike[str]) -> PngHeader:
-    """Read the whole file and check every chunk's checksum, without decoding. Raises InputError where it is broken."""
+    """Read the whole file and check every chunk's checksum, without decoding. Raises InputError if it is damaged."""
     return _checked(path)[1]
 
 
 def read_rgb8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """(height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey repeated. Raises InputError otherwise."""
+    """Read (height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey is repeated. Raises InputError for other files."""
     return _read(path, "an 8-bit colour PNG", 8, _COLOURS.values(), 3, backend)
 
 
 def read_depth16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """(height, width) uint16, raw units. Raises InputError for anything but a 16-bit grey PNG."""
+    """Read (height, width) uint16, raw units. Raises InputError unless it is a 16-bit grey PNG."""
     return _read(path, "a 16-bit grey depth PNG", 16, ("grey",), 1, backend)[..., 0]
 
 
 def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """(height, width, 3) uint16 in the order R, G, B: three measures a pixel, such as normals. Raises InputError otherwise."""
+    """Read (height, width, 3) uint16 in the order R, G, B: three values per pixel, such as normals. Raises InputError for other files."""
     return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
 
 
 def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
-    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16; whole or absent, the same bytes for the same pixels and library.
+    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and library give the same bytes.
 
-    Raises InputError for another array, WorkError where it cannot be written.
+    Raises InputError for other arrays, WorkError if it cannot be written.
     """
     kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
@@ -86,7 +86,9 @@ def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | No
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
-    """The whole file, every chunk complete and of the right checksum: OpenCV decodes half a file without an error."""
+    """The content of the file and its header, after a check that every chunk is complete and has the right checksum. OpenCV would decode half a
+    file without an error.
+    """
     data = read_bytes(path, "a PNG image")
     header = _header(path, data)
     place, kind = 8, b""
@@ -109,7 +111,7 @@ def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
         raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
     width, height, bits, colour = struct.unpack_from(">IIBB", data, 16)
     if not (1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and width * height <= 1 << 28):
-        raise InputError("an image of a sane size", path=path, found=f"a header that claims {width} x {height}")
+        raise InputError("an image of a plausible size", path=path, found=f"a header with {width} x {height}")
     return PngHeader(width, height, bits, _COLOURS.get(colour, f"colour type {colour}"))
 
 
@@ -161,4 +163,4 @@ def _write_oiio(module: ModuleType, temporary: Path, image: np.ndarray) -> None:
     try:
         _checked(temporary)  # OpenImageIO does not report a full disk
     except InputError:
-        raise OSError("the file is not whole; the disk may be full") from None
+        raise OSError("the file is incomplete; the disk may be full") from None

@@ -1,4 +1,4 @@
-"""Poses as matrices in files of other kinds: ScanNet's folder with a file a frame, and transforms.json of NeRF programs."""
+"""Poses as matrices: ScanNet's folder with one file per frame, and transforms.json of NeRF programs."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def is_scannet(source: Source) -> bool:
 
 
 def scannet_rows(source: Source) -> Table:
-    """(n, 13): the number that is the file's name, and three rows of its matrix; files of lost frames (-inf) are left out."""
+    """(n, 13): the number in the file's name, and three rows of its matrix. Files of lost frames (-inf) are left out."""
     paths = {int(path.stem): path for path in source.path.glob("*.txt") if path.stem.isdecimal()}
     found = []
     for number in sorted(paths):
@@ -30,7 +30,7 @@ def scannet_rows(source: Source) -> Table:
 
 
 def nerf_rows(source: Source) -> Table:
-    """(n, 13): the number that is the image's name, or the frame's place in the list, and three rows of its matrix."""
+    """(n, 13): the number in the image's name, or else the frame's index in the list, and three rows of its matrix."""
     frames = read_json(source.path).get("frames")
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError("a list of frames", path=source.path)
@@ -52,7 +52,7 @@ def _numbers(path: Path, values: list) -> np.ndarray:
 
 
 def _rows_of(path: Path, values: np.ndarray) -> list[float]:
-    """The first three rows. Raises InputError for other than 16 numbers that end in 0 0 0 1."""
+    """The first three rows of a matrix. Raises InputError unless there are 16 numbers that end in 0 0 0 1."""
     if len(values) != 16 or not np.abs(values[12:] - (0, 0, 0, 1)).max() < 1e-6 or not np.isfinite(values).all():
         raise InputError(f"{_MATRIX} that ends in 0 0 0 1", path=path, found=" ".join(f"{v:g}" for v in values))
     return values[:12].tolist()

@@ -1,8 +1,8 @@
-"""ICL-NUIM's POV-Ray files, LEFT-handed, y up; metres in the living room, centimetres in the office (unit_m = 0.01).
+"""ICL-NUIM's POV-Ray files: LEFT-handed, y up; metres in the living room, centimetres in the office (unit_m = 0.01).
 
-Commands, one pose a line: `... +Oscene_00_0012.png ... Declare=val00=... Declare=val32=...`, a row-vector matrix: rows 0 to 2 are
-the images of the camera's x, y, z axes, row 3 is the position.
-Camera files, one a frame in a folder: `cam_pos = [91, 465, -292]';` and so on; z = dir/|dir|, x = up x z normalised, y = z x x.
+Commands have one pose per line: `... +Oscene_00_0012.png ... Declare=val00=... Declare=val32=...`. The matrix multiplies row vectors: rows 0
+to 2 are the images of the camera's x, y, z axes, row 3 is the position.
+Camera files, one per frame in a folder, contain `cam_pos = [91, 465, -292]';` and so on; z = dir/|dir|, x = up x z normalised, y = z x x.
 """
 
 import math
@@ -28,7 +28,7 @@ COMMAND_LINE = (
 
 
 def command_rows(source: Source) -> Table:
-    """(n, 13): the number in the image's name (+O), val00 to val32; (n, 12) unless all lines have such a number."""
+    """(n, 13): the number in the image's name (+O), and val00 to val32; (n, 12) without the number if not all lines have one."""
     lines = [(number, line) for number, line in data_lines(source.text) if "declare" in line.lower()]
     if not lines:
         raise InputError(COMMAND, path=source.path, found="no line with Declare")
@@ -70,7 +70,9 @@ def _numbered(folder: Path) -> list[tuple[int, Path]]:
     found.sort()
     for (before, first), (number, second) in zip(found, found[1:], strict=False):
         if number == before:
-            raise InputError("one camera file a frame", path=second, found=f"frame {number} again, as in {first.name}")
+            raise InputError(
+                "one camera file per frame", path=second, found=f"frame {number} again, as in {first.name}"
+            )
     return found
 
 
@@ -110,6 +112,6 @@ def _vector(path: Path, text: str, name: str) -> np.ndarray:
 
 
 def _normalised(vector: np.ndarray) -> np.ndarray:
-    """Length one; NaN where there is next to no length."""
+    """The unit vector; NaN for a vector that is nearly 0 or too long."""
     length = math.hypot(*vector)
     return vector / length if 1e-9 < length < 1e9 else np.full(3, np.nan)

@@ -1,5 +1,5 @@
-"""A scene as a surface: triangles with shading normals, texture coordinates, materials and instances; cut and chosen as arrays, and
-written as PLY (binary, with normals and instances) and as OBJ with MTL and textures. Our world: metres, z up, as everywhere.
+"""A scene as a surface: triangles with shading normals, texture coordinates, materials and instances. Functions select and subdivide triangles
+and write PLY (binary, with normals and instances) or OBJ with MTL and textures. World: metres, z up.
 """
 
 import re
@@ -13,14 +13,14 @@ from . import ply
 from .files import atomic_write_text, make_folder
 from .png import write_png
 
-#: Corners are one vertex where place and normal agree to these digits.
+#: Corners are merged to one vertex if position and normal are equal to these numbers of digits.
 _DIGITS_M, _DIGITS_NORMAL = 6, 4
 _FACE = "f {}/{}/{} {}/{}/{} {}/{}/{}"
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A material to look at: its name, its colour (3,) in sRGB 0..1, and its texture (h, w, 3) uint8, row 0 at the top, where it has one."""
+    """The appearance of a material: its name, its colour (3,) in sRGB 0..1, and its texture (h, w, 3) uint8, row 0 at the top, or None."""
 
     name: str
     colour: tuple[float, float, float]
@@ -29,8 +29,8 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class SceneModel:
-    """m triangles. corners_m (m, 3, 3) in metres, our world, counter-clockwise from the front; normals (m, 3, 3) unit shading normals of the
-    corners; uv (m, 3, 2), v upwards; material (m,) index into looks; instance (m,) the numbers of label images; names: of these.
+    """m triangles. corners_m (m, 3, 3) in metres, world, counter-clockwise seen from the front; normals (m, 3, 3): unit shading normals of the
+    corners; uv (m, 3, 2), v upwards; material (m,): index into looks; instance (m,): number in label images; names: instance -> name.
     """
 
     corners_m: np.ndarray
@@ -45,18 +45,18 @@ class SceneModel:
         return len(self.corners_m)
 
     def area_m2(self) -> np.ndarray:
-        """(m,) square metres."""
+        """(m,) areas in square metres."""
         a, b, c = np.moveaxis(self.corners_m, 1, 0)
         return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
     def chosen(self, rows: np.ndarray) -> "SceneModel":
-        """Some of the triangles, by a mask (m,) or by indices."""
+        """A model of some of the triangles, selected by a mask (m,) or by indices."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
     def cut(self, longest_m: float) -> "tuple[SceneModel, np.ndarray]":
-        """The same surface in k triangles without an edge longer than `longest_m`, and which triangle (k,) each was part of.
+        """The same surface subdivided into k triangles without an edge longer than `longest_m`, and the index (k,) of each one's original triangle.
 
-        The longest edge is halved, as often as it takes.
+        The longest edge is bisected repeatedly.
         """
         done, rest, origin, origins = [], self, np.arange(len(self)), []
         while len(rest):
@@ -73,7 +73,7 @@ class SceneModel:
         return replace(self, **joined), np.concatenate(origins or [origin])
 
     def _bisected(self, edge: np.ndarray) -> "SceneModel":
-        """Two triangles for each, split in the middle of the edge that starts at corner edge (m,)."""
+        """Split each triangle into two, at the middle of the edge that starts at corner `edge` (m,)."""
         order = (edge[:, None] + np.arange(3)) % 3
         halves: dict[str, Any] = {}
         for name in _OF_CORNERS:
@@ -92,9 +92,9 @@ _ARRAYS = (*_OF_CORNERS, "material", "instance")
 
 
 def write_ply(path: Path, model: SceneModel) -> None:
-    """Binary little-endian: vertices x y z nx ny nz (float), one for each shading normal of a place; faces vertex_indices, instance (int).
+    """Write binary little-endian PLY: vertices x y z nx ny nz (float), one per position and shading normal; faces vertex_indices, instance (int).
 
-    Raises WorkError where it cannot be written.
+    Raises WorkError if it cannot be written.
     """
     corners_m, normals = model.corners_m.reshape(-1, 3), model.normals.reshape(-1, 3)
     unique, index = _unique(np.hstack([corners_m.round(_DIGITS_M), normals.round(_DIGITS_NORMAL)]))
@@ -103,10 +103,10 @@ def write_ply(path: Path, model: SceneModel) -> None:
 
 
 def write_obj(path: Path, model: SceneModel) -> None:
-    """NAME.obj, NAME.mtl and a folder NAME_textures of PNG; a group of faces for every object (o NAME) and material.
+    """Write NAME.obj, NAME.mtl and a folder NAME_textures of PNG files, with a group of faces for every object (o NAME) and material.
 
-    Plain colours are textures too, of 2 x 2 pixels: some programs take Kd for linear light, others for sRGB, but all agree about images.
-    Raises WorkError where they cannot be written.
+    Plain colours are written as textures of 2 x 2 pixels: some programs interpret Kd as linear light, others as sRGB, but all read images in
+    the same way. Raises WorkError if they cannot be written.
     """
     path = Path(path)
     files = _file_names(model)
@@ -121,7 +121,7 @@ def write_obj(path: Path, model: SceneModel) -> None:
 
 
 def _file_names(model: SceneModel) -> list[str]:
-    """One word a material, no two alike."""
+    """A unique name for each material, usable in file names and without blanks."""
     names: list[str] = []
     for look in model.looks:
         name = re.sub(r"[^A-Za-z0-9_.-]+", "_", look.name) or "material"
@@ -152,6 +152,6 @@ def _obj(model: SceneModel, files: list[str], stem: str) -> str:
 
 
 def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct rows, and (n,) which of them each row is. -0 counts as 0."""
+    """The distinct rows, and for each row (n,) its index among them. -0 is equal to 0."""
     unique, index = np.unique(rows + 0.0, axis=0, return_inverse=True)
     return unique, index.reshape(-1)

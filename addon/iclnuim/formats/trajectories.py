@@ -1,7 +1,7 @@
-"""The one registry of trajectory formats: recognised by name and content, read, and written where it makes sense.
+"""The registry of trajectory formats: detected by name and content, read, and for most formats written.
 
-All have one pose a line or block and are described by their columns. A new format is one entry of FORMATS; the command line, the panel
-and the pages list what stands there.
+All formats have one pose per line or block and are described by their columns. A new format is one entry of FORMATS; the command line, the
+panel and the documentation list these entries.
 """
 
 import os
@@ -33,29 +33,31 @@ __all__ = ["ANCHORED_WORLD", "FORMATS", "TUM_HEADER", "FileOptions", "LoadedTraj
 __all__ += ["format_for_name", "read_trajectory", "trajectory_text", "write_trajectory"]
 
 ANCHORED_WORLD = "the original's anchored frame made right-handed (the first camera's axes: x right, y down, z forward)"
-#: Where the official files start: living room, office. Office kt0, whose first image is missing, is 9 mm off.
+#: Start of the official files: living room, office. Office kt0, whose first image is missing, starts 9 mm away.
 OFFICIAL_STARTS_Z_M = (-2.25, -2.5)
 START_TOLERANCE_M = 0.02
 
-#: Stamps or numbers, None where a format has none, and poses.
+#: Stamps or frame numbers (None if a format has none), and poses.
 Given = tuple[Iterable | None, SE3]
-#: Of the position, and of the orientation.
+#: Columns of the position, and of the orientation.
 Columns = tuple[Sequence[int], Sequence[int]]
 
 
 @dataclass(frozen=True)
 class TrajectoryFormat:
-    """A format: its columns, and what stamps and poses in them mean.
+    """A trajectory format: its columns, and the meaning of the stamps and poses in them.
 
-    sniff: whether a file is of it. sentence: how a file was read, with {rate} for the frame rate and {how} for what `how` says.
-    expected: what a line is, for errors. counts: how many columns a line may have; of 13, where 12 would do, the first is the frame's
-    number. columns: those of x y z, and of qx qy qz qw or r00 r01 ... r22; a column before them has stamps, `ticks` a second (unless
-    the rows say another number), or the frames' numbers where both are None; without it lines are counted, from `first`. hint: where
-    they are no numbers. frame: what makes the file's poses right-handed cv camera poses, None where they are, and the world of the
-    trajectory; handedness: of the file's poses where that is not left for such. inverse: the file's poses are world to camera. rows: the columns of a file whose lines are no rows.
-    line: for printf, all columns in order; "" where the format is only read. given: what is written of a trajectory: stamps or numbers
-    (None where the format has none), and poses. header: with {unit}. goes_to: the same in a sentence. endings, word: names of files that
-    mean this format: endings, or a word in the name of a file that ends in `texts`.
+    sniff: whether a file has this format. sentence: how a file was read; {rate} is replaced by the frame rate, {how} by the result of `how`.
+    expected: description of a line, for errors. counts: allowed numbers of columns of a line; if 12 or 13 are allowed, the first of 13 is the
+    frame number. columns: the columns of x y z, and of qx qy qz qw or r00 r01 ... r22. A column before them contains stamps with `ticks` per
+    second (unless the rows set another number), or frame numbers if both are None. Without such a column, lines are counted from `first`.
+    hint: for the error of invalid frame numbers. frame: the function that converts the file's poses to right-handed cv camera poses (None if
+    they are that already), and the world of the trajectory. handedness: of the file's poses; default: left if `frame` has a function, else
+    right. inverse: the file's poses are world to camera. rows: reads the columns of a file whose lines are not simple rows.
+
+    Writing: line: a printf format of all columns in order; "" if the format is only read. given: stamps or frame numbers (None if the format
+    has none), and poses to write. header: may contain {unit}. goes_to: description of the written file. endings, word: file names that
+    select this format: endings, or a word in the name of a file that ends in `texts`.
     """
 
     name: str
@@ -83,7 +85,7 @@ class TrajectoryFormat:
     texts: tuple[str, ...] = (".txt",)
 
     def read(self, source: Source, options: FileOptions) -> LoadedTrajectory:
-        """Raises InputError, naming the line, for what is not of this format."""
+        """Read a file in this format. Raises InputError with the line for invalid content."""
         table = self.rows(source) if self.rows else read_table(source, self.counts, self.expected, self.delimiter)
         numbered = table.values.shape[1] == 13
         position, orientation = ([c + numbered for c in columns] for columns in self.columns)
@@ -102,14 +104,14 @@ class TrajectoryFormat:
         return LoadedTrajectory(trajectory, ReadAs(self.name, handedness, world, sentence, repeated))
 
     def write(self, trajectory: Trajectory, options: FileOptions) -> str:
-        """The text of a file. Raises InputError where the format cannot hold the trajectory."""
+        """The text of a file in this format. Raises InputError if the format cannot represent the trajectory."""
         stamps, poses = self.given(trajectory, options)
         position, orientation = self.columns
         quaternions = len(orientation) == 4
         columns = np.zeros((len(poses), max(*position, *orientation) + 1))
         columns[:, orientation] = poses.quat_xyzw if quaternions else poses.rotation.reshape(-1, 9)
         columns[:, position] = poses.translation / options.unit_m
-        rows = (columns[:, 0 not in (*position, *orientation) :] + 0.0).tolist()  # adding 0.0 turns -0.0 into 0.0
+        rows = (columns[:, 0 not in (*position, *orientation) :] + 0.0).tolist()  # adding 0.0 changes -0.0 to 0.0
         if stamps is None:
             lines = [self.line % tuple(row) for row in rows]
         else:
@@ -121,12 +123,12 @@ class TrajectoryFormat:
 def read_trajectory(
     path: str | os.PathLike[str], format: str | None = None, *, rate_hz: float = FRAME_RATE_HZ, unit_m: float = 1.0
 ) -> LoadedTrajectory:
-    """A right-handed trajectory of cv camera poses (camera to world, metres) and how the file was read.
+    """Read a right-handed trajectory of cv camera poses (camera to world, metres), and how the file was read.
 
-    `format` is a name of FORMATS; without it name and content decide. `rate_hz` counts where a file numbers its frames,
-    `unit_m` is the file's unit of length (0.01 for the office's POV-Ray files).
+    `format` is a name of FORMATS; without it, the format is detected by name and content. `rate_hz` is used if a file has frame numbers.
+    `unit_m` is the file's unit of length in metres (0.01 for the office's POV-Ray files).
 
-    Raises InputError, naming file and line, for what cannot be read.
+    Raises InputError with file and line for a file that cannot be read.
     """
     options, source = FileOptions(rate_hz, unit_m), Source(path)
     return (_known(format) if format else _sniffed(source)).read(source, options)
@@ -135,7 +137,7 @@ def read_trajectory(
 def write_trajectory(
     path: str | os.PathLike[str], trajectory: Trajectory, format: str, options: FileOptions | None = None
 ) -> None:
-    """Write a trajectory file, whole or not at all. Raises InputError where the format cannot hold the trajectory."""
+    """Write a trajectory file atomically. Raises InputError if the format cannot represent the trajectory."""
     atomic_write_text(path, trajectory_text(trajectory, format, options))
 
 
@@ -149,7 +151,7 @@ def trajectory_text(trajectory: Trajectory, format: str, options: FileOptions | 
 
 
 def _sniffed(source: Source) -> TrajectoryFormat:
-    """The format that a file or folder is in. Raises InputError where it is in none."""
+    """The format of a file or folder. Raises InputError if it is not recognised."""
     for format in FORMATS.values():
         if format.sniff(source):
             return format
@@ -164,7 +166,7 @@ def _sniffed(source: Source) -> TrajectoryFormat:
 
 
 def format_for_name(path: str | os.PathLike[str]) -> str:
-    """The format that a file to be written has by its name. Raises InputError where the name says nothing."""
+    """The format of a file to be written, by its name. Raises InputError if no format has such names."""
     name = os.path.basename(os.fspath(path)).lower()
     for format, known in FORMATS.items():
         if name.endswith(known.endings) or (known.word and known.word in name and name.endswith(known.texts)):
@@ -181,9 +183,9 @@ def _known(format: str) -> TrajectoryFormat:
 
 
 def is_freiburg(source: Source) -> bool:
-    """Named `*.gt.freiburg`, or frame ids and a start as in the official files, unless a header says right-handed.
+    """Whether a file is named `*.gt.freiburg`, or has frame ids and starts like the official files, unless its header contains "right-handed".
 
-    Nothing else makes a file left-handed: handedness cannot be seen in poses; whole-number stamps alone decide nothing.
+    No other file is read as left-handed: poses do not show their handedness, and whole-number stamps alone are not sufficient.
     """
     if source.name.endswith(".gt.freiburg"):
         return True
@@ -197,15 +199,15 @@ def is_freiburg(source: Source) -> bool:
 
 
 def starts_as_official(position_m: np.ndarray) -> bool:
-    """Whether a first position (3,) is that of the official living-room or office files, each axis to 2 cm."""
+    """Whether a first position (3,) is that of the official living-room or office files, within 2 cm on each axis."""
     return any(np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M)
 
 
 def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tuple[list[int], SE3]:
-    """n frame numbers from 1 on and their left-handed poses, with the pose of image `anchor` at (0, 0, start_z_m).
+    """n frame numbers, starting at 1 or later, and their left-handed poses, with the pose of image `anchor` at (0, 0, start_z_m).
 
-    T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). Without that image the first one written serves. Poses that already start as the
-    official files do stay as they are.
+    T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). If image `anchor` is missing, the first written image is used instead. Poses that
+    already start like the official files are not moved.
     """
     numbers = trajectory_file.frame_numbers(trajectory.stamps_s, options.rate_hz)
     kept = numbers >= 1
@@ -221,7 +223,7 @@ def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tupl
 
 
 def _given_sim(trajectory: Trajectory, options: FileOptions) -> Given:
-    """Raises InputError where frames are missing, since blocks carry no number."""
+    """Left-handed poses without numbers. Raises InputError if frames are missing, because blocks have no frame number."""
     numbers, left = _anchored(trajectory, 0, options)
     if numbers[-1] != len(numbers):
         found = f"{len(numbers)} frames up to {numbers[-1]}"
@@ -230,7 +232,7 @@ def _given_sim(trajectory: Trajectory, options: FileOptions) -> Given:
 
 
 def _given_ns(trajectory: Trajectory, options: FileOptions) -> Given:
-    """By the shortest decimals that stand for the stamps."""
+    """Stamps in nanoseconds, computed from the shortest decimal text of each stamp, and the poses."""
     stamps = [round(Decimal(repr(stamp_s)) * 10**9) for stamp_s in trajectory.stamps_s.tolist()]
     return stamps, trajectory.T_world_camera
 
@@ -241,7 +243,7 @@ def _given_pov(trajectory: Trajectory, options: FileOptions) -> Given:
 
 
 def _blocks(source: Source) -> Table:
-    """(n, 12). Raises InputError for the first block that does not stand on three lines one below the other."""
+    """(n, 12). Raises InputError for the first block that is not on three consecutive lines."""
     lines = read_table(source, (4,), _BLOCKS)
     numbers = [number for number, _ in data_lines(source.text)]
     for k in range(0, len(numbers), 3):
@@ -267,7 +269,7 @@ def _square_rows(source: Source) -> Table:
 
 
 def _commented_first(source: Source) -> Source:
-    """The same with the first line of data, which names the columns, as a comment."""
+    """The same source with its first line of data, which contains the names of the columns, made a comment."""
     number = data_lines(source.text)[0][0]
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     lines[number - 1] = "#" + lines[number - 1]
@@ -275,45 +277,45 @@ def _commented_first(source: Source) -> Source:
 
 
 def _vslam_lab_rows(source: Source) -> Table:
-    """(n, 8)."""
+    """(n, 8) values of VSLAM-LAB's groundtruth.csv."""
     return read_table(_commented_first(source), (8,), _VSLAM_LAB, ",")
 
 
 def _is_tartanair(source: Source) -> bool:
-    """Seven numbers that end in a unit quaternion."""
+    """Whether the first line has seven numbers that end in a unit quaternion."""
     if source.columns != 7 or not source.starts_with_numbers:
         return False
     return bool(abs(np.linalg.norm([float(field) for field in source.first_lines[0].split()[3:]]) - 1) < 0.01)
 
 
 def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
-    """What a table's first column counts, where its rows tell."""
+    """The unit of a table's first column: frames, seconds or nanoseconds."""
     return {None: "frames", 1.0: "seconds"}.get(table.ticks, "nanoseconds")
 
 
 def _tum_stamps(source: Source, table: Table, trajectory: Trajectory) -> str:
-    """In which unit they are, and the world; and that whole seconds may be frame numbers."""
+    """The unit of the stamps and the world; for whole seconds, a note that they may be frame numbers."""
     text = f"{_numbering(source, table, trajectory)}, right-handed camera-to-world poses in {OWN_WORLD}"
     stamps_s = trajectory.stamps_s
     if table.ticks == 1.0 and len(stamps_s) > 1 and (stamps_s == np.rint(stamps_s)).all():
-        text += "; its whole numbers are taken as seconds (the format tum-ids takes them as frame numbers)"
+        text += "; its whole numbers are read as seconds (the format tum-ids reads them as frame numbers)"
     return text
 
 
 def _why_freiburg(source: Source, table: Table, trajectory: Trajectory) -> str:
     named = source.name.endswith(".gt.freiburg")
-    return "by its name" if named else "by its start" if is_freiburg(source) else "as told"
+    return "by its name" if named else "by its start" if is_freiburg(source) else "as requested"
 
 
 def _unit_warning(source: Source, table: Table, trajectory: Trajectory) -> str:
-    """Of a POV-world file whose positions look like centimetres."""
+    """A warning for a POV-world file whose positions are probably in centimetres, else an empty text."""
     far_m = np.abs(trajectory.positions_m).max()
     far = far_m > trajectory_file.FAR_M
     return f"; positions reach {far_m:.0f} m: they may be centimetres (unit cm)" if far else ""
 
 
 def _counted(source: Source, table: Table, trajectory: Trajectory) -> str:
-    """What the numbers of commands are."""
+    """The origin of the frame numbers of commands, and the warning about units."""
     counted = "of the image's name" if table.values.shape[1] == 13 else "of the line, from 0"
     return counted + _unit_warning(source, table, trajectory)
 
@@ -326,20 +328,20 @@ _POV_HEADER = (
     "# frame r00 r01 r02 tx r10 r11 r12 ty r20 r21 r22 tz ; T_pov_cam, LEFT-handed POV-Ray world (y up), "
     "camera x right y up z forward, {unit}\n"
 )
-#: Where the position and r00 r01 ... r22 stand in the rows of a 3x4 matrix, and among val00 val01 ... val32 of POV-Ray.
+#: The columns of the position and of r00 r01 ... r22 in the rows of a 3x4 matrix, and in val00 val01 ... val32 of POV-Ray.
 _MATRIX_COLUMNS: Columns = (3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10)
 _POV_COLUMNS: Columns = (9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8)
 _ANCHORED, _POV = (axes.mirrored_y, ANCHORED_WORLD), (axes.world_cv_from_pov, OUR_WORLD)
 _MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
 _MATRIX_ROW = "12 columns of a 3x4 matrix, or 13 with the frame number first"
 _SQUARE_ROW = "16 columns of a 4x4 matrix, row by row"
-_VSLAM_LAB = "8 columns parted by commas: ts (ns), tx, ty, tz, qx, qy, qz, qw"
+_VSLAM_LAB = "8 columns separated by commas: ts (ns), tx, ty, tz, qx, qy, qz, qw"
 _TARTANAIR = "7 columns: tx ty tz qx qy qz qw"
 _BLOCKS = "blocks of 3 lines with 4 columns: r00 r01 r02 tx"
-_FROM_POV = f"turned into {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
+_FROM_POV = f"converted to {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
 
 _ALL = (
-    TrajectoryFormat(  # a 4x4 matrix a file
+    TrajectoryFormat(  # one 4x4 matrix per file
         name="scannet",
         sniff=pose_folders.is_scannet,
         rows=pose_folders.scannet_rows,
@@ -354,10 +356,10 @@ _ALL = (
         columns=_MATRIX_COLUMNS,
         frame=(axes.world_cv_from_world_blender, OWN_WORLD),
         handedness="right",
-        sentence=f"transforms.json: OpenGL camera poses turned into right-handed cv camera poses in {OWN_WORLD}, stamps "
+        sentence=f"transforms.json: OpenGL camera poses converted to right-handed cv camera poses in {OWN_WORLD}, stamps "
         "1 + number/{rate} s by the images' names",
     ),
-    TrajectoryFormat(  # ICL-NUIM's own, a file a frame
+    TrajectoryFormat(  # ICL-NUIM's own format, one file per frame
         name="pov-cameras",
         sniff=lambda source: source.path.is_dir() or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines),
         rows=pov.camera_rows,
@@ -382,7 +384,7 @@ _ALL = (
         word="command",
         texts=(".txt", ".sh"),
     ),
-    TrajectoryFormat(  # ICL-NUIM's own, anchored at image 1; image 0 has no pose
+    TrajectoryFormat(  # ICL-NUIM's own format, anchored at image 1; image 0 has no pose
         name="gt.freiburg",
         sniff=is_freiburg,
         expected="8 columns: id tx ty tz qx qy qz qw",
@@ -396,7 +398,7 @@ _ALL = (
         goes_to="gt.freiburg: frame ids, LEFT-handed y-up poses, moved to the original's start, image 0 left out",
         endings=(".gt.freiburg",),
     ),
-    TrajectoryFormat(  # ICL-NUIM's own, anchored at image 0, without an index: block k, from 0, belongs to image k + 1
+    TrajectoryFormat(  # ICL-NUIM's own format, anchored at image 0, without an index: block k, from 0, belongs to image k + 1
         name="gt.sim",
         sniff=lambda source: source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers),
         rows=_blocks,
@@ -420,14 +422,14 @@ _ALL = (
         line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
         given=_given_ns,
         header="ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw\n",
-        goes_to="VSLAM-LAB: nanoseconds, right-handed camera-to-world poses, world as it was",
+        goes_to="VSLAM-LAB: nanoseconds, right-handed camera-to-world poses, world unchanged",
         word="vslam",
         texts=(".csv", ".txt"),
     ),
     TrajectoryFormat(  # quaternion scalar FIRST; more columns (velocity, biases) may follow
         name="euroc",
         sniff=lambda source: any("," in line for line in source.first_lines),
-        expected="8 or 17 columns parted by commas: stamp in ns, x, y, z, qw, qx, qy, qz",
+        expected="8 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz",
         counts=(8, 17),
         delimiter=",",
         columns=((1, 2, 3), (5, 6, 7, 4)),
@@ -437,7 +439,7 @@ _ALL = (
         line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
         given=_given_ns,
         header=_EUROC_HEADER,
-        goes_to="EuRoC: nanoseconds, right-handed camera-to-world poses (as world <- body), world as it was",
+        goes_to="EuRoC: nanoseconds, right-handed camera-to-world poses (as world <- body), world unchanged",
         endings=(".csv",),
     ),
     TrajectoryFormat(
@@ -463,11 +465,11 @@ _ALL = (
         columns=_MATRIX_COLUMNS,
         sentence=f"KITTI rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps 1 + frame/{{rate}} s",
         line=_MATRIX_LINE,
-        goes_to="KITTI: 12 columns, right-handed camera-to-world poses, world as it was; stamps are not kept",
+        goes_to="KITTI: 12 columns, right-handed camera-to-world poses, world unchanged; stamps are not written",
         endings=(".kitti",),
         word="kitti",
     ),
-    TrajectoryFormat(  # 4x4 rows, of the data set Replica as neural mapping systems render it
+    TrajectoryFormat(  # rows of 4x4 matrices: the data set Replica as rendered for neural mapping systems
         name="replica",
         sniff=lambda source: source.columns == 16 and source.starts_with_numbers,
         counts=(16,),
@@ -475,7 +477,7 @@ _ALL = (
         rows=_square_rows,
         sentence=f"Replica rows: right-handed camera-to-world poses in {OWN_WORLD}, stamps 1 + line/{{rate}} s, lines from 0",
         line=_MATRIX_LINE.replace("\n", " 0 0 0 1\n"),
-        goes_to="Replica: 16 columns of a 4x4 matrix, right-handed camera-to-world poses, world as it was; stamps are not kept",
+        goes_to="Replica: 16 columns of a 4x4 matrix, right-handed camera-to-world poses, world unchanged; stamps are not written",
         endings=(".replica",),
         word="replica",
     ),
@@ -485,7 +487,7 @@ _ALL = (
         rows=colmap.rows,
         inverse=True,
         sentence="COLMAP: world-to-camera poses inverted to right-handed camera-to-world poses, unit of length unknown "
-        f"(align by sim3), in {OWN_WORLD}, stamps by the images' names ({{how}}; {{rate}} frames a second)",
+        f"(align by sim3), in {OWN_WORLD}, stamps by the images' names ({{how}}; {{rate}} frames per second)",
         how=_numbering,
     ),
     TrajectoryFormat(  # x forward, y right, z down
@@ -496,11 +498,11 @@ _ALL = (
         columns=((0, 1, 2), (3, 4, 5, 6)),
         frame=(axes.world_cv_from_ned, OUR_WORLD),
         handedness="right",
-        sentence=f"TartanAir: poses in NED axes (x forward, y right, z down) turned into {OUR_WORLD}, stamps 1 + line/{{rate}} s, "
+        sentence=f"TartanAir: poses in NED axes (x forward, y right, z down) converted to {OUR_WORLD}, stamps 1 + line/{{rate}} s, "
         "lines from 0",
         line="%.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
         given=lambda t, options: (None, axes.ned_from_world_cv(t.T_world_camera)),
-        goes_to="TartanAir: 7 columns, poses in NED axes (x forward, y right, z down); stamps are not kept",
+        goes_to="TartanAir: 7 columns, poses in NED axes (x forward, y right, z down); stamps are not written",
         word="pose_left",
     ),
     TrajectoryFormat(
@@ -512,15 +514,15 @@ _ALL = (
         line="%s %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
         given=lambda t, options: (map(trajectory_file.stamp_text, t.stamps_s.tolist()), t.T_world_camera),
         header=TUM_HEADER,
-        goes_to="TUM: seconds, right-handed camera-to-world poses, world as it was",
+        goes_to="TUM: seconds, right-handed camera-to-world poses, world unchanged",
         endings=(".tum", ".txt"),
     ),
-    TrajectoryFormat(  # frame numbers for stamps, as odometers run on ICL-NUIM write them; only where it is named
+    TrajectoryFormat(  # frame numbers as stamps, as written by odometers on ICL-NUIM; never detected, only used by name
         name="tum-ids",
         sniff=lambda source: False,
         hint="{from} tum",
         sentence=f"TUM with frame numbers: stamps 1 + number/{{rate}} s, right-handed poses in {OWN_WORLD}",
     ),
 )
-#: name -> format, in the order in which they are asked whether a file is theirs
+#: name -> format, in the order in which their `sniff` functions are called
 FORMATS = {format.name: format for format in _ALL}

@@ -1,5 +1,5 @@
-"""What the readers and writers of trajectory files share: the file, its numbers in columns, the options, the result, and checks blamed
-on their line. Numbers are read at the speed of C, and only when something is wrong is the offending line looked for.
+"""Shared parts of the readers and writers of trajectory files: the file, its numbers in columns, the options, the result, and checks whose
+errors give the line. Numbers are read by numpy; the invalid line is searched only after an error.
 """
 
 import io
@@ -21,22 +21,22 @@ from .files import data_lines, read_text
 
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
-#: Beyond a thousand kilometres, three thousand years or a thousand million frames a number stands for damage.
+#: Larger numbers (a thousand kilometres, three thousand years, a thousand million frames) are rejected as damaged.
 LARGEST_POSITION_M = 1e6
 LARGEST_STAMP_S = 1e11
 LARGEST_FRAME = 10**9
-#: Rooms are a few metres wide; a POV-world trajectory this far from the origin was most likely written in centimetres.
+#: Rooms are a few metres wide: a POV-world trajectory that is this far from the origin was probably written in centimetres.
 FAR_M = 50.0
-#: A stamp may be off its frame's time by this share of a frame.
+#: A stamp may differ from its frame's time by this share of a frame.
 STAMP_SLACK = 0.01
-#: Stamps whose median step is longer are no seconds (a frame a day) but nanoseconds (10,000 frames a second).
+#: Stamps whose median step is longer are nanoseconds (10,000 frames per second), not seconds (one frame per day).
 LONGEST_STEP_S = 1e5
 
 
 @dataclass(frozen=True)
 class ReadAs:
-    """How a file was read: format, handedness of its poses, world of the trajectory made of them, one sentence; and how many stamps that
-    repeat the one before were left out.
+    """How a file was read: format, handedness of its poses, world of the resulting trajectory, and a sentence for the user. repeated: number of
+    stamps that were left out because they repeat the previous one.
     """
 
     format: str
@@ -48,7 +48,7 @@ class ReadAs:
 
 @dataclass(frozen=True, eq=False)
 class LoadedTrajectory:
-    """A right-handed trajectory of cv camera poses, and how it came out of its file."""
+    """A right-handed trajectory of cv camera poses, and how its file was read."""
 
     trajectory: Trajectory
     read_as: ReadAs
@@ -56,8 +56,8 @@ class LoadedTrajectory:
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What a file does not say: frames per second where it numbers its frames, and its unit of length in metres; and where the anchored
-    formats start when they are written.
+    """Information that a file does not contain: frames per second if it has frame numbers, and its unit of length in metres. start_z_m: where
+    trajectories in the anchored formats start when they are written.
     """
 
     rate_hz: float = FRAME_RATE_HZ
@@ -73,13 +73,13 @@ class FileOptions:
 
 
 class Source:
-    """A file or folder to be read; its text is read once, when first asked for."""
+    """A file or folder to be read. Its text is read once, at first use."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
 
     def with_text(self, text: str) -> "Source":
-        """The same place with another text."""
+        """The same path with another text."""
         other = Source(self.path)
         other.__dict__["text"] = text
         return other
@@ -91,7 +91,7 @@ class Source:
 
     @cached_property
     def text(self) -> str:
-        """Raises InputError for what is no text: missing, empty, binary, a web page."""
+        """The text of the file. Raises InputError for a missing, empty or binary file or a web page."""
         return read_text(self.path, "a trajectory file")
 
     @cached_property
@@ -101,12 +101,12 @@ class Source:
 
     @cached_property
     def first_lines(self) -> list[str]:
-        """The first two lines of data, without comments; fewer where there are none."""
+        """The first two lines of data, without comments; fewer if the file has fewer."""
         return [line for _, line in data_lines(self.text[self._first_data : self._first_data + 10_000])][:2]
 
     @property
     def columns(self) -> int:
-        """Of the first line of data, parted by blanks."""
+        """The number of columns, separated by blanks, of the first line of data."""
         return len(self.first_lines[0].split()) if self.first_lines else 0
 
     @property
@@ -122,7 +122,9 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Values (n, columns), and the file and line (from 1) where a row stands; `ticks` a second of the stamps in column 0, where the rows tell."""
+    """Values (n, columns), and a function that returns file and line (from 1) of a row. `ticks`: ticks per second of the stamps in column 0, or None
+    if unknown.
+    """
 
     values: np.ndarray
     place: Callable[[int], tuple[str | os.PathLike[str], int | None]]
@@ -134,9 +136,9 @@ class Table:
 
 
 def read_table(source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None) -> Table:
-    """All lines that are neither blank nor comments (#), with one of the given numbers of columns, all finite.
+    """Read all lines that are neither blank nor comments (#). Each must have one of the given numbers of columns, all finite.
 
-    Raises InputError naming the first line that is not so; `expected` says what a line should be.
+    Raises InputError with the first invalid line; `expected` describes a valid line.
     """
     if not source.first_lines:
         raise InputError(expected, path=source.path, found="comments alone")
@@ -168,7 +170,7 @@ def _first_bad_line(source: Source, columns: tuple[int, ...], expected: str, del
 
 
 def is_number(field: str) -> bool:
-    """Whether a field is what loadtxt takes for a number."""
+    """Whether loadtxt accepts the field as a number."""
     try:
         float(field)
     except ValueError:
@@ -177,7 +179,7 @@ def is_number(field: str) -> bool:
 
 
 def stamp_ticks(stamps: np.ndarray) -> float:
-    """How many ticks of (n,) stamps make a second: 1, or 1e9 where the median step, or a lone stamp, is far too long for seconds."""
+    """Ticks per second of stamps (n,): 1, or 1e9 if the median step, or a single stamp, is far too large for seconds."""
     steps = np.diff(stamps)
     steps = steps[steps > 0]
     long = np.median(steps) > LONGEST_STEP_S if steps.size else np.abs(stamps).max() > LARGEST_STAMP_S
@@ -187,11 +189,11 @@ def stamp_ticks(stamps: np.ndarray) -> float:
 def seconds_of(
     table: Table, values: np.ndarray, ticks: float | None, rate_hz: float, hint: str | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) seconds of a file's stamps, `ticks` a second, or of the numbers of its frames where `ticks` is None; and the rows (m,) they are
-    of: a stamp that repeats the one before is left out, as systems write it for a frame that they lost.
+    """(m,) seconds of a file's stamps (`ticks` per second), or of its frame numbers if `ticks` is None, and the rows (m,) they belong to. A stamp that
+    repeats the previous one is left out: some systems write it for a frame that they lost.
 
-    Raises InputError for one that is absurd or runs backwards, for a frame's number that repeats, and where most stamps repeat; `hint`:
-    where a frame's number is none.
+    Raises InputError for implausible or decreasing stamps, for a repeated frame number, and if most stamps repeat. `hint`: for the error of an
+    invalid frame number.
     """
     if ticks:
         what, values = "stamp", values / ticks
@@ -212,15 +214,15 @@ def seconds_of(
         expected = f"a {what} above the {before:.15g} of line {table.place(row - 1)[1]}"
         if here == before:
             raise table.error(row, expected, f"{here:.15g} again", "removing one of the two lines")
-        raise table.error(row, expected, f"{here:.15g}", "a file of one run, written in the order of time")
+        raise table.error(row, expected, f"{here:.15g}", "a file of a single run, in the order of time")
     if 2 * len(rows) < len(values):
-        found = f"{len(values) - len(rows)} of {len(values)} that repeat the one before"
-        raise table.error(0, "stamps with all their digits", found, "writing six digits after the point")
+        found = f"{len(values) - len(rows)} of {len(values)} that repeat the previous stamp"
+        raise table.error(0, "stamps with all their digits", found, "writing six digits after the decimal point")
     return (values if ticks else stamps_of_frames(values, rate_hz))[rows], rows
 
 
 def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> SE3:
-    """Poses of positions (n, 3) and of the table's columns qx qy qz qw, or r00 r01 ... r22. Raises InputError naming the line."""
+    """Poses of positions (n, 3) and of the table's columns qx qy qz qw, or r00 r01 ... r22. Raises InputError with the line."""
     largest = np.abs(positions_m).max(axis=1)
     absurd = np.flatnonzero(~(largest <= LARGEST_POSITION_M))
     if absurd.size:
@@ -230,7 +232,7 @@ def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> S
 
 
 def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22; an error is given the line of the first row that causes it."""
+    """Rotations (n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22. An error has the line of the first invalid row."""
 
     def build(rows: np.ndarray) -> np.ndarray:
         return so3.matrix_from_quat_xyzw(rows) if rows.shape[1] == 4 else so3.nearest_rotation(rows.reshape(-1, 3, 3))
@@ -247,7 +249,7 @@ def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
 
 
 def check_writable(trajectory: Trajectory) -> None:
-    """Raises InputError for what no reader would accept: no poses, numbers that are not finite or absurd."""
+    """Raises InputError for a trajectory that no reader would accept: no poses, or numbers that are not finite or implausible."""
     if len(trajectory) == 0:
         raise InputError("at least one pose to write", found="none")
     positions_m, stamps_s = trajectory.positions_m, trajectory.stamps_s
@@ -261,7 +263,7 @@ def check_writable(trajectory: Trajectory) -> None:
 
 
 def stamp_text(stamp_s: float) -> str:
-    """Seconds as they are written: six digits after the point, up to nine for a stamp that these do not hold."""
+    """The text of a stamp in seconds: six digits after the decimal point, up to nine if six are not exact."""
     text = f"{stamp_s:.{STAMP_DIGITS}f}"
     if float(text) == stamp_s:
         return text
@@ -269,7 +271,7 @@ def stamp_text(stamp_s: float) -> str:
 
 
 def stamp_text_of_ns(nanoseconds: int) -> str:
-    """Seconds as they are written, six to nine digits after the point."""
+    """The text in seconds of a stamp in nanoseconds, with six to nine digits after the decimal point."""
     return _nine_digits(Decimal(nanoseconds).scaleb(-9))
 
 
@@ -279,12 +281,12 @@ def _nine_digits(stamp_s: Decimal) -> str:
 
 
 def frame_numbers(stamps_s: np.ndarray, rate_hz: float) -> np.ndarray:
-    """(n,) integers of stamps (n,): (stamp - 1) * rate. Raises InputError where a stamp lies between two frames or before frame 0."""
+    """Frame numbers (n,) of stamps (n,): (stamp - 1) * rate. Raises InputError if a stamp is between two frames or before frame 0."""
     frames = frames_of_stamps(stamps_s, rate_hz)
     numbers = np.rint(frames)
     between = ~(np.abs(frames - numbers) <= STAMP_SLACK)
     bad = np.flatnonzero(between | (numbers < 0) | (np.diff(numbers, prepend=-1.0) <= 0))
     if bad.size:
-        expected = f"stamps of frame numbers, 1 + number / {rate_hz:g} s, to write frame numbers"
+        expected = f"stamps of whole frame numbers, 1 + number / {rate_hz:g} s, to write frame numbers"
         raise InputError(expected, found=f"{stamps_s[bad[0]]:.15g} s", hint="{restamp}")
     return numbers.astype(np.int64)

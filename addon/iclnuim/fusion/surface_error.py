@@ -295,7 +295,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if path.suffix.lower() not in MESH_ENDINGS:
         raise InputError(f"a mesh ({', '.join(MESH_ENDINGS)})", path=path, found=path.suffix or "no ending")
     if not path.is_file():
-        raise InputError("a mesh", path=path, found="nothing of that name")
+        raise InputError("a mesh", path=path, found="no such file")
     if path.suffix.lower() == ".ply":
         model = read_ply(path)
         points, triangles, colours = model.points, model.triangles, model.colours

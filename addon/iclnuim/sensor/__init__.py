@@ -1,1 +1,1 @@
-"""What a real camera adds to perfect images: depth and RGB noise. Arrays and a generator in, arrays out."""
+"""Sensor models: depth noise, RGB noise and shutter of a real camera. Functions take arrays and a random generator, and return arrays."""

@@ -1,6 +1,6 @@
-"""Noise parameters of a real sensor, from a static scene under several exposures and from static walls.
+"""Noise parameters of a real sensor, estimated from a static scene under several exposures and from static walls.
 
-The inverse of the models `paper`: what they are given as sigmas comes back out of their images.
+This is the inverse of the models `paper`: from images made by these models, their sigmas are estimated again.
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from ..errors import InputError
 from .depth import KINECT_CM_PX
 from .transfer import light_from_srgb
 
-#: Values nearer than this to black or white may be clipped and tell nothing of response or noise.
+#: Values closer than this to black or white may be clipped and are not used for response or noise.
 _DARKEST, _BRIGHTEST = 6.0, 244.0
 _BINS = 60
 
 
 @dataclass(frozen=True)
 class RgbCalibration:
-    """`response`: "linear", "srgb" or "gamma" (with its exponent), and the spread each leaves between exposures (share
-    of the light). sigma_c and sigma_s in shares of white: the settings of the RGB model `paper`.
+    """`response`: "linear", "srgb" or "gamma" (exponent `gamma`). `spreads`: for each response, the remaining difference between exposures, as a
+    share of the light. sigma_c and sigma_s, as shares of white, are settings of the RGB model `paper`.
     """
 
     response: str
@@ -32,8 +32,8 @@ class RgbCalibration:
 
 @dataclass(frozen=True)
 class DepthCalibration:
-    """sigma_d in disparity steps and sigma_s in pixels: the settings of the depth model `paper`. `fixed_sigma_s` says
-    that sigma_s was assumed, as walls of one slope cannot tell the two apart.
+    """sigma_d in disparity steps and sigma_s in pixels: the settings of the depth model `paper`. `fixed_sigma_s`: sigma_s was assumed, because
+    walls of one slope do not determine both.
     """
 
     sigma_d: float
@@ -43,9 +43,9 @@ class DepthCalibration:
 
 
 def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> RgbCalibration:
-    """Response and noise line from `images[k]` (repeats, h, w, 3) uint8, taken at `exposures[k]` in any unit.
+    """Estimate response and noise from `images[k]` (repeats, h, w, 3) uint8, taken at `exposures[k]` in any unit.
 
-    Raises InputError for fewer than two exposures, fewer than two repeats, or nothing between black and white.
+    Raises InputError for fewer than two exposures, fewer than two repeats, or no values between black and white.
     """
     gains = np.asarray(exposures, float)
     if len(gains) < 2 or len(images) != len(gains) or (gains <= 0).any():
@@ -58,9 +58,9 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     if not use.any():
         raise InputError("pixels that are neither black nor white under two exposures", found="none")
     gamma = _gamma(gains, means, use)
-    curves = {"linear": lambda v: v, "srgb": light_from_srgb, "gamma": lambda v: v**gamma}  # of shares of white
+    curves = {"linear": lambda v: v, "srgb": light_from_srgb, "gamma": lambda v: v**gamma}  # v: share of white
     spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
-    # the free exponent fits its own family best; a named curve that is hardly worse is the simpler word
+    # the free exponent can always fit a power law better: a named curve that is at most 5 % worse is preferred
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
     light, variance = _noise_points(images, curves[best](np.arange(256.0) / 255))
     line = _line(light, variance, np.ones_like(light))
@@ -73,11 +73,11 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
 def calibrate_depth(
     walls: Sequence[np.ndarray], disparity_cm: float = KINECT_CM_PX, sigma_s_px: float = 0.5
 ) -> DepthCalibration:
-    """Disparity noise and pixel shift from `walls[k]` (frames, h, w) planar metres of a static flat wall, 0 = missing.
+    """Estimate disparity noise and pixel shift from `walls[k]` (frames, h, w), planar metres of a static flat wall, 0 = missing.
 
-    A plane is linear in disparity, so what is left of it is noise: variance = sigma_d^2 + sigma_s^2 g^2 + 1/12, g the
-    slope in steps a pixel, 1/12 the rounding's. Walls whose slopes differ tell both sigmas; otherwise `sigma_s_px` is
-    taken as given. Raises InputError where less than a tenth of a wall was measured.
+    A plane is linear in disparity, so the residual is noise: variance = sigma_d^2 + sigma_s^2 g^2 + 1/12, where g is the slope in steps per
+    pixel and 1/12 is the variance of rounding. Walls with different slopes determine both sigmas; otherwise `sigma_s_px` is assumed. Raises
+    InputError if less than a tenth of a wall was measured.
     """
     rows = [_wall(np.asarray(wall, float), disparity_cm / 100) for wall in walls]
     slope2, variance = (np.array(column) for column in zip(*rows, strict=True))
@@ -94,7 +94,7 @@ def calibrate_depth(
 
 
 def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
-    """Of value = light^(1/gamma): the slope of log exposure over log value, all pixels pooled about their own mean."""
+    """gamma of value = light^(1/gamma): the slope of log exposure over log value. Each pixel's mean is subtracted, then all are pooled."""
     weights = use.astype(float)
     log_v, log_e = np.log(np.where(use, means, 1)), np.broadcast_to(np.log(exposures)[:, None], means.shape)
     count = np.maximum(weights.sum(0), 1)
@@ -106,13 +106,13 @@ def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
 
 
 def _spread(exposures: np.ndarray, light: np.ndarray, use: np.ndarray) -> float:
-    """How far light / exposure of a pixel differs between exposures, as a share: 0 for the true response."""
+    """The relative difference of light / exposure of a pixel between exposures; 0 for the true response."""
     scene = np.where(use, light / exposures[:, None], np.nan)[:, use.any(0)]
     return float(np.mean(np.nanstd(scene, 0) / np.nanmean(scene, 0)))
 
 
 def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean light and variance over repeats, rounding to 8 bits taken out, for groups of pixels of like light."""
+    """Mean light and variance over repeats, for groups of pixels of similar light. The variance of rounding to 8 bits is subtracted."""
     step = np.gradient(light_of_value)
     lights, variances = [], []
     for stack in images:
@@ -124,7 +124,7 @@ def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> t
     light, variance = np.concatenate(lights), np.concatenate(variances)
     groups = np.array_split(np.argsort(light), min(_BINS, max(2, len(light) // 50)))
     light, variance = (np.array([values[g].mean() for g in groups]) for values in (light, variance))
-    # nearer to black or white than this, clipping takes part of the variance away
+    # closer to black or white than this, clipping reduces the variance
     whole = np.minimum(light, 1 - light) > 3.5 * np.sqrt(np.maximum(variance, 0))
     if whole.sum() < 2:
         raise InputError("pixels well between black and white, of two brightnesses", found=f"{whole.sum()} groups")
@@ -138,7 +138,7 @@ def _line(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
-    """(squared slope in steps a pixel, variance about the plane in steps^2) of one wall."""
+    """(squared slope in (steps per pixel)^2, variance around the plane in steps^2) of one wall."""
     frames, height, width = depth_z_m.shape
     seen = depth_z_m > 0
     if seen.mean() < 0.1:
@@ -149,7 +149,7 @@ def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
     count = seen.sum(0).ravel()
     mean = np.divide(disparity.sum(0).ravel(), count, out=np.zeros(count.size), where=count > 0)
     keep = count > 0
-    for _ in range(4):  # what stands before the wall or lies behind it is left out
+    for _ in range(4):  # pixels in front of the wall or behind it are outliers and are left out
         plane = np.linalg.lstsq(design[keep], mean[keep], rcond=None)[0]
         off = mean - design @ plane
         limit = 4 * 1.4826 * np.median(np.abs(off[keep])) + 0.5

@@ -1,4 +1,4 @@
-"""Depth noise: the paper's, that of the released frames, none, Nguyen's Kinect, and the Redwood simulation."""
+"""Depth noise models: the paper's, that of the released frames, none, Nguyen's Kinect model, and the Redwood simulation."""
 
 from dataclasses import dataclass
 
@@ -15,20 +15,20 @@ KINECT_CM_PX = 35130.0
 _FITTED = (
     "the paper prints none; least-squares bilinear fit, over 0..75 degrees and 0.5..4.5 m, of the part of the axial "
     "noise that grows with the angle, 0.0001 / sqrt(z) * angle^2 / (pi/2 - angle)^2 m (Nguyen, Izadi, Lovell 2012); "
-    "its other part, which grows with the distance, is what equation 3 makes"
+    "its other part, which grows with the distance, is modelled by equation 3"
 )
 _NGUYEN = "C. V. Nguyen, S. Izadi, D. Lovell: Modeling Kinect sensor noise ..., 3DIMPVT 2012"
 _REDWOOD = (
     "S. Choi, Q.-Y. Zhou, V. Koltun: Robust reconstruction of indoor scenes, CVPR 2015, simulated depth of its data set"
 )
 _MEASURED = "measured on the official noisy office kt3 frames"
-_OBLIQUE = "pixels seen more obliquely go missing"
-_EDGE = "neighbours that differ by more are another surface"
+_OBLIQUE = "pixels at a larger angle between normal and ray are missing"
+_EDGE = "neighbours whose depth differs by more belong to another surface"
 
 
 @dataclass(frozen=True)
 class PaperDepthNoise(NoiseModel):
-    """Section V.A. sigma_theta = a + b angle + c z + d angle z, never below 0, angle between normal and camera ray."""
+    """Section V.A. sigma_theta = a + b angle + c z + d angle z, at least 0; `angle` is between normal and camera ray."""
 
     name = "paper"
     summary = "the paper's model: lateral shift, disparity noise and quantisation"
@@ -39,11 +39,13 @@ class PaperDepthNoise(NoiseModel):
         KINECT_CM_PX, "disparity times depth", unit="cm x disparity steps", low=1e-3, source="paper, equation 3"
     )
     edge_share: float = parameter(0.1, _EDGE, unit="share of depth", low=1e-6, source="own choice: 89 degrees here")
-    lateral: bool = parameter(True, "the step along the normal", source="paper, section V.A, last paragraph")
-    sigma_theta_m: float = parameter(-4.04e-4, "step along the normal, constant term", unit="m", source=_FITTED)
-    sigma_theta_m_per_rad: float = parameter(1.118e-3, "its growth with the angle", unit="m/rad", source=_FITTED)
-    sigma_theta_m_per_m: float = parameter(6.26e-5, "its growth with the depth", unit="m/m", source=_FITTED)
-    sigma_theta_m_per_rad_m: float = parameter(-1.732e-4, "with both", unit="m/(rad m)", source=_FITTED)
+    lateral: bool = parameter(True, "move each vertex along its normal", source="paper, section V.A, last paragraph")
+    sigma_theta_m: float = parameter(-4.04e-4, "sigma_theta: constant term", unit="m", source=_FITTED)
+    sigma_theta_m_per_rad: float = parameter(1.118e-3, "sigma_theta: factor of angle", unit="m/rad", source=_FITTED)
+    sigma_theta_m_per_m: float = parameter(6.26e-5, "sigma_theta: factor of depth", unit="m/m", source=_FITTED)
+    sigma_theta_m_per_rad_m: float = parameter(
+        -1.732e-4, "sigma_theta: factor of angle times depth", unit="m/(rad m)", source=_FITTED
+    )
     missing_angle_deg: float = parameter(82.0, _OBLIQUE, unit="degrees", low=0.0, high=90.0, source=_MEASURED)
 
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
@@ -60,7 +62,7 @@ class PaperDepthNoise(NoiseModel):
         return depth_z_m
 
     def sigma_theta(self, angle_rad: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
-        """Metres, (h, w)."""
+        """The standard deviation of the movement along the normal in metres, (h, w)."""
         at_zero = self.sigma_theta_m + self.sigma_theta_m_per_m * depth_z_m
         slope = self.sigma_theta_m_per_rad + self.sigma_theta_m_per_rad_m * depth_z_m
         return np.maximum(at_zero + slope * angle_rad, 0)
@@ -68,10 +70,10 @@ class PaperDepthNoise(NoiseModel):
     def moved_along_normals(
         self, depth_z_m: np.ndarray, normals: images.Normals, camera: PinholeCamera, rng: np.random.Generator
     ) -> np.ndarray:
-        """Each vertex moves along its normal by N(0, sigma_theta^2) and is projected again.
+        """Move each vertex along its normal by N(0, sigma_theta^2) and project it again.
 
-        A vertex lands on the pixel nearest to its projection; of several the nearest to the camera stays, and a pixel
-        where none lands is missing. Vertices without a normal go missing.
+        A vertex is assigned to the pixel nearest to its projection. If there are several, the one nearest to the camera is kept. A pixel
+        without a vertex is missing. Vertices without a normal are missing.
         """
         x, y = images.ray_slopes(camera)
         noise = gaussian(rng, depth_z_m.shape)
@@ -79,7 +81,9 @@ class PaperDepthNoise(NoiseModel):
         for rows in images.bands(len(depth_z_m)):
             z, n = depth_z_m[rows], normals[rows]
             step_m = self.sigma_theta(n.angle_rad(), z) * noise[rows]
-            step_m = step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant  # over |N|, which is not of length one
+            step_m = (
+                step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant
+            )  # divided by |N|: N is not a unit vector
             with np.errstate(invalid="ignore", divide="ignore"):
                 moved = z + step_m * n.z
                 shift_u[rows] = np.float32(camera.fx) * step_m * (n.x - x * n.z) / moved
@@ -90,7 +94,7 @@ class PaperDepthNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class ReleasedDepthNoise(NoiseModel):
-    """Beside the paper's words: a wider shift, half a pixel of offset, zeros that mix in, disparity biased by 1/2."""
+    """Differs from the paper: a wider shift with an offset of half a pixel, missing pixels interpolated as zeros, disparity biased by 1/2."""
 
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
@@ -109,7 +113,7 @@ class ReleasedDepthNoise(NoiseModel):
     def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_z_m = images.as_depth(depth_z_m)
-        # none in the first row and column, which go missing
+        # the first row and column have no normals and are missing
         normals = images.surface_normals(depth_z_m, camera, backward=True)
         depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng, self.offset_px)
@@ -148,7 +152,12 @@ class Kinect2012DepthNoise(NoiseModel):
     lateral_px: float = parameter(0.8, "e", unit="px", low=0.0, source=_NGUYEN)
     lateral_angle_px: float = parameter(0.035, "f", unit="px", low=0.0, source=_NGUYEN)
     missing_angle_deg: float = parameter(
-        82.0, _OBLIQUE, unit="degrees", low=0.0, high=89.9, source="as in the model released; the formulas have a pole"
+        82.0,
+        _OBLIQUE,
+        unit="degrees",
+        low=0.0,
+        high=89.9,
+        source="as in the model released; the formulas have a pole at 90",
     )
     edge_share: float = same_as(PaperDepthNoise, "edge_share")
 
@@ -178,16 +187,18 @@ class RedwoodDepthNoise(NoiseModel):
 
     sigma_s_px: float = parameter(0.25, "shift in u and v", unit="px", low=0.0, source=_REDWOOD)
     snap_px: float = parameter(
-        2, "rows and columns are cut to multiples of it", unit="px", low=1.0, high=64.0, source=_REDWOOD
+        2, "rows and columns are rounded down to multiples of it", unit="px", low=1.0, high=64.0, source=_REDWOOD
     )
-    far_m: float = parameter(10.0, "nothing is measured from here on", unit="m", low=1e-3, source=_REDWOOD)
+    far_m: float = parameter(10.0, "depth at or beyond this is missing", unit="m", low=1e-3, source=_REDWOOD)
     disparity_m: float = parameter(
         35.130, "disparity times depth", unit="m x disparity steps", low=1e-6, source=_REDWOOD
     )
     sigma_d: float = parameter(0.027778, "disparity noise", unit="disparity steps", low=0.0, source=_REDWOOD)
-    steps: float = parameter(8.0, "rounding of disparity", unit="per disparity step", low=1e-3, source=_REDWOOD)
+    steps: float = parameter(
+        8.0, "levels that disparity is rounded to", unit="per disparity step", low=1e-3, source=_REDWOOD
+    )
     map_first_m: float = parameter(1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD)
-    map_step_m: float = parameter(2.0, "depth between two of its layers", unit="m", low=1e-6, source=_REDWOOD)
+    map_step_m: float = parameter(2.0, "depth between two layers of the map", unit="m", low=1e-6, source=_REDWOOD)
 
     def apply(
         self,
@@ -198,8 +209,8 @@ class RedwoodDepthNoise(NoiseModel):
     ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32.
 
-        `multipliers` (layers, rows, columns), the sensor's own distortion: depth is divided by the value found there,
-        the nearest over the image, linear over depth. None is a sensor without distortion.
+        `multipliers` (layers, rows, columns) is the sensor's distortion map: depth is divided by its value, which is nearest-neighbour
+        in the image and linearly interpolated over depth. None means a sensor without distortion.
         """
         depth_z_m = self.snapped(images.as_depth(depth_z_m), rng)
         depth_z_m[depth_z_m >= self.far_m] = 0
@@ -214,7 +225,7 @@ class RedwoodDepthNoise(NoiseModel):
         return noisy_m
 
     def snapped(self, depth_z_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """The pixel at the rounded shifted position, its row and column cut to multiples of `snap_px`."""
+        """Depth at the rounded shifted position, with row and column rounded down to multiples of `snap_px`."""
         height, width = depth_z_m.shape
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
         column, row = (np.clip(np.rint(a), 0, n - 1).astype(np.intp) for a, n in ((u, width), (v, height)))
@@ -222,7 +233,7 @@ class RedwoodDepthNoise(NoiseModel):
         return depth_z_m[row - row % snap, column - column % snap]
 
     def distortion(self, depth_z_m: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The map's value at each pixel and depth."""
+        """The value of the distortion map at each pixel and depth."""
         if multipliers.ndim != 3 or not (multipliers > 0).all():
             raise InputError("a distortion map (layers, rows, columns) of values > 0", found=multipliers.shape)
         layers, rows, columns = multipliers.shape
@@ -238,7 +249,7 @@ class RedwoodDepthNoise(NoiseModel):
 def shifted_grid(
     depth_z_m: np.ndarray, sigma_px: np.ndarray | np.float32, rng: np.random.Generator, offset_px: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """u and v (h, w) of the pixel centres, each plus N(offset_px, sigma_px^2)."""
+    """u and v (h, w) of the pixel centres, with N(offset_px, sigma_px^2) added to each."""
     height, width = depth_z_m.shape
     u, v = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
     u = u + (np.float32(offset_px) + sigma_px * gaussian(rng, depth_z_m.shape))
@@ -248,10 +259,10 @@ def shifted_grid(
 def quantised(
     depth_z_m: np.ndarray, disparity_cm: float, sigma_d: float, rng: np.random.Generator, bias: float = 0.0
 ) -> np.ndarray:
-    """Depth to disparity, plus N(bias, sigma_d^2), to the nearest integer, back to depth; 0 stays 0.
+    """Convert depth to disparity, add N(bias, sigma_d^2), round to the nearest integer, and convert back to depth; 0 stays 0.
 
-    Equation 3 of the paper: floor(d + noise + 0.5) is the rounding itself. (Rounding that sum again is the bias of the
-    released frames.) Float32 in metres, (h, w). A disparity of 0 or less is no measurement.
+    Equation 3 of the paper: floor(d + noise + 0.5) is already the rounding. (Rounding that sum again causes the bias of the
+    released frames.) Float32 in metres, (h, w). Pixels whose disparity is 0 or less are missing.
     """
     disparity_m = np.float32(disparity_cm / 100)
     with np.errstate(divide="ignore"):
@@ -264,13 +275,13 @@ def quantised(
 
 
 def _projected(depth_z_m: np.ndarray, shift_u: np.ndarray, shift_v: np.ndarray) -> np.ndarray:
-    """Each pixel's depth on the pixel nearest to where it was shifted; what leaves the image is lost."""
+    """Move each pixel's depth to the pixel nearest to its shifted position. Depth that leaves the image is dropped."""
     height, width = depth_z_m.shape
     leaving = ((np.abs(shift_u) > 0.5) | (np.abs(shift_v) > 0.5)) & (depth_z_m > 0)
     result = depth_z_m.copy()
     result[leaving] = 0
     source = np.flatnonzero(leaving)
-    source = source[np.argsort(-depth_z_m.ravel()[source], kind="stable")]  # the nearest last, so that it stays
+    source = source[np.argsort(-depth_z_m.ravel()[source], kind="stable")]  # the nearest last, so that it is kept
     column = source % width + np.rint(np.clip(shift_u.ravel()[source], -width, width)).astype(np.intp)
     row = source // width + np.rint(np.clip(shift_v.ravel()[source], -height, height)).astype(np.intp)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)

@@ -1,8 +1,8 @@
-"""Depth images in bands of rows, between their pixels, and their normals. Depth 0 is no measurement.
+"""Interpolation and normals of depth images, computed in bands of rows. Depth 0 means missing.
 
-Normals take the form that costs least. With w = 1/Z, A = -fx Z dw/du and B = -fy Z dw/dv, the vector N = (-A, -B, 1 + A x
-+ B y) is normal to the surface seen along the ray r = (x, y, 1), and N . r = 1; so the cosine of the angle between normal
-and ray is 1 / (|N| |r|). Exact on planes, whose w is linear in u and v.
+Normals are computed in the form that needs the fewest operations. With w = 1/Z, A = -fx Z dw/du and B = -fy Z dw/dv, the vector
+N = (-A, -B, 1 + A x + B y) is normal to the surface seen along the ray r = (x, y, 1), and N . r = 1. Therefore the cosine of the angle
+between normal and ray is 1 / (|N| |r|). This is exact on planes, whose w is linear in u and v.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 
-#: Arrays of so few rows stay in the cache; whole images took three times as long.
+#: Rows of a band. Arrays of this size stay in the processor's cache; whole images took three times as long.
 _ROWS = 48
 
 
@@ -23,7 +23,7 @@ def bands(height: int) -> Iterator[slice]:
 
 
 def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
-    """(h, w) planar depth in metres as float32; what is no distance (infinite, NaN, negative) becomes 0."""
+    """(h, w) planar depth in metres as float32. Invalid values (infinite, NaN, negative) become 0."""
     depth_z_m = np.asarray(depth_z_m, np.float32)
     if depth_z_m.ndim != 2 or min(depth_z_m.shape) < 2:
         raise InputError("a depth image of at least 2 x 2 pixels", found=depth_z_m.shape)
@@ -31,11 +31,11 @@ def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
 
 
 def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float) -> np.ndarray:
-    """Bilinear depth at (u, v), positions outside clamped to the outermost pixel centres.
+    """Bilinear depth at (u, v). Positions outside are clamped to the outermost pixel centres.
 
-    Only pixels of the surface that the nearest one shows take part: those missing, or nearer or farther than it by more
-    than `edge_share`, get no weight, so that neither holes nor what lies behind an edge mix in. Missing where the
-    nearest is.
+    Only pixels on the same surface as the nearest pixel are used: pixels that are missing, or nearer or farther than it by more than
+    `edge_share`, get weight 0. So holes and surfaces behind an edge are not mixed in. The result is missing where the nearest pixel is
+    missing.
     """
     height, width = depth_z_m.shape
     result = np.empty_like(depth_z_m)
@@ -55,7 +55,7 @@ def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, e
 
 
 def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Plain bilinear depth at (u, v), where missing pixels and all beyond the image count as 0 and mix in."""
+    """Plain bilinear depth at (u, v). Missing pixels and positions outside the image are interpolated as 0."""
     height, width = depth_z_m.shape
     framed = np.zeros((height + 3, width + 3), np.float32)
     framed[1:-2, 1:-2] = depth_z_m
@@ -67,13 +67,13 @@ def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np
 
 
 def _corners(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """The four pixels round each position (left and right above, left and right below), its shares right and down."""
+    """The four pixels around each position (upper left, upper right, lower left, lower right), and the weights of right and lower ones."""
     height, width = image.shape
     column = np.minimum(u.astype(np.int32), np.int32(width - 2))
     row = np.minimum(v.astype(np.int32), np.int32(height - 2))
     place = (row * np.int32(width) + column).astype(np.intp)
     flat = image.ravel()
-    # "clip" spares a look at every index beforehand; none is outside
+    # mode "clip" avoids numpy's check of every index; none is outside
     corners = [flat[offset:].take(place, mode="clip") for offset in (0, 1, width, width + 1)]
     return corners, u - column.astype(np.float32), v - row.astype(np.float32)
 
@@ -85,7 +85,7 @@ def _blend(corners: list[np.ndarray], weights_u: np.ndarray, weights_v: np.ndarr
 
 
 def _mean_of_nearest_surface(depth_z_m: np.ndarray, weights: np.ndarray, edge_share: float) -> np.ndarray:
-    """(4, n) depths and weights -> (n,)."""
+    """(4, n) depths and weights -> (n,) weighted means over the pixels on the same surface as the one of largest weight."""
     nearest = np.take_along_axis(depth_z_m, np.argmax(weights, 0)[None], 0)
     limit = np.float32(1 + edge_share)
     weights = weights * ((depth_z_m > 0) & (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit))
@@ -95,7 +95,7 @@ def _mean_of_nearest_surface(depth_z_m: np.ndarray, weights: np.ndarray, edge_sh
 
 @dataclass(frozen=True)
 class Normals:
-    """Components of N, (h, w) each, not of length one; `secant` = 1 / cosine of the angle to the camera ray."""
+    """Components of N, (h, w) each; N is not a unit vector. `secant` = 1 / cosine of the angle to the camera ray."""
 
     x: np.ndarray
     y: np.ndarray
@@ -103,11 +103,11 @@ class Normals:
     secant: np.ndarray
 
     def __getitem__(self, rows: slice) -> "Normals":
-        """Some rows, as views."""
+        """The normals of some rows, as views."""
         return Normals(self.x[rows], self.y[rows], self.z[rows], self.secant[rows])
 
     def angle_rad(self) -> np.ndarray:
-        """(h, w), 0 where the surface faces the camera, pi/2 where it has no normal."""
+        """The angle between normal and camera ray (h, w): 0 where the surface faces the camera, pi/2 where there is no normal."""
         return np.arccos(np.minimum(1 / self.secant, np.float32(1)))
 
 
@@ -119,13 +119,13 @@ def ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def surface_normals(depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool = False) -> Normals:
-    """From the neighbours on either side, whichever differs less: at an edge that of the pixel's own surface.
+    """Normals from the neighbour on the side where 1/Z differs less; at an edge this is the neighbour on the pixel's own surface.
 
-    backward: from the left and upper neighbours, whatever they show; none where one is missing or outside.
+    backward: always from the left and upper neighbours; there is no normal where one of them is missing or outside.
     """
     height, width = depth_z_m.shape
     choose = (lambda before, after: before) if backward else _smaller
-    # 1/Z is infinite where missing or outside: every difference with it is infinite or NaN and gives no normal
+    # 1/Z is infinite where depth is missing or outside the image: differences are infinite or NaN there, and there is no normal
     inverse = np.full((height + 2, width + 2), np.inf, np.float32)
     normals = Normals(*(np.empty_like(depth_z_m) for _ in range(4)))
     x, y = ray_slopes(camera)
@@ -146,7 +146,7 @@ def surface_normals(depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool
 
 
 def _smaller(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """np.where(|after| < |before|, after, before) of float32 in a third of its time: on a plane the choice is chance."""
+    """np.where(|after| < |before|, after, before) for float32 in a third of its time, without branches: on a plane the choice is random."""
     before, after = (np.ascontiguousarray(step).view(np.int32) for step in (before, after))
     take_after = -(np.abs(after.view(np.float32)) < np.abs(before.view(np.float32))).astype(np.int32)
     return (before ^ ((after ^ before) & take_after)).view(np.float32)

@@ -1,7 +1,7 @@
-"""A shutter that is open for a while and reads its rows one after another: which instants make up each band of rows.
+"""Motion blur and rolling shutter: the instants of time that are rendered for each band of rows.
 
-Motion blur is the mean light over the exposure; a rolling shutter gives each row its own instant. Both are centred on the
-frame's stamp, whose pose stays the ground truth. The paper counts their absence among its limitations (section V).
+Motion blur is the mean light over the exposure. With a rolling shutter, each row has a different time. Both are centred on the
+frame's stamp, whose pose is the ground truth. The paper lists the absence of both among its limitations (section V).
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..settings import Settings, setting
 
-#: Between two instants of an exposure nothing moves farther than this, so that the mean shows no steps.
+#: Maximum motion between two instants of an exposure, so that no steps are visible in the mean.
 STEP_PX = 1.0
-#: Rows of one band share their instant; no point of theirs is farther than this from its own.
+#: All rows of a band are rendered at the same instant. Maximum error of a point's position caused by this.
 ROW_ERROR_PX = 0.1
 _GRID_PX = 4
 _duration = partial(setting, unit="s", low=0.0, high=1.0, source="0 in the paper, section V", shown=("ms", 1000.0))
@@ -24,29 +24,32 @@ _duration = partial(setting, unit="s", low=0.0, high=1.0, source="0 in the paper
 
 @dataclass(frozen=True)
 class Exposure(Settings):
-    """How long each row collects light, and how long it takes to read all rows, one by one. 0: none."""
+    """Exposure time of each row, and time to read all rows one after the other. 0: no blur, no rolling shutter."""
 
     group: ClassVar[str] = "exposure"
 
     exposure_s: float = _duration(
         0.0,
-        "how long the shutter is open: motion blur of RGB; depth stays sharp",
+        "time that the shutter is open: motion blur of RGB; depth has no blur",
         option="--exposure",
         label="Exposure",
     )
     readout_s: float = _duration(
-        0.0, "from the first row's exposure to the last row's: rolling shutter", option="--readout", label="Readout"
+        0.0,
+        "time from the first row's exposure to the last row's: rolling shutter",
+        option="--readout",
+        label="Readout",
     )
 
     @property
     def instant(self) -> bool:
-        """Whether the shutter takes no time."""
+        """Whether exposure and readout time are both 0."""
         return self.exposure_s == 0 and self.readout_s == 0
 
 
 @dataclass(frozen=True)
 class Band:
-    """Rows top..bottom (bottom excluded) and the instants, seconds from the frame's stamp, whose mean light they show."""
+    """Rows top..bottom (bottom excluded). Their image is the mean light at the instants offsets_s, in seconds from the frame's stamp."""
 
     top: int
     bottom: int
@@ -54,9 +57,9 @@ class Band:
 
 
 def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_motion_px: float) -> list[Band]:
-    """Bands of rows from top to bottom. Motions: the farthest that any point moves during exposure and readout, in pixels.
+    """Bands of rows from top to bottom. The motions are the largest motion of any point during exposure and readout, in pixels.
 
-    A row's instant is that of its middle: ((row + 1/2) / height - 1/2) readout_s from the stamp.
+    The time of a row is that of its middle: ((row + 1/2) / height - 1/2) readout_s from the stamp.
     """
     count = int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height)) if exposure.readout_s else 1
     instants = max(1, int(np.ceil(exposure_motion_px / STEP_PX))) if exposure.exposure_s else 1
@@ -70,10 +73,10 @@ def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_mot
 
 
 def motion_px(depth_z_m: np.ndarray, camera: PinholeCamera, T_here_camera: SE3, stamps_s: np.ndarray) -> float:
-    """How far a point moves over the image from the first to the last of poses (n,), at the fastest any moves between two.
+    """Upper estimate of the motion of a point in the image from the first to the last of the poses (n,): the largest speed between two poses.
 
-    Points are every 4th pixel of the frame taken at T_here_camera = identity, planar depth (h, w) in metres; where it is
-    0, at infinity. A point counts while it is inside the image.
+    Points are every 4th pixel of the frame at T_here_camera = identity, with planar depth (h, w) in metres; where depth is 0, the point is at
+    infinity. A point is used while it is inside the image.
     """
     depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
     points = (camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]).reshape(-1, 3)

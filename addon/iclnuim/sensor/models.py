@@ -1,4 +1,4 @@
-"""The registry of noise models, and a user's own as `module:function`."""
+"""The registry of noise models, and user-provided noise as `module:function`."""
 
 import importlib
 import inspect
@@ -14,7 +14,7 @@ from .depth import Kinect2012DepthNoise, NoDepthNoise, PaperDepthNoise, RedwoodD
 from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 
-#: In the order in which a saved .blend numbers them: new ones go to the end.
+#: A saved .blend stores the number of a model in this order: append new models at the end.
 DEPTH_MODELS: dict[str, type[NoiseModel]] = {
     m.name: m for m in (NoDepthNoise, ReleasedDepthNoise, PaperDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
 }
@@ -24,7 +24,7 @@ _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 
 
 class Noise(Protocol):
-    """A noise model, of depth: apply(depth_z_m, camera, rng), or of RGB: apply(light, rng), as in depth.py and rgb.py."""
+    """A noise model of depth, apply(depth_z_m, camera, rng), or of RGB, apply(light, rng), as in depth.py and rgb.py."""
 
     name: str
 
@@ -34,12 +34,12 @@ class Noise(Protocol):
 
 
 def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
-    """By name or as `module:function`, called as function(depth_z_m, camera, rng). Raises InputError."""
+    """The depth noise model of this name, or `module:function`, which is called as function(depth_z_m, camera, rng). Raises InputError."""
     return _model("depth", name, settings or {}, DEPTH_MODELS)
 
 
 def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
-    """By name or as `module:function`, called as function(light, rng) -> uint8. Raises InputError."""
+    """The RGB noise model of this name, or `module:function`, which is called as function(light, rng) -> uint8. Raises InputError."""
     return _model("RGB", name, settings or {}, RGB_MODELS)
 
 
@@ -53,19 +53,19 @@ def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str
 
 @dataclass(frozen=True)
 class UserNoise:
-    """A function of the same signature as a model's `apply`, and settings handed to it by keyword."""
+    """A user's function with the same signature as a model's `apply`, and settings that are passed to it by keyword."""
 
     name: str
     function: Callable[..., np.ndarray] = field(repr=False)
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, *arguments: Any) -> np.ndarray:
-        """What the function returns. Raises InputError, with the place in the user's file, for what it raises."""
+        """Call the function. An exception is raised again as InputError, with the line in the user's file."""
         try:
             return self.function(*arguments, **self.settings)
         except InputError:
             raise
-        except Exception as error:  # whatever a user's function may raise
+        except Exception as error:  # a user's function may raise anything
             place = traceback.extract_tb(error.__traceback__)[-1]
             found = f"{type(error).__name__}: {error} (line {place.lineno} of {place.filename})"
             raise InputError(f"the noise {self.name} to run", found=found) from error
@@ -75,11 +75,11 @@ class UserNoise:
 
 
 def _user_noise(kind: str, name: str, settings: Mapping[str, Any], arguments: tuple[str, ...]) -> UserNoise:
-    """`module:function`, which must take `arguments` and the settings. Raises InputError where it cannot be had."""
+    """Import `module:function`, which must accept `arguments` and the settings. Raises InputError if this fails."""
     module_name, _, function_name = name.partition(":")
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # whatever stands in a user's file
+    except Exception as error:  # a user's module may raise anything
         hint = f"a folder with {module_name.split('.')[0]}.py on PYTHONPATH"
         found = f"{name} ({type(error).__name__}: {error})"
         raise InputError(f"{kind} noise as MODULE:FUNCTION", found=found, hint=hint) from error
@@ -92,6 +92,6 @@ def _user_noise(kind: str, name: str, settings: Mapping[str, Any], arguments: tu
     except TypeError as error:
         call = ", ".join([*arguments, *(f"{key}=..." for key in settings)])
         raise InputError(f"a function to call as {function_name}({call})", found=error) from None
-    except ValueError:  # a builtin without a signature: it will show
+    except ValueError:  # a builtin without a signature: errors are reported when it is called
         pass
     return UserNoise(name, function, dict(settings))

@@ -1,8 +1,8 @@
-"""RGB noise: none, the paper's, and that of the released frames; all make the 8-bit image from scene-linear light.
+"""RGB noise models: none, the paper's, and that of the released frames. All convert scene-linear light to an 8-bit image.
 
-The paper's noise is added to the light, before the sRGB transfer function: read and shot noise arise in the sensor,
-whose response the paper takes as linear, and their sum of variances holds there alone. What was measured on the
-released frames is noise of the finished 8-bit values, and is added to these.
+The paper's noise is added to the light, before the sRGB transfer function: read and shot noise arise in the sensor, whose response the paper
+assumes to be linear, and only there their variances can be added. The noise of the released frames was measured on the final 8-bit values,
+and is added to these.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from .depth_image import bands
 from .noise_model import NoiseModel, gaussian
 from .transfer import srgb8, srgb8_in_place
 
-_BRIGHTEST = np.float32(65504)  # of half precision; infinite light would have infinite noise
+_BRIGHTEST = np.float32(65504)  # the largest half-precision number; infinite light would have infinite noise
 _MEASURED = "measured on 15 pairs of official clean and noisy office frames, quantisation included"
 _CHOSEN = (
     "the paper prints none; such that a mid grey of 128 has the standard deviation of the released frames, 2 of 255, "
@@ -39,7 +39,7 @@ class NoRgbNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class PaperRgbNoise(NoiseModel):
-    """Section V.B with the noise level function of its reference [5]: variance sigma_c^2 + I sigma_s^2, I in light."""
+    """Section V.B with the noise level function of its reference [5]: variance sigma_c^2 + I sigma_s^2, where I is linear light."""
 
     name = "paper"
     summary = "the paper's model: intensity-dependent noise through a camera response"
@@ -58,34 +58,40 @@ class PaperRgbNoise(NoiseModel):
         return image
 
     def noisy_light(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """float32 light >= 0, any shape -> the same with read and shot noise."""
+        """float32 light >= 0, any shape -> the same shape with read and shot noise added."""
         sigma = np.sqrt(np.float32(self.sigma_c**2) + light * np.float32(self.sigma_s**2))
         return light + sigma * gaussian(rng, light.shape)
 
 
 @dataclass(frozen=True)
 class ReleasedRgbNoise(NoiseModel):
-    """Variance a + b I of the 8-bit value I; neighbours in a row correlated; cut to whole values, not rounded."""
+    """Variance a + b I of the 8-bit value I; neighbours in a row are correlated; values are rounded down."""
 
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
 
     exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
     variance: tuple[float, float, float] = parameter(
-        (1.48, 0.95, 1.61), "of black, in R, G, B", unit="8-bit steps^2", low=0.0, source=_MEASURED
+        (1.48, 0.95, 1.61), "variance at black, in R, G, B", unit="8-bit steps^2", low=0.0, source=_MEASURED
     )
     variance_per_value: tuple[float, float, float] = parameter(
-        (0.0266, 0.0105, 0.0246), "growth with the value, in R, G, B", unit="8-bit steps", low=0.0, source=_MEASURED
+        (0.0266, 0.0105, 0.0246),
+        "growth of the variance with the value, in R, G, B",
+        unit="8-bit steps",
+        low=0.0,
+        source=_MEASURED,
     )
-    correlation_1px: float = parameter(0.6, "of neighbours in a row", low=0.0, high=1.0, source=_MEASURED)
-    correlation_2px: float = parameter(0.2, "of pixels two apart in a row", low=0.0, high=1.0, source=_MEASURED)
+    correlation_1px: float = parameter(0.6, "correlation of neighbours in a row", low=0.0, high=1.0, source=_MEASURED)
+    correlation_2px: float = parameter(
+        0.2, "correlation of pixels two apart in a row", low=0.0, high=1.0, source=_MEASURED
+    )
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
         image = srgb8(_exposed(light, self.exposure))
         noisy = np.empty_like(image)
         variance = np.outer(self.variance_per_value, np.arange(256)) + np.array(self.variance)[:, None]
-        # (3, 256) of each value: cutting to whole values brings the missing variance of 1/12
+        # (3, 256), for each value: rounding down adds the remaining variance of 1/12
         sigma = np.sqrt(np.maximum(variance - 1 / 12, 0)).astype(np.float32)
         a, b, c = self.neighbour_weights()
         for k in range(3):

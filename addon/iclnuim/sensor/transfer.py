@@ -1,4 +1,4 @@
-"""From light to 8 bits and back: the fixed sRGB transfer function (IEC 61966-2-1) of scene-linear RGB."""
+"""Conversion between scene-linear RGB and 8 bits by the sRGB transfer function (IEC 61966-2-1)."""
 
 import functools
 
@@ -11,8 +11,8 @@ from ..geometry.se3 import read_only
 def srgb8(light: np.ndarray) -> np.ndarray:
     """Scene-linear light, 1 = white, any shape -> uint8 of the same shape, rounded to the nearest.
 
-    Clipped to 0..1; NaN becomes 0. The light is first rounded to half precision (11 bits, at most 1/20 of an 8-bit
-    step), so that a table of all halves gives the exact value without a power per pixel.
+    Values are clipped to 0..1; NaN becomes 0. The light is first rounded to half precision (11 bits, an error of at most 1/20 of an 8-bit
+    step). Then a table of all half-precision numbers gives the exact value, without computing a power per pixel.
     """
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(light, np.float16)
@@ -20,8 +20,8 @@ def srgb8(light: np.ndarray) -> np.ndarray:
 
 
 def srgb8_in_place(light: np.ndarray) -> np.ndarray:
-    """The same of float32 light without NaN, which is overwritten: by a table of 65536 even steps of light, each at most
-    1/20 of an 8-bit step, in half the time that rounding to half precision would take.
+    """Like srgb8, for float32 light without NaN, which is overwritten. It uses a table of 65536 equal steps of light, each at most
+    1/20 of an 8-bit step, and takes half the time of rounding to half precision.
     """
     np.clip(light, 0, 1, out=light)
     light *= np.float32(65535)
@@ -30,20 +30,20 @@ def srgb8_in_place(light: np.ndarray) -> np.ndarray:
 
 
 def light_from_srgb8(image: np.ndarray) -> np.ndarray:
-    """uint8, any shape -> float32 scene-linear light of the same shape; srgb8 takes it back exactly."""
+    """uint8, any shape -> float32 scene-linear light of the same shape; srgb8 of it gives exactly the same image."""
     if image.dtype != np.uint8:
         raise InputError("an 8-bit image", found=image.dtype)
     return _light_of_srgb8().take(image)
 
 
 def srgb_from_light(light: np.ndarray) -> np.ndarray:
-    """The transfer function itself, 0..1 -> 0..1, float64."""
+    """The sRGB transfer function, 0..1 -> 0..1, float64."""
     light = np.clip(light, 0.0, 1.0)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.power(np.maximum(light, 1e-9), 1 / 2.4) - 0.055)
 
 
 def light_from_srgb(value: np.ndarray) -> np.ndarray:
-    """Its inverse, 0..1 -> 0..1, float64."""
+    """The inverse of the sRGB transfer function, 0..1 -> 0..1, float64."""
     return np.where(value <= 0.04045, value / 12.92, np.power((value + 0.055) / 1.055, 2.4))
 
 

@@ -1,11 +1,11 @@
-"""The panel "ICL-NUIM Export": properties, panels that only draw, operators that only forward, and their registration."""
+"""The panel "ICL-NUIM Export": registration of its properties, panels and operators. Panels only draw; operators only call the library."""
 
 import atexit
 from types import ModuleType
 
 
 def register() -> None:
-    """Every class, property and handler."""
+    """Register every class, property and handler."""
     import bpy
 
     from . import properties, state, trajectory_view, work
@@ -17,7 +17,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """The reverse; a running worker process is ended, its finished frames stay."""
+    """Undo register(). A running worker process is ended; its finished frames stay."""
     from . import state
 
     if not state.is_registered():

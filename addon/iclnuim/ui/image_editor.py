@@ -1,4 +1,4 @@
-"""Images shown to the user: an array becomes an image of the open file, and an image editor shows it; a render's last frame too."""
+"""Show arrays as images in Blender's image editor, among them the last frame of a running render."""
 
 import threading
 import time
@@ -17,21 +17,21 @@ from .pictures import colour_and_depth
 from .work import Work
 
 LAST_FRAME = "ICL-NUIM last frame"
-#: The last frame is read at most this often.
+#: Minimum time between two reads of the last frame, in seconds.
 PAUSE_S = 1.0
 
 
 class LastFrame:
-    """The last frame of a render, read in a thread so that the window stays responsive: `look(work)` at each tick."""
+    """Shows the last frame of a render. It is read in a thread, so that the window stays responsive. Call `look(work)` at each tick."""
 
     def __init__(self, frames: Path, camera: PinholeCamera) -> None:
-        """`frames`: the folder of 000000.exr and on."""
+        """`frames`: the folder that contains 000000.exr and the following frames."""
         self._frames, self._camera = frames, camera
         self._picture: np.ndarray | None = None
         self._shown, self._at_s, self._reading = -1, 0.0, False
 
     def look(self, work: Work) -> None:
-        """Show what has been read; begin to read the last frame if it is new, the pause is over and an image editor is open."""
+        """Show the frame that was read. Start to read the last frame if it is new, the pause is over and an image editor is open."""
         picture, self._picture = self._picture, None
         if picture is not None:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
@@ -42,7 +42,7 @@ class LastFrame:
             threading.Thread(target=self._read, args=(number,), daemon=True).start()
 
     def _read(self, number: int) -> None:
-        with suppress(IclnuimError):  # a frame that cannot be read is named by the render itself
+        with suppress(IclnuimError):  # the render reports a frame that cannot be read
             light, depth_z_m = read_frame(self._frames / f"{number:06}.exr", self._camera)
             rgb = noisy_images(light, depth_z_m, self._camera, number, SequenceSettings())[0]
             self._picture = colour_and_depth(rgb, depth_z_m)
@@ -50,7 +50,7 @@ class LastFrame:
 
 
 def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True) -> None:
-    """(h, w, 3) uint8 as the image `name`, in an image editor; one is opened beside the 3D view where there is none."""
+    """Show an (h, w, 3) uint8 array as the image `name` in an image editor. If none is open, one is opened next to the 3D view."""
     height, width = picture.shape[:2]
     image = bpy.data.images.get(name)
     if image is not None and image.size[:] != (width, height):
@@ -69,7 +69,7 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor
 
 
 def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
-    """The whole picture in the editor. A new area has no size before its first drawing: then a moment later."""
+    """Fit the whole image into the editor, after a short delay: a new area has no size before it is drawn for the first time."""
 
     def fit() -> None:
         window = context.window_manager.windows[0]
@@ -84,7 +84,7 @@ def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
 
 
 def _split(context: bpy.types.Context) -> bpy.types.Area | None:
-    """A new image editor beside the 3D view."""
+    """Open a new image editor next to the 3D view; None if there is no 3D view."""
     window = context.window or context.window_manager.windows[0]
     areas = window.screen.areas
     views = [area for area in areas if area.type == "VIEW_3D"]

@@ -1,4 +1,4 @@
-"""From the panel's settings to a trajectory, to the files in the output folder that a worker needs, and to the light map in the cache."""
+"""Make a trajectory, a render job and the files that a worker needs from the panel's settings, and look up the light map in the cache."""
 
 import os
 import platform
@@ -24,12 +24,12 @@ from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
 DEFAULT_OUT = "//iclnuim"
-#: The panel asks for the light map at every redraw; files are looked at this often.
+#: The panel needs the state of the light map at every redraw. Files are checked again after this many seconds.
 _FRESH_S = 1.0
 
 
 def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
-    """The trajectory chosen, scaled and moved, and a sentence on how its file was read. Raises InputError."""
+    """The chosen trajectory, scaled and moved, and a sentence that describes how its file was read. Raises InputError."""
     settings = context.scene.iclnuim
     if settings.trajectory_source == "CAMERA":
         loaded, sentence = camera.trajectory(context.scene), "the active camera's animation"
@@ -52,7 +52,7 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
 
 
 def output_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Absolute. What begins with // lies beside the saved .blend, before it is saved in the extension's own folder."""
+    """The absolute path. `//` is the folder of the saved .blend; if the file is not saved, it is the extension's user folder."""
     out = settings.out.strip() or DEFAULT_OUT
     if out.startswith("//") and not bpy.data.filepath:
         return (state.user_folder("out") / out[2:]).resolve()
@@ -60,42 +60,42 @@ def output_folder(settings: bpy.types.PropertyGroup) -> Path:
 
 
 def scene_name(settings: bpy.types.PropertyGroup) -> str:
-    """What the settings call the scene: a built-in name, the path of a file, or OPEN."""
+    """The name of the scene in the settings: a built-in name, the path of a file, or OPEN."""
     if settings.scene_source == "FILE" and settings.scene_file:
         return str(Path(bpy.path.abspath(settings.scene_file)).expanduser().resolve())
     return settings.scene_source
 
 
 def job(context: bpy.types.Context, out: Path) -> RenderJob:
-    """The job of the settings; scene and trajectory are written into `out` where they have no file of their own.
+    """The render job of the settings. A scene or trajectory that has no file is written into `out`.
 
     Raises InputError, WorkError.
     """
     settings = context.scene.iclnuim
     for what, libraries in (("EXR", exr.BACKENDS), ("PNG", png.BACKENDS)):
-        first_library(what, *libraries)  # before the first frame rather than after it
+        first_library(what, *libraries)  # a missing library is reported before the first frame is rendered
     check_free(out / "raw")
     return settings.to_job(_scene_for(settings, out), _trajectory_for(context, settings, out))
 
 
 def check_free(raw: Path) -> None:
-    """Raises WorkError where a running process of this machine renders into the folder."""
+    """Raises WorkError if a running process on this machine renders into the folder."""
     for folder in raw.glob(f".work-{platform.node()}-*"):
         process = int(folder.name.rsplit("-", 1)[1])
         if process != os.getpid() and os.name != "nt" and process_lives(process):
-            text = f"{raw}: another render (process {process}) works in this folder"
-            raise WorkError(text, hint="again when it ends, or another {out}")
+            text = f"{raw}: another render (process {process}) is running in this folder"
+            raise WorkError(text, hint="again when it has finished, or another {out}")
 
 
 def light_map_line(settings: bpy.types.PropertyGroup) -> str:
-    """One sentence: whether the cache holds the light map of the chosen scene, how large and how old it is."""
+    """A sentence for the panel: whether the cache contains the light map of the chosen scene, its size and its age."""
     if settings.scene_source == "OPEN":
-        return "Bake Light and Render look up the light map of the open file, or bake it"
+        return "Bake Light and Render use the cached light map of the open file, or bake it if there is none"
     name, held = scene_name(settings), state.current()
-    asked = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
+    key = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
     known = held.light_map
-    if known is None or known[0] != asked or time.monotonic() - known[1] > _FRESH_S:
-        line = "this scene's light is not in the cache: Bake Light or the first render makes it, once, in minutes"
+    if known is None or known[0] != key or time.monotonic() - known[1] > _FRESH_S:
+        line = "this scene's light map is not in the cache: Bake Light or the first render bakes it once, which takes minutes"
         try:
             cache = state.cache_folder()
             if found := light_map.find(cache, settings.to_job(name, "kt2")):
@@ -103,12 +103,12 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
                 units = (("day", 86400), ("hour", 3600), ("minute", 60))
                 ages = ((int(age_s // seconds), unit) for unit, seconds in units)
                 age = next((f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n), "less than a minute")
-                line = f"this scene's light is in the cache: {size_bytes / 1e6:.1f} MB, baked {age} ago"
+                line = f"this scene's light map is in the cache: {size_bytes / 1e6:.1f} MB, baked {age} ago"
                 if cache not in folder.parents:
-                    line = "this room's light comes with the extension: nothing to bake"
+                    line = "this scene's light map is part of the extension: no bake is needed"
         except (IclnuimError, OSError):
             line = "no scene file is chosen yet"
-        known = held.light_map = asked, time.monotonic(), line
+        known = held.light_map = key, time.monotonic(), line
     return known[2]
 
 
@@ -118,7 +118,7 @@ def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
 
 
 def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path) -> str:
-    """A built-in name as it is; all else as a TUM file in `out`."""
+    """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file in `out`; its path is returned."""
     plain = settings.scale == 1.0 and not settings.use_start
     if plain and settings.trajectory_source in TRAJECTORIES:
         return _shipped_name(settings)
@@ -130,7 +130,7 @@ def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGrou
 
 
 def chosen_scene(settings: bpy.types.PropertyGroup) -> str:
-    """scene_name() of what was chosen. Raises InputError for a file that was not."""
+    """scene_name() of the chosen scene. Raises InputError if a scene file is required and none is chosen."""
     if settings.scene_source == "FILE" and not settings.scene_file:
         raise InputError("a scene file", found="none", hint="choosing one under {scene}")
     return scene_name(settings)
@@ -141,7 +141,7 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
         return name
     path = out / "scene.blend"
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
-        hint = "Resume, which continues with the scene as it was, or another {out}"
+        hint = "Resume, which continues with the saved copy of the scene, or another {out}"
         raise InputError("an output folder without frames of an earlier state of the open scene", path=out, hint=hint)
     make_folder(out, "another {out}")
     try:

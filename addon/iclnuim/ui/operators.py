@@ -1,4 +1,4 @@
-"""The panel's operators: scene and trajectory; bake, preview, render, cancel, resume; evaluation. Renders are handed to the worker process."""
+"""The panel's operators: scene and trajectory; bake, preview, render, cancel, resume; evaluation. A worker process renders."""
 
 import functools
 import shutil
@@ -30,10 +30,10 @@ PREVIEW, PLOT = "ICL-NUIM preview", "ICL-NUIM error"
 
 @operator("Show the Scene Here", undo=True)
 def load_scene(self, context):
-    """Bring the chosen scene into this window, in a collection of its own; replaces the scene brought before"""
+    """Load the chosen scene into this window, in a separate collection. It replaces the scene that was loaded before"""
     settings = context.scene.iclnuim
     if settings.scene_source == "OPEN":
-        raise InputError("a built-in scene or a file to show", found="the open file, which is here already")
+        raise InputError("a built-in scene or a file to show", found="the open file, which is already shown")
     name, reading = inputs.chosen_scene(settings), settings.reading()
     file = scene.shipped_file(name) if scene.is_shipped(name) else scene.checked_file(name)
     if settings.scene_source == "FILE":
@@ -50,19 +50,22 @@ def load_scene(self, context):
     else:
         _import(context, file, reading, collection)
     collection[trajectory_view.SHOWN] = name
-    for start_up in ("Cube", "Light"):  # the start-up file's would stand in the room; they are hidden, not removed
+    for start_up in (
+        "Cube",
+        "Light",
+    ):  # objects of the start-up file would be inside the room: they are hidden, not removed
         thing = context.scene.collection.all_objects.get(start_up)
         if thing is not None and thing.name not in collection.all_objects:
             thing.hide_viewport = thing.hide_render = True
     for area in state.areas("VIEW_3D"):
-        # spot lamps draw wide circles; the panel has the switch that shows them
+        # spot lamps draw wide circles; the panel has a switch that shows them again
         area.spaces.active.overlay.show_extras = False
     trajectory_view.refresh(context)
 
 
 @operator("Keyframe", undo=True)
 def keyframe(self, context):
-    """Keyframe a camera along the trajectory: the timeline plays the poses exactly, pose i at frame i"""
+    """Keyframe a camera along the trajectory. Frame i of the timeline has exactly pose i"""
     scene = context.scene
     chosen, _ = inputs.trajectory(context)
     lens = scene.iclnuim.camera()
@@ -108,21 +111,21 @@ def save_path(self, context):
     file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
     poses, sentence = inputs.trajectory(context)
     write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
-    state.current().work.message = f"{len(poses)} poses of {sentence} are in {file.name}"
+    state.current().work.message = f"{len(poses)} poses of {sentence} were written to {file.name}"
 
 
 @operator("Bake Light")
 def bake(self, context):
-    """Bake the scene's light map into the extension's cache, in the background; a render does it too where it is missing"""
+    """Bake the scene's light map into the extension's cache, in the background. A render also bakes it if it is missing"""
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     job = inputs.job(context, folder).changed(light="baked")
     finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
-    state.start("bake", job, folder / "raw", {"bake": True}, "the light is baked and is in the cache", finish)
+    state.start("bake", job, folder / "raw", {"bake": True}, "the light map is baked and is in the cache", finish)
 
 
 @operator("Render")
 def render(self, context):
-    """Render the chosen frames in a second Blender, then write the sequences; finished frames are skipped"""
+    """Render the chosen frames in a second Blender process, then write the sequences. Finished frames are skipped"""
     settings = context.scene.iclnuim
     out = inputs.output_folder(settings)
     numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context)[0])))
@@ -131,12 +134,12 @@ def render(self, context):
 
 @operator("Resume")
 def resume(self, context):
-    """Continue the render in the output folder with the settings it was started with"""
+    """Continue the render in the output folder, with the settings that it was started with"""
     settings = context.scene.iclnuim
     out = inputs.output_folder(settings)
     recipe = out / "raw" / "sequence.json"
     if not recipe.is_file():
-        hint = "Render, or the {out} it was started in"
+        hint = "Render, or the {out} that the render was started in"
         raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
     inputs.check_free(out / "raw")
     job = RenderJob.from_dict(read_json(recipe).get("job", {}))
@@ -146,14 +149,14 @@ def resume(self, context):
 
 @operator("Cancel")
 def cancel(self, context):
-    """Stop after the current frame; finished frames stay, and Resume continues from there"""
+    """Stop after the current frame. Finished frames stay, and Resume continues after them"""
     state.current().work.cancel()
     state.redraw()
 
 
 @operator("Preview Frame")
 def preview(self, context):
-    """Render the pose of the timeline's current frame, and show colour and depth, clean above and with the sensor's noise below"""
+    """Render the pose of the timeline's current frame. Colour and depth are shown without noise above and with the sensor's noise below"""
     settings = context.scene.iclnuim
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     chosen = inputs.trajectory(context)[0]
@@ -176,7 +179,7 @@ def preview(self, context):
 
 @operator("Evaluate")
 def evaluate(self, context):
-    """ATE and RPE of the estimate, which is drawn beside the ground truth: blue for no error, red for the largest"""
+    """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error, red for the largest error"""
     settings, held = context.scene.iclnuim, state.current()
     if not settings.estimate:
         raise InputError("an estimated trajectory", found="none", hint="choosing a file as {estimate}")
@@ -186,10 +189,10 @@ def evaluate(self, context):
     ate = absolute_trajectory_error(truth, estimate, AbsoluteErrorSettings(alignment=alignment))
     rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
     held.evaluation = ate
-    shift, turn = ate.translation_m, ate.rotation_deg
+    position, rotation = ate.translation_m, ate.rotation_deg
     held.evaluation_lines = [
-        f"ATE rmse {shift.rmse:.4f} m, median {shift.median:.4f}, max {shift.max:.4f}",
-        f"rotation rmse {turn.rmse:.3f} deg",
+        f"ATE rmse {position.rmse:.4f} m, median {position.median:.4f}, max {position.max:.4f}",
+        f"rotation rmse {rotation.rmse:.3f} deg",
         f"RPE over {settings.delta}: {rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
     ]
@@ -199,7 +202,7 @@ def evaluate(self, context):
 
 @operator("Show the Plot")
 def plot(self, context):
-    """Plot the error over time in the image editor"""
+    """Show a plot of the position error over time in the image editor"""
     ate = state.current().evaluation
     if ate is None:
         raise InputError("an evaluation to plot", found="none", hint="Evaluate first")
@@ -219,7 +222,7 @@ def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection
 
 
 def _import(context: bpy.types.Context, file: Path, reading: SceneReading, collection: bpy.types.Collection) -> None:
-    """Through a scene of its own: axes and units are guessed from everything in the scene."""
+    """Import the file through a separate scene, because axes and units are guessed from everything in the scene."""
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:

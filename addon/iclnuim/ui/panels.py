@@ -19,7 +19,7 @@ _SENSOR, _OUTPUT = ("exposure_ms", "readout_ms", "seed"), ("depth_units", "glass
 
 
 def _text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
-    """Wrapped lines: Blender's labels do not wrap."""
+    """Draw the text as several labels, because Blender's labels do not wrap."""
     scale = context.preferences.system.ui_scale
     letters = max(int(context.region.width / scale / _LETTER_WIDTH_PX) - 6, 16) if context.region else 40
     column = layout.column(align=True)
@@ -34,7 +34,7 @@ def _props(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, names:
 
 
 def _panel(label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False) -> Callable[..., type[bpy.types.Panel]]:
-    """Makes the panel ICLNUIM_PT_NAME of a function NAME(layout, settings, context) that draws it."""
+    """Decorator: makes the panel ICLNUIM_PT_NAME from a function NAME(layout, settings, context) that draws it."""
 
     def made(content: Callable[..., None]) -> type[bpy.types.Panel]:
         def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
@@ -120,7 +120,7 @@ def output(layout, settings, context):
     shown.enabled = folder.is_dir()
     shown.operator("wm.path_open", text="", icon="FILEBROWSER").filepath = str(folder)
     if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
-        _text(layout, context, f"until this file is saved: {folder}")
+        _text(layout, context, f"this file is not saved yet; the output folder is {folder}")
     layout.prop(settings, "frames")
     row = layout.row(align=True)
     row.prop(settings, "write_clean", toggle=True)

@@ -1,4 +1,4 @@
-"""Pictures made of arrays, numpy only: a frame's three views side by side, depth in colour, a plot of errors."""
+"""Images made from arrays with numpy only: colour and depth side by side, depth in false colours, a plot of the error."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ import numpy as np
 _STOPS = np.array([[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]])
 _PAPER, _INK, _GRID = 255, (30, 30, 30), (215, 215, 215)
 
-#: Glyphs of 5 x 7 dots: a digit of base 32 a row, from the top; its bits are the dots from left to right.
+#: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from left to right.
 _GLYPHS = {
     "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22", "5": "vgu11he", "6": "68guhhe",
     "7": "v124888", "8": "ehhehhe", "9": "ehhf12c", ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842",
@@ -19,36 +19,36 @@ _GLYPHS = {
 
 
 def ramp(share: np.ndarray) -> np.ndarray:
-    """(...) in 0..1 -> (..., 3) in 0..1."""
+    """Colour map: (...) in 0..1 -> (..., 3) in 0..1."""
     place = np.clip(np.nan_to_num(np.asarray(share, float)), 0, 1) * (len(_STOPS) - 1)
     low = np.minimum(place.astype(int), len(_STOPS) - 2)
     return _STOPS[low] + (place - low)[..., None] * (_STOPS[low + 1] - _STOPS[low])
 
 
 def error_colours(error_m: np.ndarray) -> np.ndarray:
-    """(n,) -> (n, 3), blue for none, red for the largest."""
+    """(n,) errors -> (n, 3) colours: blue for no error, red for the largest error."""
     return ramp(error_m / max(float(np.max(error_m)), 1e-12))
 
 
 def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
-    """(h, w) metres -> (h, w, 3) uint8; black where there is no measurement."""
+    """(h, w) depth in metres -> (h, w, 3) uint8; black where there is no measurement."""
     colours = ramp((depth_z_m - near_m) / max(far_m - near_m, 1e-6)) * 255
     return np.where((depth_z_m > 0)[..., None], colours, 0).astype(np.uint8)
 
 
 def frame_picture(rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
-    """Clean colour and depth above, the sensor's below: (2h, 2w, 3) uint8; one range of depth for both."""
+    """Colour and depth without noise above, with the sensor's noise below: (2h, 2w, 3) uint8. Both depth images use one range."""
     noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, *_depth_range(depth_z_m))])
     return np.vstack([colour_and_depth(rgb, depth_z_m), noisy])
 
 
 def colour_and_depth(rgb: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
-    """Side by side: (h, 2w, 3) uint8."""
+    """The colour image and the depth in false colours side by side: (h, 2w, 3) uint8."""
     return np.hstack([rgb, depth_colours(depth_z_m, *_depth_range(depth_z_m))])
 
 
 def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
-    """Metres from blue to red. A garden seen through the window would take all colours for itself."""
+    """Depths in metres shown as blue and red: the 1 % and 95 % quantiles. A garden behind the window must not use up the colour range."""
     seen = depth_z_m[depth_z_m > 0]
     near_m, far_m = np.quantile(seen, (0.01, 0.95)) if seen.size else (0.0, 1.0)
     return float(near_m), float(far_m)
@@ -57,7 +57,7 @@ def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
 def error_plot(
     stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 960, height: int = 600
 ) -> np.ndarray:
-    """Error over time in centimetres, coloured as in the view, the RMSE as a dark line: (height, width, 3) uint8."""
+    """Plot of the error over time in centimetres: (height, width, 3) uint8. Colours are those of the 3D view; a dark line is the RMSE."""
     image = np.full((height, width, 3), _PAPER, np.uint8)
     left, right, top, bottom = 90, width - 30, 70, height - 70
     seconds = float(stamps_s[-1] - stamps_s[0]) or 1.0
@@ -77,26 +77,28 @@ def error_plot(
     values_m = np.interp((columns - left) / (right - left - 1) * seconds, stamps_s - stamps_s[0], error_m)
     colours, rows = (error_colours(values_m) * 255).astype(np.uint8), row(values_m * 100)
     for column, here, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
-        image[min(here, before) - 1 : max(here, before) + 2, column] = colour  # from each value to the next
+        image[min(here, before) - 1 : max(here, before) + 2, column] = colour  # a line from each value to the next
     image[row(rmse_m * 100) : row(rmse_m * 100) + 2, left:right] = _INK
-    write(image, f"Error of position over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
+    write(image, f"Position error over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
     write(image, "cm", left - 14, top - 26, align="right")
     write(image, "time (s)", right, bottom + 40, align="right")
     return image
 
 
-def _ticks(most: float, beyond: bool = True) -> np.ndarray:
-    """Round numbers from 0, about five of them, up to the first one `beyond` `most` or the last one before it."""
-    most = most if most > 0 else 1.0
-    power = 10.0 ** np.floor(np.log10(most / 5))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= most / 6 * 0.999)
-    count = np.ceil(most / step - 1e-9) if beyond else np.floor(most / step + 1e-9)
+def _ticks(maximum: float, beyond: bool = True) -> np.ndarray:
+    """About five round numbers from 0. The last is the first one at or above `maximum` if `beyond`, else the last one at or below it."""
+    maximum = maximum if maximum > 0 else 1.0
+    power = 10.0 ** np.floor(np.log10(maximum / 5))
+    step = next(m * power for m in (1, 2, 5, 10) if m * power >= maximum / 6 * 0.999)
+    count = np.ceil(maximum / step - 1e-9) if beyond else np.floor(maximum / step + 1e-9)
     return np.arange(int(count) + 1) * step
 
 
 def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: str = "left") -> None:
-    """Letters of 5 x 7 dots onto the image, in place; (x, y) is the upper left, middle or right end of the line."""
-    rows = [[int(letter, 32) << 1 for letter in _GLYPHS.get(c, "0000000")] for c in text]  # a column between letters
+    """Draw text in letters of 5 x 7 dots into the image, in place. (x, y) is the left end, the centre or the right end of the text's upper edge."""
+    rows = [
+        [int(letter, 32) << 1 for letter in _GLYPHS.get(c, "0000000")] for c in text
+    ]  # one empty column between letters
     dots = [[[row >> (5 - k) & 1 for k in range(6)] for row in glyph] for glyph in rows]
     block = np.kron(np.concatenate([np.array(glyph, bool) for glyph in dots], 1), np.ones((size, size), bool))
     x -= {"left": 0, "centre": block.shape[1] // 2, "right": block.shape[1]}[align]

@@ -1,4 +1,6 @@
-"""Presets: built-in ones, and the user's own as JSON files in the extension's folder. Each holds only what differs from the defaults."""
+"""Presets: built-in presets, and the user's presets as JSON files in the extension's user folder. A preset contains only values that differ
+from the defaults.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -18,12 +20,12 @@ BUILT_IN: dict[str, dict[str, Any]] = {
     "Quick look": {**PinholeCamera.parse("320x240").to_dict(), "light": "path", "samples": 4, "frames": "::60"},
     "Reference, path traced": {"light": "path", "samples": 256, "frames": "::"},
 }
-#: Names in presets that were saved by version 0.1.0.
+#: Old name -> new name, for presets saved by version 0.1.0.
 _RENAMED = {"dialects": "formats", "alignment": "align_method"}
 
 
 def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
-    """What differs from the defaults, as plain values."""
+    """The values that differ from the defaults, ready for JSON."""
     found = {name: getattr(settings, name) for name in properties_of_a_preset() if settings.is_property_set(name)}
     for name, value in found.items():
         if not isinstance(value, bool | int | float | str):
@@ -32,7 +34,7 @@ def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
 
 
 def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
-    """Set what a preset names, the rest to its default. Raises InputError for an unknown name or value."""
+    """Set the values of a preset, and all other settings to their defaults. Raises InputError for an unknown name or value."""
     chosen, known = {_RENAMED.get(name, name): value for name, value in chosen.items()}, properties_of_a_preset()
     unknown = sorted(set(chosen) - set(known))
     if unknown:
@@ -47,13 +49,13 @@ def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
 
 
 def own() -> dict[str, Path]:
-    """The user's presets by name."""
+    """The files of the user's presets by name."""
     return {path.stem: path for path in sorted(state.user_folder("presets").glob("*.json"))}
 
 
 @operator("Use Preset", undo=True, preset=StringProperty())
 def preset(self, context):
-    """Use the settings of a preset (folder, files, scene and trajectory stay)"""
+    """Use the settings of a preset. Folder, files, scene and trajectory do not change"""
     stored = own()
     if self.preset not in (*BUILT_IN, *stored):
         raise InputError(f"a preset ({', '.join((*BUILT_IN, *stored))})", found=self.preset)
@@ -66,7 +68,7 @@ def preset(self, context):
     preset=StringProperty(name="Name", default="My preset"),
 )
 def preset_save(self, context):
-    """Save the settings as a preset of your own, in the extension's folder"""
+    """Save the current settings as a new preset, in the extension's user folder"""
     name = "".join(c for c in self.preset if c.isalnum() or c in " -_").strip()
     if not name or name in BUILT_IN:
         raise InputError("a name of letters and digits that no built-in preset has", found=self.preset)
@@ -74,7 +76,7 @@ def preset_save(self, context):
 
 
 class ICLNUIM_MT_presets(bpy.types.Menu):
-    """Ready-made settings"""
+    """Load or save settings as a preset"""
 
     bl_idname, bl_label = "ICLNUIM_MT_presets", "Presets"
 

@@ -1,4 +1,6 @@
-"""The panel's settings, kept in the .blend with its scene: made of the declared settings and registries, and turned into a render job."""
+"""The panel's settings as Blender properties, saved in the .blend with each scene. They are made from the declared settings and registries, and
+converted to a render job.
+"""
 
 import itertools
 import math
@@ -20,30 +22,37 @@ from ..settings import Setting, Settings, declared, setting
 from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
-#: Of an enum: value, name, tooltip.
+#: An entry of an enum: value, name, tooltip.
 Entry = tuple[str, str, str]
-#: What is no built-in scene or trajectory, by the number that a saved .blend keeps.
+#: Choices other than built-in scenes and trajectories, by the number that is stored in a saved .blend.
 _OTHER_SCENES = {
-    2: ("OPEN", "The open file", "The scene in this window; a copy of it is put into the output folder and rendered"),
-    3: ("FILE", "A file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres"),
+    2: ("OPEN", "Open file", "The scene in this window; a copy of it is saved in the output folder and rendered"),
+    3: ("FILE", "Scene file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres"),
 }
 _OTHER_TRAJECTORIES = {
-    4: ("FILE", "A file", "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; recognised by name and content"),
+    4: (
+        "FILE",
+        "Trajectory file",
+        "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; the format is detected by name and content",
+    ),
     5: ("CAMERA", "Active camera", "The animation of the scene's active camera, one pose per frame of the timeline"),
 }
-_FILE_OF_POSES = "Camera-to-world poses; right-handed unless named *.gt.freiburg or starting as the released ones do"
-_OUT = "raw/, clean/ and noisy/ are made in it. Empty: iclnuim beside the saved .blend, or in the extension's own folder while it is not saved"
+_FILE_OF_POSES = "Camera-to-world poses; right-handed unless the file is named *.gt.freiburg or starts like the released trajectories"
+_OUT = "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend, or in the extension's user folder if it is not saved"
 _AUTO = {0: ("AUTO", "Auto", "The default")}
 _EQUATION_2 = "paper, equation 2"
 
 
 @dataclass(frozen=True)
 class PanelSettings(Settings):
-    """Settings that only the panel has: where the trajectory starts, what is drawn, and which frames and sequences are made."""
+    """Settings that only the panel has: where the trajectory starts, what is drawn, and which frames and sequences are written."""
 
     scale: float = setting(1.0, "factor on the trajectory's lengths", low=1e-3, high=1e3, source=_EQUATION_2)
     use_start: bool = setting(
-        False, "move the trajectory so that its first pose is the one below", source=_EQUATION_2, label="Own start pose"
+        False,
+        "move the trajectory so that its first pose is the one below",
+        source=_EQUATION_2,
+        label="Custom start pose",
     )
     start_location: tuple[float, float, float] = setting(
         (0.0, 0.0, 1.5), "position of the first pose, metres in Blender's world, z up", label="Start"
@@ -54,22 +63,22 @@ class PanelSettings(Settings):
         label="Rotation",
     )
     show_path: bool = setting(
-        True, "draw the trajectory as a curve with camera frusta; drawn only, never rendered", label="Show in the view"
+        True, "draw the trajectory as a curve with camera frusta; it is never rendered", label="Show in 3D view"
     )
     write_clean: bool = setting(True, "write a sequence without noise", label="Clean")
     write_noisy: bool = setting(True, "write a sequence with the sensor's noise", label="Noisy")
     frames: str = setting(
         ":60",
-        "poses to render, as A:B:S: from A, before B, every S-th (30 per second); :: is all, a number is one frame",
+        "poses to render, as A:B:S: from A to before B, every S-th (30 per second); :: means all, a number means one frame",
     )
     delta: str = setting(
         "1s",
-        "how far apart the two poses of an RPE pair are: 30 (frames), 1s (seconds) or 0.5m (metres)",
+        "distance between the two poses of an RPE pair: 30 (frames), 1s (seconds) or 0.5m (metres)",
         label="RPE delta",
     )
 
 
-#: Declared settings in the panel, and what the names of their properties begin with. Of two groups with a setting the later one has it.
+#: Groups of declared settings in the panel -> prefix of their properties' names. If two groups have the same name, the later group's is used.
 _GROUPS: dict[type, str] = {
     PanelSettings: "",
     AlignmentSettings: "align_",
@@ -79,12 +88,12 @@ _GROUPS: dict[type, str] = {
     SceneReading: "scene_",
 }
 _SUBTYPES = {"textures": "DIR_PATH", "start_location": "TRANSLATION", "start_rotation": "EULER"}
-#: Settings whose change makes the trajectory another one, beside those of its source and the scene's.
-_MOVES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotation")
+#: Settings that change the trajectory, in addition to the settings of its source and of the scene.
+_CHANGES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotation")
 
 
 def properties_of_this_file() -> dict[str, Any]:
-    """Name -> property of what belongs to this file or this machine: presets leave it alone."""
+    """Name -> property, of the settings that belong to this file or this machine. Presets do not change them."""
     scenes = ((s.name, s.title, s.description) for s in SCENES.values())
     paths = ((name, name, text) for name, text in TRAJECTORIES.items())
     units = ((name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items())
@@ -104,14 +113,14 @@ def properties_of_this_file() -> dict[str, Any]:
 
 
 def properties_of_a_preset() -> dict[str, Any]:
-    """Name -> property of all other settings."""
+    """Name -> property, of all other settings."""
     noise = {"depth_noise": "released", "rgb_noise": "released"}
     groups = (PanelSettings, PinholeCamera, SequenceOptions, RenderJob, AlignmentSettings)
     return {name: made for group in groups for name, made in _properties(group, **noise).items()}
 
 
 def label_of(setting: str) -> str:
-    """What the panel calls a setting of the library, for error messages."""
+    """The panel's label of a setting of the library, for error messages."""
     names = {s.name: name for group in _GROUPS for name, s in settings_of(group).items()}
     made = {**properties_of_this_file(), **properties_of_a_preset()}
     found = made.get(names.get(setting, setting)) or made.get(f"{setting}_source")
@@ -119,20 +128,20 @@ def label_of(setting: str) -> str:
 
 
 class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
-    """One per scene; its properties are made when it is registered."""
+    """The settings of one scene. The properties are created when the class is registered."""
 
     def camera(self) -> PinholeCamera:
-        """K and size without the rounding of Blender's single floats: the benchmark's fx is exact, the rest has four decimals."""
+        """K and image size, without the rounding of Blender's single-precision floats: the benchmark's fx is exact, other values have four decimals."""
         exact = (self.width / 1.33, PinholeCamera().fx)
         fx = next((f for f in exact if abs(self.fx - f) < 5e-4), round(self.fx, 4))
         return PinholeCamera(**{**self.values_of(PinholeCamera), "fx": fx})
 
     def reading(self) -> SceneReading:
-        """How a scene file is to be read."""
+        """How a scene file is read: axes, units, textures."""
         return SceneReading(**self.values_of(SceneReading) if self.scene_source == "FILE" else {})
 
     def to_job(self, scene: str, trajectory: str) -> RenderJob:
-        """The job, given a built-in name or a file for scene and trajectory (inputs.py). Raises InputError."""
+        """The render job; `scene` and `trajectory` are built-in names or files (inputs.py). Raises InputError."""
         return RenderJob(
             sequence=trajectory if "/" in trajectory and "." not in trajectory else "own",
             scene=scene,
@@ -143,11 +152,11 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         )
 
     def values_of(self, group: type) -> dict[str, Any]:
-        """The values of a group's settings by name."""
+        """The values of a group of settings, by name."""
         return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
-        """What the worker process makes of the frames (dataset/variants.py); None where nothing is asked for. Raises InputError."""
+        """The sequences that the worker process writes from the frames (dataset/variants.py); None if none are chosen. Raises InputError."""
         if not (self.write_clean or self.write_noisy):
             return None
         options = SequenceOptions(**self.values_of(SequenceOptions))
@@ -162,7 +171,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
 
 
 def settings_of(group: type) -> dict[str, Setting]:
-    """Name of the property -> setting, of a group of declared settings. A property is named by the unit that the panel shows: exposure_s -> exposure_ms."""
+    """Name of the property -> setting, of a group of declared settings. The name ends in the unit that the panel shows: exposure_s -> exposure_ms."""
     names = {}
     for s in declared(group).values():
         unit = "" if s.shown[0] == s.unit else f"_{s.shown[0]}"
@@ -171,13 +180,13 @@ def settings_of(group: type) -> dict[str, Setting]:
 
 
 def _properties(group: type, **defaults: Any) -> dict[str, Any]:
-    """Name -> property of a group; `defaults` where the panel has others than the declaration."""
+    """Name -> property, of a group. `defaults`: the panel's defaults where they differ from the declaration."""
     return {name: _property(s, defaults.get(name, s.default)) for name, s in settings_of(group).items()}
 
 
 def _property(s: Setting, default: Any) -> Any:
     more = _words(s, s.shown[0])
-    if s.name in _MOVES_THE_TRAJECTORY:
+    if s.name in _CHANGES_THE_TRAJECTORY:
         more["update"] = _trajectory_changed
     if s.choices is not None:
         return _choice(s, ((v, v, _sentence(about)) for v, about in s.choices.items()), default)
@@ -192,13 +201,13 @@ def _property(s: Setting, default: Any) -> Any:
     factor, kind = s.shown[1], s.kind
     limits = {key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)}
     if s.optional:
-        limits["min"] = 0  # which stands for the default
+        limits["min"] = 0  # 0 means the default
     make, digits = (IntProperty, {}) if kind is int else (FloatProperty, {"precision": 3})
     return make(default=kind((default or 0) * factor), **limits, **digits, **more)
 
 
 def _value(s: Setting, shown: Any) -> Any:
-    """A setting's value from what its property shows."""
+    """The value of a setting, from the value that its property shows."""
     if s.length == 0:
         return tuple(value for value in s.choices or () if value in shown)
     if s.kind is bool:
@@ -211,7 +220,7 @@ def _value(s: Setting, shown: Any) -> Any:
 
 
 def _words(s: Setting, unit: str = "") -> dict[str, Any]:
-    """A property's name and tooltip: help, unit and source."""
+    """The name and tooltip of a property: help, unit and source."""
     details = "; ".join(filter(None, (unit, s.source)))
     return {"name": s.label, "description": _sentence(s.help) + (f" ({details})" if details else "")}
 
@@ -221,7 +230,7 @@ def _sentence(text: str) -> str:
 
 
 def _choice(s: Setting, entries: Iterable[Entry], default: Any = None) -> Any:
-    """The enum of a setting; one of flags where several values are allowed."""
+    """The enum property of a setting; an enum of flags if several values are allowed."""
     if s.length == 0:
         flags = [(*entry, 1 << k) for k, entry in enumerate(entries)]
         return EnumProperty(items=flags, options={"ENUM_FLAG"}, default=set(default), **_words(s))
@@ -230,7 +239,7 @@ def _choice(s: Setting, entries: Iterable[Entry], default: Any = None) -> Any:
 
 
 def _items(entries: Iterable[Entry], own: Mapping[int, Entry]) -> list[tuple[str, str, str, int]]:
-    """Items of an enum with the numbers that a .blend keeps: entries of a registry take those that `own` leaves."""
+    """Items of an enum with the numbers that are stored in a .blend: `own` has fixed numbers, entries of a registry get the free ones."""
     free = (number for number in itertools.count() if number not in own)
     numbered = {**dict(zip(free, entries, strict=False)), **own}
     return [(*numbered[number], number) for number in sorted(numbered)]

@@ -1,4 +1,4 @@
-"""What the panel holds besides its saved settings, from register() to unregister(): work in a worker process, timers, results, what is drawn."""
+"""The panel's state that is not saved, from register() to unregister(): work in a worker process, timers, results, drawn shapes."""
 
 import os
 import shutil
@@ -24,10 +24,10 @@ PACKAGE = __package__.rpartition(".")[0]
 
 @dataclass
 class PanelState:
-    """Lines are ready to be shown. trajectory_key: the settings that the drawn trajectory was read with.
+    """Lines of text are ready to be shown. trajectory_key: the settings that the drawn trajectory was read with.
 
-    shapes: what is drawn, name -> ends of line segments (m, 3) and colours (m, 4); batches: the same on the GPU.
-    light_map: the last answer on the light map of a scene, what was asked, and when (time.monotonic()).
+    shapes: name -> end points of line segments (m, 3) and their colours (m, 4); batches: the same on the GPU.
+    light_map: the last look-up of a scene's light map: its key, its time (time.monotonic()) and the line that is shown.
     """
 
     work: Work
@@ -52,12 +52,12 @@ def current() -> PanelState:
 
 
 def is_registered() -> bool:
-    """Whether there is a state."""
+    """Whether the panel is registered."""
     return hasattr(bpy.types.WindowManager, "iclnuim_state")
 
 
 def end() -> None:
-    """End the worker process and the timers, drop the state."""
+    """End the worker process and the timers, and delete the state."""
     state = current()
     for action in (*state.waiting, _tick):
         if bpy.app.timers.is_registered(action):
@@ -68,7 +68,7 @@ def end() -> None:
 
 
 def user_folder(name: str) -> Path:
-    """A folder of the extension's own, the one place besides the output folder that is written to."""
+    """A folder in the extension's user folder. Only this folder and the output folder are written to."""
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path=name, create=True))
     except ValueError:  # run from a checkout, not as an installed extension
@@ -78,7 +78,7 @@ def user_folder(name: str) -> Path:
 
 
 def cache_folder() -> Path:
-    """Where light maps lie: ICLNUIM_CACHE, or the extension's own folder."""
+    """The folder of the light maps: ICLNUIM_CACHE, or a folder in the extension's user folder."""
     own = os.environ.get("ICLNUIM_CACHE")
     return Path(own) if own else user_folder("cache")
 
@@ -92,10 +92,10 @@ def start(
     on_done: Callable[[], None] | None = None,
     on_tick: Callable[[Work], None] | None = None,
 ) -> None:
-    """Begin `command` of `job` in a worker process that writes into `out`.
+    """Start `command` of `job` in a worker process that writes into `out`.
 
-    `on_done()` is called when it has succeeded, `on_tick(work)` ten times a second until then. In background mode, where timers never
-    fire, this waits for the end. Raises WorkError.
+    `on_done()` is called after success, `on_tick(work)` ten times a second until the end. In background mode timers are never called, so
+    this function waits for the end. Raises WorkError.
     """
     state = current()
     state.work.refuse_a_second()
@@ -116,7 +116,7 @@ def start(
 
 
 def later(action: Callable[[], None], seconds: float = 0.2) -> None:
-    """Once the window has been drawn again; dropped where the extension is switched off before."""
+    """Call `action` after the window has been redrawn. It is not called if the extension is disabled before."""
     waiting = current().waiting
 
     def act() -> None:
@@ -130,9 +130,9 @@ def later(action: Callable[[], None], seconds: float = 0.2) -> None:
 def operator(
     label: str, undo: bool = False, invoke: Callable[..., set[str]] | None = None, **properties: Any
 ) -> Callable[[Callable[..., None]], type[bpy.types.Operator]]:
-    """Makes the operator iclnuim.NAME of a function NAME(self, context) whose docstring is the tooltip.
+    """Decorator: makes the operator iclnuim.NAME from a function NAME(self, context) whose docstring is the tooltip.
 
-    An IclnuimError of the function is shown in the panel and the status bar, and cancels the operator.
+    If the function raises an IclnuimError, the operator is cancelled and the message is shown in the panel and the status bar.
     """
 
     def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
@@ -140,7 +140,7 @@ def operator(
 
         def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
             work = current().work
-            if work.phase == "failed":  # the message belongs to the step before
+            if work.phase == "failed":  # the message belongs to the previous step
                 work.phase, work.message = "idle", ""
             try:
                 function(self, context)
@@ -161,18 +161,18 @@ def operator(
 
 
 def areas(kind: str) -> list[bpy.types.Area]:
-    """The areas of all windows that are editors of this kind."""
+    """The areas of all windows whose editor is of this kind."""
     return [area for w in bpy.context.window_manager.windows for area in w.screen.areas if area.type == kind]
 
 
 def redraw() -> None:
-    """Draw every 3D view again."""
+    """Redraw every 3D view."""
     for area in areas("VIEW_3D"):
         area.tag_redraw()
 
 
 def _tick() -> float | None:
-    """The timer: take in events, redraw the panel, finish. Returns the seconds to the next tick, None for the last."""
+    """The timer: process events, redraw the panel, finish. Returns the seconds until the next tick, or None after the last one."""
     state = current()
     if state.work.poll():
         redraw()

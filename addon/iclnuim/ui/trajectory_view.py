@@ -1,4 +1,4 @@
-"""The trajectory chosen in the panel and an estimate beside it: read when a setting changes, drawn into the 3D view without objects."""
+"""Draws the trajectory chosen in the panel and an estimate into the 3D view, without objects. The trajectory is read when a setting changes."""
 
 from typing import Any
 
@@ -13,15 +13,15 @@ from ..geometry.trajectory import Trajectory, statistics
 from . import inputs, properties, state
 from .pictures import error_colours
 
-#: The collection that holds the scene brought into the window, and the property of it that names that scene.
+#: The collection of the scene loaded into the window, and its property that contains the name of that scene.
 COLLECTION, SHOWN = "ICL-NUIM scene", "iclnuim_scene"
 TRAJECTORY_COLOUR, FRUSTUM_COLOUR = (1.0, 0.55, 0.1, 1.0), (0.25, 0.75, 1.0, 0.9)
-HIDDEN_ALPHA = 0.6  # of what lies behind a wall or the ceiling
+HIDDEN_ALPHA = 0.6  # opacity of lines behind a wall or the ceiling
 _FRUSTA, _FRUSTUM_DEPTH_M = 30, 0.12
 
 
 def refresh(context: bpy.types.Context) -> None:
-    """Read the trajectory, keep its statistics as lines for the panel, and draw it. An error becomes a line too."""
+    """Read the trajectory, store its statistics as lines of text for the panel, and draw it. An error is stored as the warning."""
     held = state.current()
     held.trajectory_key = _key(context.scene)
     held.trajectory_warning = ""
@@ -46,7 +46,7 @@ def refresh(context: bpy.types.Context) -> None:
 
 
 def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.ndarray) -> None:
-    """Draw an aligned estimate (n, 3) coloured by its error (n,), and every n/60th error as a line to the ground truth."""
+    """Draw an aligned estimate (n, 3) coloured by its error (n,), and 60 lines from it to the ground truth (fewer if n is smaller)."""
     colours = np.c_[error_colours(error_m), np.ones(len(error_m))]
     ties = np.unique(np.linspace(0, len(error_m) - 1, 60).astype(int))
     lines = np.stack([positions_m[ties], reference_m[ties]], 1).reshape(-1, 3)
@@ -62,10 +62,10 @@ def _key(scene: bpy.types.Scene) -> tuple:
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
-    """A warning where the line between two poses meets a surface of the open scene, if that is the one chosen."""
+    """A warning if the line between two successive poses hits a surface of the open scene; only if that is the chosen scene."""
     shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
     if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", shown):
-        return "another scene is shown here: press Show the Scene Here" if shown else ""
+        return "another scene is shown: press Show the Scene Here" if shown else ""
     depsgraph, points = context.evaluated_depsgraph_get(), trajectory.positions_m
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -83,12 +83,12 @@ def _show(name: str, points: np.ndarray, colours: object) -> None:
 
 
 def _segments(values: np.ndarray) -> np.ndarray:
-    """(n, k) along a curve -> (2n - 2, k) ends of its pieces."""
+    """(n, k) points of a curve -> (2n - 2, k) end points of its line segments."""
     return np.repeat(values, 2, axis=0)[1:-1]
 
 
 def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
-    """(16 n, 3): eight lines a camera."""
+    """(16 n, 3) end points of line segments: eight lines per camera."""
     u, v = np.array([0, camera.width, camera.width, 0]) - 0.5, np.array([0, 0, camera.height, camera.height]) - 0.5
     corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1) * _FRUSTUM_DEPTH_M
     world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
@@ -105,7 +105,7 @@ def draw() -> None:
     if not settings.show_path or not held.shapes:
         return
     if bpy.context.region_data is not None and bpy.context.region_data.view_perspective == "CAMERA":
-        return  # the camera follows its own trajectory: it would see nothing but its own frusta
+        return  # the camera is on the trajectory: its own frusta would fill the view
     shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
     shader.bind()
     shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
@@ -125,7 +125,7 @@ def draw() -> None:
 
 @persistent
 def _file_opened(*_: Any) -> None:
-    """Another file has a trajectory of its own."""
+    """Another file was opened: read and draw its trajectory."""
     held = state.current()
     held.shapes.clear()
     held.batches.clear()
@@ -134,7 +134,7 @@ def _file_opened(*_: Any) -> None:
 
 @persistent
 def _undone(*_: Any) -> None:
-    """Undo and redo change settings without calling back."""
+    """Undo and redo change settings without calling their update functions."""
     if state.current().trajectory_key != _key(bpy.context.scene):
         refresh(bpy.context)
 

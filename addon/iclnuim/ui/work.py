@@ -1,4 +1,4 @@
-"""Work in a worker process as a state machine without Blender: start, poll, cancel; events in, messages out."""
+"""State machine of the work in a worker process, without Blender: start, poll, cancel. It turns the worker's events into messages."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -9,16 +9,16 @@ from .. import worker_events as events
 from ..errors import WorkError, named
 from ..worker_events import WorkerClient
 
-#: A worker that was asked to stop gets this long to finish its frame; then it is ended, and the frame is rendered again on resume.
+#: After a request to stop, a worker has this time to finish its frame. Then it is terminated, and the frame is rendered again on resume.
 GRACE_S = 4.0
 BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
 
 
 @dataclass
 class Work:
-    """What the panel shows of it. phase: idle, one of BUSY, done, stopped or failed. done and total count frames of the current stage.
+    """The state that the panel shows. phase: idle, one of BUSY, done, stopped or failed. done and total count frames of the current stage.
 
-    name_of: what the panel calls a setting that an error names. last_frame: a frame's number. Seconds are wall time.
+    name_of: returns the panel's label of a setting, for errors. last_frame: the number of the last finished frame. Seconds are wall time.
     """
 
     name_of: Callable[[str], str] = str
@@ -39,19 +39,19 @@ class Work:
         return self.phase in BUSY
 
     def refuse_a_second(self) -> None:
-        """Raises WorkError while other work runs."""
+        """Raises WorkError if other work is running."""
         if self.busy:
-            raise WorkError(f"a {self.kind} is running here already", hint="again when it ends, or Cancel first")
+            raise WorkError(f"a {self.kind} is already running", hint="again when it has finished, or Cancel first")
 
     def start(self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done") -> None:
-        """Send `command` (see blender/child.py); `kind` is what the panel calls it. Raises WorkError while other work runs."""
+        """Send `command` (see blender/child.py) to the worker. `kind` is its name in the panel. Raises WorkError if other work is running."""
         self.refuse_a_second()
-        vars(self).update(vars(Work(self.name_of, "starting", kind, message="Blender starts in the background")))
+        vars(self).update(vars(Work(self.name_of, "starting", kind, message="Blender is starting in the background")))
         self.worker, self._when_done = worker, when_done
         worker.send(command)
 
     def poll(self, now_s: float | None = None) -> bool:
-        """Take in the worker's events; True when there were any. Never waits."""
+        """Process the worker's events without waiting. Returns True if there were any."""
         now_s = time.monotonic() if now_s is None else now_s
         if self.worker is None:
             return False
@@ -63,7 +63,7 @@ class Work:
         return bool(found)
 
     def cancel(self, now_s: float | None = None) -> None:
-        """Ask for a stop; finished frames stay."""
+        """Request a stop. Finished frames stay."""
         if self.busy and self.worker is not None:
             at_once = self.phase in ("starting", "preparing")
             self.phase, self.message = "stopping", "stopping; finished frames stay"
@@ -71,7 +71,7 @@ class Work:
             self.worker.stop()
 
     def end(self) -> None:
-        """End the worker at once."""
+        """Terminate the worker immediately."""
         if self.worker is not None:
             self.worker.terminate()
             if self.busy:
@@ -79,7 +79,7 @@ class Work:
             self.worker = None
 
     def frames_per_second(self, now_s: float | None = None) -> float:
-        """Of the current stage; 0 before its first frame."""
+        """Frames per second of the current stage; 0 before its first frame."""
         elapsed = (time.monotonic() if now_s is None else now_s) - self._stage_begun_s
         return self.done / elapsed if self.done and elapsed > 0 else 0.0
 
@@ -111,13 +111,16 @@ class Work:
             case events.Failed():
                 resume = self.done and self.phase in ("rendering", "writing")
                 text = named(event.template or event.text, self.name_of)
-                text += "; finished frames stay, Resume continues from here" if resume else ""
+                text += "; finished frames stay, and Resume continues after them" if resume else ""
                 self.phase, self.message = "failed", text
             case events.Exited(code, log):
                 self.worker = self._stopping_since_s = None
-                ended = f"the background Blender ended unexpectedly (code {code}); finished frames stay, try Resume"
+                ended = f"the background Blender exited unexpectedly (code {code}); finished frames stay; try Resume"
                 if self.phase == "stopping" or (code == 130 and self.phase != "failed"):
-                    self.phase, self.message = "stopped", "stopped; finished frames stay, Resume continues from here"
+                    self.phase, self.message = (
+                        "stopped",
+                        "stopped; finished frames stay, and Resume continues after them",
+                    )
                 elif code == 0 and self.phase != "failed":
                     self.phase, self.message = "done", self._when_done
                 elif self.phase != "failed":
