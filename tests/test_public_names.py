@@ -49,7 +49,7 @@ def test_importing_the_package_and_listing_its_names_loads_nothing_heavy():
     ("blocked", "name", "said"),
     [
         ("iclnuim.odometry", "odometer", "not part of the Blender extension"),
-        ("numba", "fuse_sequence", "needs numba; try: pip install"),
+        ("numba", "fuse_sequence", "needs the package numba; try: pip install"),
     ],
 )
 def test_a_name_whose_module_is_missing_is_an_import_error_in_one_line(blocked, name, said):

@@ -78,7 +78,7 @@ def test_the_same_command_measures_nothing_again_and_another_is_refused(made, ca
     assert cli.main([*words, "60"]) == 0
     assert "4 of them measured already" in capfd.readouterr().err and time.monotonic() - started < 60
     assert cli.main([*words, "50"]) == 2
-    assert "first 60 there, 50 asked" in capfd.readouterr().err
+    assert "first 60 there, 50 requested" in capfd.readouterr().err
 
 
 def test_killed_at_any_moment_it_ends_in_the_same_tables(made, tmp_path):

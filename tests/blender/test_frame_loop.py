@@ -196,7 +196,7 @@ def test_killed_twenty_times_and_started_again_no_frame_is_lost_or_made_twice(re
 
 
 REFUSALS = {
-    "another recipe": (("--samples", "3"), "samples 2 there, 3 asked"),
+    "another recipe": (("--samples", "3"), "samples 2 there, 3 requested"),
     "no such sequence": (("kt9",), "living_room/kt0"),
     "no such frame": (("--frames", "50:60"), "0..11"),
     "a broken slice": (("--frames", "1:2:0"), "A:B:S"),

@@ -99,7 +99,7 @@ def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
     pose = messages["/ground_truth/pose"][3][1].pose
     row = np.loadtxt(sequence / "groundtruth.txt")[3]
     assert np.allclose([pose.position.x, pose.position.y, pose.position.z, pose.orientation.w], row[[1, 2, 3, 7]])
-    with pytest.raises(InputError, match="a name that is free"):
+    with pytest.raises(InputError, match="a path that does not exist yet"):
         write_rosbag(sequence, out, ros)
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 

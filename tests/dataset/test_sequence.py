@@ -156,10 +156,10 @@ def test_a_journal_cut_by_a_crash_costs_one_frame(run, tmp_path):
 
 def test_a_folder_of_another_recipe_or_of_other_people_is_refused(run, tmp_path):
     fill(run, tmp_path / "out")
-    with pytest.raises(InputError, match="seed 7 there, 9 asked"):
+    with pytest.raises(InputError, match="seed 7 there, 9 requested"):
         fill(run, tmp_path / "out", SequenceSettings(NOISY.depth, NOISY.rgb, seed=9))
     other = SequenceSettings(depth_model("released", {"sigma_d": 0.5}), NOISY.rgb, seed=7)
-    with pytest.raises(InputError, match="depth_noise sigma_d 0.16.* there, 0.5 asked"):
+    with pytest.raises(InputError, match="depth_noise sigma_d 0.16.* there, 0.5 requested"):
         fill(run, tmp_path / "out", other)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/diary.txt").write_text("private")
@@ -241,7 +241,7 @@ def test_frames_that_other_threads_finished_beside_a_bad_one_are_not_made_again(
         ("foreign", "000002.exr: expected an EXR image, found PNG"),
         ("no Z", "000002.exr: expected channels R, G, B and Z, found no Z among B, G, R"),
         ("half Z", "000002.exr: expected Z as 32-bit float"),
-        ("size", "000002.exr: expected 64 x 48 as camera.json has it, found 64 x 47"),
+        ("size", "000002.exr: expected 64 x 48 as in camera.json, found 64 x 47"),
         ("terabyte", "000002.exr: expected .* a header with 1000000 x 1000000"),
     ],
 )

@@ -76,11 +76,11 @@ def test_views_that_stand_are_kept_and_others_are_refused(tmp_path):
     (tmp_path / "held_out/views.json").write_text(json.dumps(held_out._asked(plan)))
     held_out.prepare(plan, Console(quiet=True))  # opens nothing
     for words, said in (
-        (("--held-out", "5"), "held_out 4 there, 5 asked"),
-        (("--held-out", "4", "--seed", "2"), "seed 0 there, 2 asked"),
+        (("--held-out", "5"), "held_out 4 there, 5 requested"),
+        (("--held-out", "4", "--seed", "2"), "seed 0 there, 2 requested"),
         (("--held-out", "4", "--camera", "96x72"), "camera"),
     ):
-        with pytest.raises(InputError, match=f"the set of views that was begun there, found .*{said}"):
+        with pytest.raises(InputError, match=f"the set of views that was started there, found .*{said}"):
             held_out.prepare(plan_of(tmp_path, *words), Console(quiet=True))
     with pytest.raises(InputError, match="expected engine local with held_out"):
         held_out.prepare(plan_of(tmp_path, "--held-out", "4", "--engine", "slurm"), Console(quiet=True))

@@ -171,7 +171,7 @@ def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(pretend
     begun(job, tmp_path / "o", [])
     sent = pretended()
     assert main(["render", "kt2", *TINY, "--samples", "7", "--engine", "slurm", "--out", str(tmp_path / "o")]) == 2
-    assert "samples 1 there, 7 asked" in capsys.readouterr().err and sent() == []
+    assert "samples 1 there, 7 requested" in capsys.readouterr().err and sent() == []
 
 
 def test_the_data_set_task_makes_what_is_there_and_tells_what_is_missing(job, tmp_path):
@@ -295,7 +295,7 @@ def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended,
     replace(asked, raw=out).write_record()
     pretended()
     words = ("resume", str(out), "--engine", "slurm", "--partition", "night", "--print-only", "--json")
-    assert main(list(words)) == 2 and "light baked there, path asked" in capsys.readouterr().err
+    assert main(list(words)) == 2 and "light baked there, path requested" in capsys.readouterr().err
     replace(asked_for(tmp_path, "kt2", *TINY, configure=configure_render), raw=out).write_record()
     assert main(list(words)) == 0
     said = json.loads(capsys.readouterr().out)

@@ -35,7 +35,7 @@ def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, 
     assert json.loads(capsys.readouterr().out)["found"] == 3
     assert main([*command, "--seed", "5"]) == 2
     error = capsys.readouterr().err.strip()
-    assert "seed 0 there, 5 asked" in error and "\n" not in error
+    assert "seed 0 there, 5 requested" in error and "\n" not in error
     assert main(["dataset", str(tmp_path / "nowhere"), str(tmp_path / "x")]) == 2
     assert main([*command[:2], str(tmp_path / "y"), "--depth-noise", "paper", "--depth-settings", '{"a": 1}']) == 2
     assert "settings of the noise model 'paper'" in capsys.readouterr().err
@@ -51,7 +51,7 @@ def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(
     _, depth_z_m = image_frames(out).load(1)
     np.testing.assert_allclose(depth_z_m, millimetres / 1000, rtol=1e-6)
     assert main(["dataset", str(raw), str(tmp_path / "x"), "--depth-units", "1000", "--format", "icl-nuim"]) == 2
-    assert "5000 depth units a metre" in capsys.readouterr().err
+    assert "5000 depth units per metre" in capsys.readouterr().err
     assert main(["dataset", str(raw), str(tmp_path / "y"), "--depth-units", "nan"]) == 2
 
 
@@ -162,10 +162,10 @@ def test_convert_notes_what_a_format_does_not_hold(freiburg, tmp_path, capsys):
     everything = [word for name in ("euroc", "scannet", "tartanair") for word in ("--format", name)]
     assert main(["convert", str(freiburg), str(tmp_path / "a"), *everything, *camera]) == 0
     said = capsys.readouterr().err
-    assert "euroc: stamps have 9 digits after the point, those of the source up to 10" in said
-    assert "scannet: there are no stamps in this format" in said and "scannet: colour is stored as JPEG" in said
-    assert "scannet: depth is stored in 1000 units a metre; the source has 5000" in said
-    assert "tartanair: its programs know only the camera 640x480,320,320,319.5,239.5" in said
+    assert "euroc: stamps have 9 digits after the decimal point, those of the source up to 10" in said
+    assert "scannet: this format has no stamps" in said and "scannet: colour is stored as JPEG" in said
+    assert "scannet: depth is stored in 1000 units per metre; the source has 5000" in said
+    assert "tartanair: its programs support only the camera 640x480,320,320,319.5,239.5" in said
 
 
 def test_convert_notes_what_rtabmap_takes_for_granted(freiburg, tmp_path, capsys):
@@ -176,8 +176,8 @@ def test_convert_notes_what_rtabmap_takes_for_granted(freiburg, tmp_path, capsys
     camera = ["--camera", "64x48,48,48,31.5,23.5", "--units", "10000"]
     assert main(["convert", str(freiburg), str(tmp_path / "a"), "--format", "rtabmap", *camera]) == 0
     said = capsys.readouterr().err
-    assert "rtabmap: its programs take a stamp of 0 for none, and fail; the stamps are kept as they are" in said
-    assert "rtabmap: depth is stored in 5000 units a metre; the source has 10000" in said
+    assert "rtabmap: its programs treat a stamp of 0 as missing, and fail; the stamps are not changed" in said
+    assert "rtabmap: depth is stored in 5000 units per metre; the source has 10000" in said
     depth = sorted((tmp_path / "a/depth_sync").iterdir())[0]
     assert depth.name == "0.000000.png" and (read_depth16(depth) == 4500).all()
 

@@ -111,7 +111,7 @@ def test_a_camera_that_nothing_tells_is_named_and_one_may_be_given(stretch, tmp_
     assert main(["odometry", "icp", str(stretch), "--camera", "640x480,600,600,320,240", "-o", str(estimate)]) == 0
     assert "camera is assumed" not in capsys.readouterr().err
     assert main(["odometry", "icp", str(stretch), "--camera", "320x240"]) == 3
-    assert "expected 320 x 240 as the camera has it, found 640 x 480" in capsys.readouterr().err
+    assert "expected 320 x 240 as in the camera, found 640 x 480" in capsys.readouterr().err
 
 
 def test_all_methods_are_written_to_a_folder_and_drawn_in_one_figure(stretch, tmp_path, capsys):

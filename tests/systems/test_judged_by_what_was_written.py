@@ -117,7 +117,7 @@ def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path)
     run(fake("good"), "--runs", "2")
     assert ended.stat().st_mtime_ns == before and (ended.parents[1] / "run_2/ended.json").is_file()
     _, err = run(fake("good"), "--first", "30", code=2)
-    assert "expected the experiment that was begun there" in err and len(err.splitlines()) == 1
+    assert "expected the experiment that was started there" in err and len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("charts", [False, pytest.param(True, marks=pytest.mark.slow)])

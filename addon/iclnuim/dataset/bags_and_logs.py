@@ -1,7 +1,7 @@
-"""A sequence in one file: ROS 1 and ROS 2 bags, through the optional package rosbags (no ROS needed), and .klg logs.
+"""A sequence in one file: ROS 1 and ROS 2 bags, written by the optional package rosbags (no ROS needed), and .klg logs.
 
-Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info each, and with
-ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of the sequence, of each image its own, to the
+Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info for each, and with
+ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of each image of the sequence, to the
 nanosecond.
 """
 
@@ -30,33 +30,33 @@ _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 @dataclass(frozen=True)
 class LogSettings(Settings):
-    """What is made beside a sequence OUT."""
+    """Bags and logs that are written in addition to a sequence OUT."""
 
     group: ClassVar[str] = "bags and logs"
 
-    rosbag: bool = setting(False, "also OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg")
-    klg: bool = setting(False, "also OUT.klg, the log of ElasticFusion, and its camera OUT.cal")
+    rosbag: bool = setting(False, "also write OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg")
+    klg: bool = setting(False, "also write OUT.klg, the log of ElasticFusion, and its camera OUT.cal")
     bag_storage: str = setting(
         "sqlite3",
-        "how the ROS 2 bag is stored",
-        choices={"sqlite3": "a database, the default of ROS 2 up to Humble", "mcap": "MCAP, the default since"},
+        "storage format of the ROS 2 bag",
+        choices={"sqlite3": "a database, the default of ROS 2 up to Humble", "mcap": "MCAP, the default after Humble"},
     )
     compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
 
     def write(self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None) -> list[Path]:
-        """Bags and logs beside `out`, made of the sequence in `folder`; their paths. Those that are there stay, which `note` is told."""
+        """Write bags and logs next to `out` from the sequence in `folder`. Returns their paths. Existing ones stay; `note` is called for each."""
         beside = out.resolve()
         klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
         wanted = [klg, ros1, ros2] if self.rosbag else [klg] if self.klg else []
         for path in wanted:
             there = path.exists()
-            note(f"{path} exists already and stays as it is" if there else f"{path} is written")
+            note(f"{path} exists already and is not changed" if there else f"{path} is written")
             if not there and path == klg:
                 write_klg(folder, klg)
             elif not there:
                 write_rosbag(folder, path, 1 if path == ros1 else 2, self)
                 if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
-                    note("note: ROS 1 takes the first stamp, 0 s, for none")
+                    note("note: ROS 1 treats the first stamp, 0 s, as missing")
         return wanted
 
 
@@ -67,17 +67,19 @@ def write_rosbag(
     settings: LogSettings | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> int:
-    """The pairs of a sequence as a bag: `ros` 1 a file, `ros` 2 a folder; their number.
+    """Write the pairs of a sequence as a bag: a file for `ros` 1, a folder for `ros` 2. Returns the number of pairs.
 
-    Raises InputError where `out` exists already, WorkError without the package rosbags.
+    Raises InputError if `out` exists already, WorkError without the package rosbags.
     """
     pairs = find_pairs(Path(folder))
     camera, truth = read_camera(Path(folder), pairs[0].rgb), read_truth(Path(folder))
     out = Path(out)
     if out.exists():
-        raise InputError("a name that is free", path=out, found="a file or folder")
+        raise InputError("a path that does not exist yet", path=out, found="a file or folder")
     try:
-        with tempfile.TemporaryDirectory(prefix=".bag-", dir=out.parent) as scratch:  # whole or absent
+        with tempfile.TemporaryDirectory(
+            prefix=".bag-", dir=out.parent
+        ) as scratch:  # the bag is moved when it is complete
             bag = _Bag(Path(scratch) / out.name, ros, settings or LogSettings())
             with bag.writer:
                 for pair in pairs:
@@ -92,7 +94,7 @@ def write_rosbag(
 
 
 class _Bag:
-    """A bag being written: message types and connections of either ROS."""
+    """A bag being written: message types and connections of ROS 1 or 2."""
 
     def __init__(self, path: Path, ros: int, settings: LogSettings) -> None:
         try:
@@ -102,7 +104,7 @@ class _Bag:
             raise WorkError("bags need the package rosbags; try: pip install rosbags") from None
         self.ros = ros
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-        if _TRANSFORMS not in self.store.types:  # the store of ROS 1 has it not
+        if _TRANSFORMS not in self.store.types:  # the store of ROS 1 does not contain it
             self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _TRANSFORMS))
         self.writer: Any
         if ros == 1:
@@ -120,7 +122,7 @@ class _Bag:
         self.connections: dict[str, Any] = {}
 
     def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
-        """Both images and their camera."""
+        """Write both images and their camera."""
         rgb, depth = read_images(pair, camera)
         depth = np.where(depth > 0, depth, np.nan).astype("<f4")
         images = (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth))
@@ -136,7 +138,7 @@ class _Bag:
         return {"header": self._header(stamp_ns, FRAME), "height": shape[0], "width": shape[1]}
 
     def truth(self, truth: Trajectory) -> None:
-        """Poses, and the same as transforms."""
+        """Write poses, and the same poses as transforms."""
         for i, stamp_s in enumerate(truth.stamps_s.tolist()):
             stamp_ns = self._nanoseconds(stamp_s)
             T, header = truth.T_world_camera[i], self._header(stamp_ns, WORLD)
@@ -154,7 +156,7 @@ class _Bag:
     def _camera_info(self, stamp_ns: int, c: PinholeCamera) -> Any:
         roi = self._new("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         d, k, r, p = np.zeros(5), c.K.ravel(), np.eye(3).ravel(), np.hstack([c.K, np.zeros((3, 1))]).ravel()
-        # ROS 1 writes the matrices' names in capitals
+        # the names of the matrices are upper-case in ROS 1
         matrices = dict(zip("DKRP" if self.ros == 1 else "dkrp", (d, k, r, p), strict=True))
         model = {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, "roi": roi, **matrices}
         return self._new("sensor_msgs/msg/CameraInfo", **self._size(stamp_ns, (c.height, c.width)), **model)
@@ -175,16 +177,17 @@ class _Bag:
 
     @staticmethod
     def _nanoseconds(stamp: float | str) -> int:
-        """Of seconds; of a stamp as the lists write it, all its digits."""
+        """Nanoseconds of a stamp in seconds; of the text of a stamp, with all its digits."""
         return round(Decimal(stamp if isinstance(stamp, str) else repr(stamp)) * 10**9)
 
 
 def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:
-    """The pairs of a sequence as one log for ElasticFusion and Kintinuous, its camera beside it; their number. Raises as the readers do.
+    """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera next to it. Returns the number of pairs. Raises
+    the errors of the readers.
 
     Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32 bytes of colour, depth (16 bit,
-    millimetres, zlib), colour (RGB, three bytes a pixel, not compressed: their readers tell by its size). The camera stands in a file of
-    its own, .cal, one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
+    millimetres, zlib), colour (RGB, three bytes per pixel, not compressed: the programs detect this by its size). The camera is in a separate
+    file .cal with one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
     """
     pairs = find_pairs(Path(folder))
     camera = read_camera(Path(folder), pairs[0].rgb)

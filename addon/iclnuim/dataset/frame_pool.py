@@ -1,7 +1,7 @@
-"""The same work done for many frames on all cores: in forked processes where that is safe, in threads elsewhere.
+"""A worker pool that processes frames on all cores: in forked processes where that is safe, else in threads.
 
-Threads share Python's lock and take it between any two array operations: four make noise no faster than one, four
-processes make it four times as fast.
+Threads need Python's global lock between array operations: four threads compute noise no faster than one, four
+processes four times as fast.
 """
 
 import contextlib
@@ -23,17 +23,17 @@ from typing import Any
 from ..errors import IclnuimError, WorkError
 
 _PR_SET_PDEATHSIG = 1
-#: In a forked process, what it does for each frame; it comes with the fork, and need not be pickled.
+#: In a forked process: the function called for each frame. It is inherited by the fork and need not be pickled.
 _WORK: ContextVar[Callable[[int], Any]] = ContextVar("work")
 
 
 class FramePool:
-    """`with FramePool(...) as pool:` `add(number)` frames at any time, `close()` when all are in: `work(number)` runs beside the caller, `finish(result)` on the
-    caller's own thread, inside of these calls.
+    """`with FramePool(...) as pool:` call `add(number)` for frames at any time, and `close()` after the last one. `work(number)` runs in the pool,
+    `finish(result)` in the caller's thread, inside `add`, `collect` and `close`.
 
-    The first error, of the work or of `finish`, ends it: frames in work are finished, those not begun are dropped, `close` raises it.
-    With processes `work` is what it was when the pool was made, and what it returns is pickled; they end with the process that made
-    them, whatever ends that.
+    The first error of `work` or `finish` stops the pool: frames in progress are finished, those not started are dropped, and `close` raises
+    the error. Processes use `work` in the state it had when the pool was made, and its results are pickled. They end when the process that
+    made them ends, for any reason.
     """
 
     def __init__(self, work: Callable[[int], Any], workers: int, finish: Callable[[Any], object]) -> None:
@@ -43,7 +43,7 @@ class FramePool:
         self._finish = finish
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self._open: set[Future] = set()
-        self.stopped = False  # whether an error or `stop` has ended it
+        self.stopped = False  # whether an error or `stop` has stopped the pool
         self._error: BaseException | None = None
 
     def __enter__(self) -> "FramePool":
@@ -55,7 +55,7 @@ class FramePool:
         self.close()
 
     def add(self, number: int) -> None:
-        """Begin a frame; finish those that are done."""
+        """Start a frame, and finish those that are done."""
         with self._ending():
             if not self.stopped:
                 future = self._executor.submit(self._work, number)
@@ -64,23 +64,23 @@ class FramePool:
         self.collect()
 
     def collect(self) -> None:
-        """Finish the frames that are done, without waiting for others."""
+        """Finish the frames that are done, without waiting for the others."""
         while not self._done.empty():
             self._take()
 
     @property
     def failed(self) -> bool:
-        """Whether an error has ended it."""
+        """Whether an error has stopped the pool."""
         return self._error is not None
 
     def stop(self) -> None:
-        """Drop the frames that were not begun."""
+        """Drop the frames that were not started."""
         self.stopped = True
         for future in list(self._open):
             future.cancel()
 
     def close(self) -> None:
-        """Wait for all frames. Raises the first error. Safe to call twice."""
+        """Wait for all frames. Raises the first error. It may be called twice."""
         while self._open:
             self._take()
         self._executor.shutdown()
@@ -96,24 +96,24 @@ class FramePool:
 
     @contextlib.contextmanager
     def _ending(self) -> Iterator[None]:
-        """An error ends the pool, Ctrl-C too: what is in work is finished first."""
+        """Stop the pool after an error or Ctrl-C; frames in progress are finished."""
         try:
             yield
         except BaseException as error:
             if isinstance(error, BrokenProcessPool):
-                reason = "a process that made images was killed, or memory ran out"
+                reason = "a worker process of the frame pool was killed, or memory ran out"
                 error = WorkError(f"{reason}; finished frames stay: run the same command again")
             self._error = self._error or error
             self.stop()
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def _can_fork() -> bool:
-    """Not with other threads about, whose locks a fork would copy as they are, and not with Blender's in the process."""
+    """Whether a fork is safe: on Linux, without other threads, whose locks a fork would copy in their current state, and without Blender."""
     return sys.platform == "linux" and "bpy" not in sys.modules and threading.active_count() == 1
 
 
@@ -121,13 +121,13 @@ def _forked(work: Callable[[int], Any], workers: int) -> Executor:
     context = multiprocessing.get_context("fork")
     executor = ProcessPoolExecutor(workers, context, _begin, (work, os.getpid()))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # a fork beside threads of numpy's own library
-        executor.submit(os.getpid)  # all processes are made now, while there is no other thread
+        warnings.simplefilter("ignore", DeprecationWarning)  # numpy's library may have started threads
+        executor.submit(os.getpid)  # this starts all processes now, while there is no other thread
     return executor
 
 
 def _begin(work: Callable[[int], Any], parent: int) -> None:
-    """In a new process: Ctrl-C is the parent's to hear, and its end is ours."""
+    """Initialise a forked process: it ignores Ctrl-C, which the parent handles, and it ends when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
@@ -137,7 +137,7 @@ def _begin(work: Callable[[int], Any], parent: int) -> None:
 
 
 def _in_fork(number: int) -> Any:
-    """Raises what the work raised, or RuntimeError with its text, as not all errors can be pickled."""
+    """Call the work in a forked process. An error that may not be picklable is raised as RuntimeError with its text."""
     try:
         return _WORK.get()(number)
     except IclnuimError:

@@ -1,5 +1,5 @@
-"""Where a sequence's frames come from: the EXR frames of a render run, or the PNG pairs of a folder that somebody made, in which pairs,
-camera and ground truth are found.
+"""Sources of a sequence's frames: the EXR frames of a render run, or the image pairs of a user-provided sequence, whose pairs, camera and ground
+truth are found here.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -23,7 +23,7 @@ from .layout import DEPTH, RGB, SequenceCamera, SequenceFrame, posed, usual_step
 from .run_folder import RunFolder
 from .sequence_formats import format_of
 
-#: Text files of poses, one a line: those of some frames are those lines.
+#: Text formats with one pose per line: the poses of some frames are a subset of the lines.
 _A_POSE_A_LINE = ("tum", "gt.freiburg", "euroc", "vslam-lab")
 #: Format and bytes of a ground-truth file.
 TruthFile = tuple[str, bytes]
@@ -31,13 +31,13 @@ TruthFile = tuple[str, bytes]
 
 @dataclass(frozen=True, eq=False)
 class FrameSource:
-    """Frames to make a sequence of. `numbers` (n,), ascending, name them and seed their noise.
+    """Frames from which a sequence is made. `numbers` (n,), ascending, are their numbers, which also seed their noise.
 
-    `load(number)` gives scene-linear RGB (h, w, 3) and planar depth in metres (h, w) as they lie on disk. `stamps_s`
-    holds the stamp of every frame there is, also of those not asked for; `truth_of(numbers)` the ground truth to
-    write beside those frames, None where there is none. `origin` goes into the recipe. `truth_images`: instances, classes and normals, where the run has them. `names` and
-    `truth_file(numbers)`: what the images are called, and format and bytes of a ground-truth file, where a sequence in the same format
-    keeps them. `originals`: the files that a sequence without noise takes over byte for byte, where it stores them alike.
+    `load(number)` returns scene-linear RGB (h, w, 3) and planar depth in metres (h, w), as stored on disk. `stamps_s` has the stamps of all
+    frames of the source, also of those not in `numbers`. `truth_of(numbers)` returns the ground truth of these frames, or None. `origin` is
+    written into the recipe. `truth_images`: instances, classes and normals, if the run has them. `names` and `truth_file(numbers)`: names of
+    the images, and format and bytes of a ground-truth file, which a sequence in the same format keeps. `originals`: files that a sequence
+    without noise copies byte for byte, if it stores images in the same way.
     """
 
     camera: PinholeCamera
@@ -55,20 +55,20 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class ImagePair:
-    """A colour and a depth image of one moment; the number is the one in the file's name, else the row."""
+    """A colour and a depth image of the same time. The number is that in the file's name, else the row."""
 
     number: int
     stamp_s: float
     rgb: Path
     depth: Path
-    #: Stamps of both images as the lists write them; "" where no list gives seconds.
+    #: The texts of both images' stamps in the lists; "" if no list has seconds.
     written: tuple[str, str] = ("", "")
 
 
 def find_pairs(folder: Path) -> list[ImagePair]:
-    """The pairs of a sequence in any format that is known (sequence_formats.py), in the order of time.
+    """The pairs of a sequence in any known format (sequence_formats.py), in the order of time.
 
-    Raises InputError where there is nothing to pair.
+    Raises InputError if there are no pairs.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -85,9 +85,9 @@ def find_pairs(folder: Path) -> list[ImagePair]:
 
 
 def rendered_job(folder: Path) -> dict:
-    """The job of the run that a sequence's images come from, as its recipe.json says; {} for images of other origin.
+    """The job of the run that a sequence was made from, according to its recipe.json; {} for images of other origin.
 
-    Raises InputError where the recipe is no JSON."""
+    Raises InputError if the recipe is not JSON."""
     path = Path(folder) / "recipe.json"
     found: object = read_json(path) if is_file(path) else {}
     for key in ("source", "run", "job"):
@@ -96,32 +96,32 @@ def rendered_job(folder: Path) -> dict:
 
 
 def sequence_name(folder: Path) -> str:
-    """What a sequence is called in results: `living_room/kt2/clean` where its recipe says which it is, else its last two folders.
+    """The name of a sequence in results: for example `living_room/kt2/clean` if its recipe contains the sequence, else its last two folders.
 
-    Raises InputError where the recipe is no JSON."""
+    Raises InputError if the recipe is not JSON."""
     folder = Path(folder).resolve()
     sequence = rendered_job(folder).get("sequence")
     return f"{sequence}/{folder.name}" if isinstance(sequence, str) and sequence else "/".join(folder.parts[-2:])
 
 
 def _number(stem: str) -> int | None:
-    """The number that is an image's name, unless it is a stamp."""
+    """The number in an image's name, unless it is a stamp."""
     return int(stem) if stem.isdecimal() and int(stem) < 10_000_000 else None
 
 
 def find_truth(folder: Path) -> Path | None:
-    """The ground truth there, if any: a file, or a folder of such, that read_trajectory takes."""
+    """The ground truth of a sequence, or None: a file or folder that read_trajectory can read."""
     return format_of(folder).reader.truth(folder)
 
 
 def read_truth(folder: Path) -> Trajectory | None:
-    """Right-handed poses, or None where no ground truth lies there."""
+    """The ground truth of a sequence as right-handed poses, or None."""
     path = find_truth(folder)
     return None if path is None else read_trajectory(path).trajectory
 
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
-    """The camera that the sequence's format has; else the benchmark's where the image has its 640 x 480 pixels."""
+    """The camera in the sequence's files; else the benchmark's camera if the image has 640 x 480 pixels."""
     try:
         there = format_of(folder).reader.camera(folder, image)
     except InputError as error:
@@ -136,19 +136,19 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
 
 
 def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
-    """(h, w) float32 planar metres, 0 where nothing was measured, of a 16-bit PNG or an array of metres. Raises InputError."""
+    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an array of metres. Raises InputError."""
     if path.suffix == ARRAY:
         return read_array(path)
     return metres_from_depth16(read_depth16(path), units_per_metre)
 
 
 def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:
-    """Colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the camera's size. Raises InputError."""
+    """Read colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the camera's size. Raises InputError."""
     colour, depth_z_m = read_colour8(pair.rgb), read_depth_m(pair.depth, camera.depth_units_per_metre)
     c = camera.pinhole
     for path, image, of in ((pair.rgb, colour, camera.colour or c), (pair.depth, depth_z_m, c)):
         if image.shape[:2] != (of.height, of.width):
-            expected, found = f"{of.width} x {of.height} as the camera has it", f"{image.shape[1]} x {image.shape[0]}"
+            expected, found = f"{of.width} x {of.height} as in the camera", f"{image.shape[1]} x {image.shape[0]}"
             raise InputError(expected, path=path, found=found, hint="{camera}")
     if camera.colour is not None:
         colour = seen_by(colour, camera.colour.K, c.K, c.width, c.height)
@@ -158,8 +158,8 @@ def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np
 def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
-    `frames` slices the poses of the trajectory; of these, the frames that exist are used. Raises InputError for a
-    folder that is none, and for no frames.
+    `frames` is a slice of the poses of the trajectory; of these, the existing frames are used. Raises InputError if the folder is not a run
+    folder or has no such frames.
     """
     folder = Path(folder)
     there = {int(p.stem) for p in (folder / "exr").glob("*.exr") if p.stem.isdigit()}
@@ -183,8 +183,8 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
 
 
 def frames_of_run(run: RunFolder, numbers: Iterable[int]) -> FrameSource:
-    """Frames of a run, also such as are still to be rendered when it is asked what is missing. Poses and stamps are those of the run's
-    folder: one that an earlier release began, with other stamps, goes on with its own.
+    """Frames of a run, which may not be rendered yet. Poses and stamps are those in the run's folder: a run that was started by an earlier release
+    with other stamps keeps them.
     """
     return _run_source(run.path, run.camera, run.truth(), numbers, {"run": run.recipe})
 
@@ -201,9 +201,9 @@ def _run_source(
 
 
 def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w, 3) half or float scene-linear RGB and (h, w) float32 planar metres of one EXR frame.
+    """Read (h, w, 3) half or float scene-linear RGB and (h, w) float32 planar metres of one EXR frame.
 
-    Raises InputError where a channel is missing, the size is not the camera's, or Z is only half precision.
+    Raises InputError if a channel is missing, the size is not the camera's, or Z has only half precision.
     """
     channels = read_exr(path)
     missing = [name for name in "RGBZ" if name not in channels]
@@ -213,7 +213,7 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
     depth_z_m = channels["Z"]
     height, width = depth_z_m.shape
     if (height, width) != (camera.height, camera.width):
-        expected = f"{camera.width} x {camera.height} as camera.json has it"
+        expected = f"{camera.width} x {camera.height} as in camera.json"
         raise InputError(expected, path=path, found=f"{width} x {height}")
     if depth_z_m.dtype != np.float32:
         raise InputError("Z as 32-bit float", path=path, found="half, which rounds 4 m to 2 mm")
@@ -221,10 +221,10 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
 
 
 def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
-    """The pairs of a sequence that somebody has, in any format that is known, with or without lists of them.
+    """The pairs of a user-provided sequence in any known format, with or without lists.
 
-    `frames` slices the pairs. RGB is the 8-bit colour, made linear by the inverse of the sRGB transfer function. Raises
-    InputError where there are no pairs, or the camera is neither given nor beside the images.
+    `frames` is a slice of the pairs. RGB is the 8-bit colour, converted to linear by the inverse of the sRGB transfer function. Raises
+    InputError if there are no pairs, or the camera is neither given nor in the folder.
     """
     folder = Path(folder)
     pairs = sorted(find_pairs(folder), key=lambda pair: pair.number)
@@ -253,13 +253,13 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
 
 
 def original_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
-    """The same, whose files a sequence takes over byte for byte where it stores them alike."""
+    """Like image_frames; a sequence without noise copies the files byte for byte if it stores images in the same way."""
     source = image_frames(folder, frames, camera)
     return replace(source, originals={pair.number: pair for pair in find_pairs(Path(folder))})
 
 
 class _TruthOfSome:
-    """The ground truth of a sequence, whole, or of some of its frames: the poses within half a step of one of them."""
+    """The ground truth of all frames of a sequence, or of some frames: the poses within half a step of one of them."""
 
     def __init__(self, folder: Path, stamps_s: dict[int, float]) -> None:
         self.stamps_s, self._path = stamps_s, find_truth(folder)
@@ -268,7 +268,7 @@ class _TruthOfSome:
         self._reach_s = 0.5 * usual_step_s(every)
 
     def _rows(self, numbers: tuple[int, ...]) -> np.ndarray:
-        """Which of its poses are those of the frames; all are, of all frames."""
+        """The indices of the poses that belong to the frames; of all frames, all poses."""
         assert self._loaded is not None
         own = self._loaded.trajectory.stamps_s
         if len(numbers) == len(self.stamps_s):
@@ -283,7 +283,7 @@ class _TruthOfSome:
         return self._loaded.trajectory[rows] if self._loaded and len(rows) else None
 
     def file(self, numbers: tuple[int, ...]) -> TruthFile | None:
-        """The file as it is; of some frames its comments and their lines. None where it is no file of a pose a line."""
+        """Format and bytes of the ground-truth file; of some frames, its comments and their lines. None if it does not have one pose per line."""
         if self._loaded is None or self._path is None or self._loaded.read_as.format not in _A_POSE_A_LINE:
             return None
         data, rows = read_bytes(self._path), self._rows(numbers)
@@ -299,7 +299,7 @@ class _TruthOfSome:
 
 
 def frames_with_poses(source: FrameSource) -> FrameSource:
-    """Without the frames that have no pose, for formats where each needs one."""
+    """The source without frames that have no pose, for formats in which each frame needs one."""
     numbers = np.array(source.numbers)
     stamps_s = np.array([source.stamps_s[number] for number in source.numbers])
     kept = numbers[posed(stamps_s, source.truth_of(source.numbers))]
@@ -312,8 +312,8 @@ def _kept(pair: ImagePair, paths: Mapping[str, str]) -> SequenceFrame:
 
 
 def _kept_paths(folder: Path, pairs: list[ImagePair]) -> dict[int, dict[str, str]]:
-    """The paths of a sequence's images by frame number and kind; {} for formats whose names are their own, and where the names could not
-    stand in another folder: outside of the sequence, not unique, or with blanks.
+    """The paths of a sequence's images by frame number and kind; {} if its format does not keep names, or if the names cannot be used in another
+    folder: outside the sequence, not unique, or with blanks.
     """
     if not format_of(folder).keeps_names:
         return {}

@@ -1,4 +1,4 @@
-"""What is wrong with a sequence that somebody has, in plain words."""
+"""Inspection of a user-provided sequence: errors and warnings as sentences."""
 
 import contextlib
 import itertools
@@ -26,16 +26,16 @@ from .layout import SequenceCamera
 
 T = TypeVar("T")
 
-#: Depth images looked into, and the share of a frame's time that a pose may be off.
+#: Number of depth images that are read, and maximum distance of a pose from its frame, as a share of the time between frames.
 _SAMPLES, _SLACK = 24, 0.5
-#: Residuals beyond this are other surfaces, not errors of the pose.
+#: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
 _STEP_PX = 6
 
 
 @dataclass
 class Inspection:
-    """Figures by name, and findings: what is wrong, and what is only worth knowing."""
+    """Figures by name, and findings: `wrong` are errors, `odd` are warnings."""
 
     folder: Path
     figures: dict[str, object] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Inspection:
     odd: list[str] = field(default_factory=list)
 
     def attempt(self, work: Callable[..., T], *arguments: object) -> T | None:
-        """The result, or None with the error's line among what is wrong."""
+        """The result of work(*arguments). After an InputError None; the message is added to `wrong`."""
         try:
             return work(*arguments)
         except InputError as error:
@@ -52,7 +52,7 @@ class Inspection:
 
 
 def inspect_sequence(folder: Path | str) -> Inspection:
-    """Look through a sequence in TUM's format or the original's. Never raises for what is in the files."""
+    """Inspect a sequence in any known format. It never raises an error because of a file's content."""
     folder = Path(folder)
     result = Inspection(folder)
     pairs = result.attempt(find_pairs, folder)
@@ -83,8 +83,8 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
         parents, other = {(p.parent, p.suffix) for p in paths}, listed["depth" if kind == "rgb" else "rgb"]
         there = {image.resolve() for parent, ending in parents for image in parent.glob(f"*{ending}")} - other
         result.figures[f"{kind}_images"] = len(there)
-        _report(result.wrong, sorted(paths - there), "{} images that the lists name are not there: {}")
-        _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or stand in no list: {{}}")
+        _report(result.wrong, sorted(paths - there), "{} images in the lists do not exist: {}")
+        _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or are in no list: {{}}")
 
 
 def _report(where: list[str], paths: list[Path], sentence: str) -> None:
@@ -101,7 +101,7 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
     result.figures["rate_hz"] = frame_rate_hz([p.stamp_s for p in pairs]) if usual > 0 else None
     result.figures["duration_s"] = round(pairs[-1].stamp_s - pairs[0].stamp_s, 3)
     if back := int((steps <= 0).sum()):
-        result.wrong.append(f"{back} stamps do not come after the one before")
+        result.wrong.append(f"{back} stamps are not after the previous stamp")
     gaps = np.flatnonzero(steps > 1.5 * usual)
     if gaps.size:
         where = pairs[int(gaps[0])].rgb.name
@@ -109,12 +109,12 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
 
 
 def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
-    """Headers of all images that are whole; every file is read and its checksums compared."""
+    """Headers of all valid images; every file is read and its checksums are verified."""
     kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if is_file(path)]
     with ThreadPoolExecutor(4) as pool:
         checked = [(kind, pool.submit(image_header, path, True)) for kind, path in kinds]
     broken = [str(work.exception()) for _, work in checked if work.exception()]
-    result.wrong += broken[:5] + ([f"{len(broken) - 5} more broken images"] if len(broken) > 5 else [])
+    result.wrong += broken[:5] + ([f"{len(broken) - 5} more damaged images"] if len(broken) > 5 else [])
     headers = [(kind, work.result()) for kind, work in checked if not work.exception()]
     for kind, expected in (("rgb", ("8-bit RGB",)), ("depth", ("16-bit grey", "32-bit grey, metres"))):
         found = Counter(str(h) for k, h in headers if k == kind)
@@ -131,24 +131,26 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
     c = camera.pinhole
     result.figures["camera"] = c.to_dict()
     if camera.assumed:
-        result.odd.append("no camera.json: the benchmark's own camera is taken")
+        result.odd.append("no camera.json: the benchmark's camera is used")
     known = {(c.width, c.height), *([(camera.colour.width, camera.colour.height)] if camera.colour else [])}
     if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
         result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
     if (c.cx, c.cy) == (c.width / 2, c.height / 2):
-        result.odd.append("principal point at half the size: half a pixel off, where pixel centres are whole numbers")
+        result.odd.append(
+            "principal point at half the image size: half a pixel off if pixel centres are at whole numbers"
+        )
 
 
 def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -> list[tuple[float, np.ndarray]]:
-    """Range and gaps of depth in some frames; those frames with their stamps."""
+    """Check the range and holes of depth in some frames. Returns these depth images with their stamps."""
     depths, per_metre = [], camera.depth_units_per_metre
     for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
         with contextlib.suppress(InputError):  # reported already
             depths.append((pairs[i].stamp_s, read_depth_m(pairs[i].depth, per_metre)))
     seen = np.concatenate([depth[depth > 0] for _, depth in depths]) if depths else np.zeros(0)
     if not seen.size:
-        result.wrong.append("no depth at all in the images looked into")
+        result.wrong.append("no depth in any of the inspected images")
         return []
     low, middle, high = np.percentile(seen, (0.1, 50, 99.9)).tolist()
     missing = 1 - seen.size / sum(depth.size for _, depth in depths)
@@ -156,8 +158,8 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
     result.figures["depth_missing_share"] = round(missing, 4)
     if not 0.25 <= middle <= 25:
         likely = [u for u in (1000.0, 5000.0) if 0.25 <= middle * per_metre / u <= 25 and u != per_metre]
-        guess = f": {likely[0]:g} units a metre would give {middle * per_metre / likely[0]:.2f} m" if likely else ""
-        result.wrong.append(f"median depth of {middle:.3f} m with {per_metre:g} units a metre{guess}")
+        guess = f": {likely[0]:g} units per metre would give {middle * per_metre / likely[0]:.2f} m" if likely else ""
+        result.wrong.append(f"median depth of {middle:.3f} m with {per_metre:g} units per metre{guess}")
     largest_m = np.inf if pairs[0].depth.suffix == ARRAY else np.float32(LARGEST_UNIT) / np.float32(per_metre)
     if (at_end := float((seen == largest_m).mean())) > 1e-4:
         result.wrong.append(f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range")
@@ -179,7 +181,7 @@ def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> Non
         result.odd.append(f"{without.size} frames without a pose: {names}{' ...' if without.size > 3 else ''}")
     within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
     idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > limit_s
-    if idle.any() and len(truth) <= 1.5 * len(pairs):  # a tracker's poses come faster than the frames
+    if idle.any() and len(truth) <= 1.5 * len(pairs):  # a motion tracker has a higher rate than the frames
         result.odd.append(f"{idle.sum()} poses without a frame")
     if figures.max_speed > 5:
         result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
@@ -198,16 +200,16 @@ def _handedness(
         return
     result.figures["depth_fits_poses_mm"] = round(1000 * as_read_m, 2)
     result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * mirrored_m, 2)
-    measured = f"depth meets depth to {1000 * as_read_m:.1f} mm by the poses as they are"
+    measured = f"the residual between depth images is {1000 * as_read_m:.1f} mm with the poses as read"
     if mirrored_m < 0.6 * as_read_m and as_read_m > 0.004:
-        mirrored = f"to {1000 * mirrored_m:.1f} mm by them mirrored in y"
-        result.wrong.append(f"{measured}, {mirrored}: they look left-handed; read them as gt.freiburg")
+        mirrored = f"{1000 * mirrored_m:.1f} mm with the poses mirrored in y"
+        result.wrong.append(f"{measured}, {mirrored}: they are probably left-handed; read them as gt.freiburg")
     elif as_read_m > 0.05:
-        result.wrong.append(f"{measured}: poses, depth or camera do not belong together")
+        result.wrong.append(f"{measured}: poses, depth and camera do not match")
 
 
 def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera) -> float:
-    """Median distance along z between each of n depth images, carried by the poses (n,), and the next, metres; NaN where nothing overlaps."""
+    """Median distance along z in metres between each of n depth images, transformed by the poses (n,), and the next; NaN without overlap."""
     found = [
         carried_residual(a, b, T[i + 1].inverse() @ T[i], camera, _STEP_PX).ravel()
         for i, ((_, a), (_, b)) in enumerate(itertools.pairwise(depths))
@@ -220,7 +222,7 @@ def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera
 def carried_residual(
     depth_a_z_m: np.ndarray, depth_b_z_m: np.ndarray, T_b_a: SE3, camera: PinholeCamera, step_px: int = 1
 ) -> np.ndarray:
-    """Measured minus expected z in b of every `step_px`-th row and column of a, metres; NaN where one of them has no depth."""
+    """Measured minus expected z in b, in metres, of every `step_px`-th row and column of a; NaN where one of them has no depth."""
     points = camera.unproject(depth_a_z_m)[::step_px, ::step_px]
     shape = points.shape[:2]
     points = T_b_a.apply(points.reshape(-1, 3))

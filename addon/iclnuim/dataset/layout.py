@@ -1,6 +1,6 @@
-"""What the format of a sequence is: where its images lie, the text files beside them, and how a folder in it is found and read back.
+"""The description of a sequence format: the paths of its images, its text files, and how a folder in this format is detected and read.
 
-Each format is a module in layouts/ and one entry of the registry in sequence_formats.py.
+Each format is a module in layouts/ and an entry of the registry in sequence_formats.py.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,17 +23,17 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, stamps_of_frames
 from .depth_units import UNITS_PER_METRE, check_units
 
-#: What a sequence's images are of; further kinds are those of ground truth.
+#: Kinds of images of a sequence; further kinds are those of ground truth.
 RGB, DEPTH = "rgb", "depth"
 CAMERA = "camera.json"
-#: A pose belongs to a frame within this share of the usual step between frames.
+#: Maximum distance in time between a pose and its frame, as a share of the usual step between frames.
 _SLACK = 0.5
 
 
 @dataclass(frozen=True)
 class SequenceFrame:
-    """One pair to be written: the frame's number and its stamp in seconds; and what is kept of a sequence that somebody has, by kind of
-    image (rgb, depth): its path in that folder, and its stamp as the lists write it ("" where there is none).
+    """One pair to be written: the frame's number and its stamp in seconds. For a user-provided sequence also, by kind of image (rgb, depth): the
+    path in that folder, and the text of the stamp in its lists ("" if there is none).
     """
 
     number: int
@@ -42,17 +42,17 @@ class SequenceFrame:
     written: Mapping[str, str] = field(default_factory=dict)
 
     def stamp_text(self, kind: str = RGB) -> str:
-        """Seconds, to the character where the frame comes with a text."""
+        """The stamp in seconds as text; the original text if there is one."""
         return self.written.get(kind) or stamp_text(self.stamp_s)
 
     def nanoseconds(self, kind: str = RGB) -> int:
-        """By the shortest decimal that stands for the stamp: 1305031102.175304 s has no ...303936 ns in it."""
+        """The stamp in nanoseconds, from its shortest decimal text: 1305031102.175304 s does not become ...303936 ns."""
         return round(Decimal(self.written.get(kind) or repr(self.stamp_s)) * 10**9)
 
 
 class Row(NamedTuple):
-    """A pair that was found: stamp in seconds, images, their stamps as the lists write them, and the frame's number where the format has
-    one; else it is the one in the colour image's name, or the row.
+    """A pair that was found: stamp in seconds, images, the texts of their stamps in the lists, and the frame's number if the format has one.
+    Otherwise the number is that in the colour image's name, or the row.
     """
 
     stamp_s: float
@@ -64,8 +64,8 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class SequenceCamera:
-    """The pinhole camera, and how many units of the depth images make a metre; `assumed` where no file gives it. colour: that of the colour
-    images where theirs is another one at the same place.
+    """The pinhole camera, and the depth units per metre. assumed: no file contains the camera. colour: the camera of the colour images if it
+    differs; it has the same pose.
     """
 
     pinhole: PinholeCamera
@@ -80,10 +80,10 @@ class SequenceCamera:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What the text files say: frames in order, camera, ground truth (None where there is none), and the format and bytes of a
-    ground-truth file, which a sequence in that format keeps as it is.
+    """The content of the text files: frames in order, camera, ground truth (or None), and the format and bytes of a ground-truth file, which is
+    copied unchanged to a sequence in that format.
 
-    surface(number): colour (h, w, 3) uint8 and depth (h, w) in metres of a frame, as close to the true surface as can be had.
+    surface(number): colour (h, w, 3) uint8 and depth (h, w) in metres of a frame, as close to the true surface as possible.
     """
 
     camera: PinholeCamera
@@ -100,12 +100,12 @@ class Contents:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second by the stamps; the benchmark's for a single frame."""
+        """Frames per second, from the stamps; the benchmark's rate for a single frame."""
         return frame_rate_hz(self.stamps_s)
 
     @cached_property
     def poses(self) -> SE3:
-        """(n,) camera to world, one for each frame. Raises InputError where there are none (`check_poses`)."""
+        """(n,) camera to world, one for each frame. Raises InputError if there are none (`check_poses`)."""
         truth = self.truth
         if truth is None:
             raise InputError("poses", found="none")
@@ -120,10 +120,10 @@ class Contents:
 
 @dataclass(frozen=True)
 class Reader:
-    """How a folder of a format is recognised and read.
+    """How a folder in a format is detected and read.
 
-    rows: its pairs in the order of time; camera(folder, colour image), None where the format has none and nothing says it; truth: the
-    file or folder with its poses, None where there is none. All raise InputError for what cannot be read.
+    found: whether a folder has the format; rows: its pairs in the order of time; camera(folder, colour image): None if no file contains it;
+    truth: the file or folder with its poses, None if there is none. All raise InputError for files that cannot be read.
     """
 
     found: Callable[[Path], bool]
@@ -134,15 +134,14 @@ class Reader:
 
 @dataclass(frozen=True)
 class SequenceFormat:
-    """`image` gives the path of a frame's image: its rgb, its depth, or a kind of ground truth; its ending says how the image is stored
-    (.png, .jpg, .npy in metres). `write_texts` writes all that is no image; `check` raises InputError for contents that the format
-    cannot hold.
+    """A sequence format. `image` returns the path of a frame's image (rgb, depth, or a kind of ground truth); its ending determines how the image
+    is stored (.png, .jpg, .npy in metres). `write_texts` writes all files that are not images; `check` raises InputError for contents that the
+    format cannot represent.
 
-    stamps: what it has of them: "text" (to the character), "ns" (whole nanoseconds), "ids" (frame numbers), or nothing but names with
-    the frames' "numbers" or the order of the "rows". fixed_units:
-    depth units a metre that its readers take for granted; else those asked for. every_pose: a frame without a pose cannot stand in it.
-    keeps_names: images keep the paths that they have in a sequence of such a format. fixed_camera: the only one that its programs know. zero_stamp: whether they take a
-    stamp of 0.
+    stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame numbers), or not at all: only frame "numbers" in
+    names, or the order of the "rows". fixed_units: the depth units per metre that programs for this format assume; None: the requested units.
+    every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format keep their paths. fixed_camera: the only
+    camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0.
     """
 
     name: str
@@ -165,38 +164,38 @@ class SequenceFormat:
         return ImageList(tuple(frame.stamp_s for frame in frames), paths, written)
 
     def checked(self, contents: Contents) -> None:
-        """Raises InputError for contents that the format cannot hold."""
+        """Raises InputError for contents that the format cannot represent."""
         if self.every_pose:
             check_poses(self.name, contents)
         self.check(contents)
 
     def losses(self, contents: Contents, source_units: float) -> list[str]:
-        """What the format does not hold of these contents, a sentence each; `source_units`: depth units a metre that they come with, 0 for
+        """The losses when these contents are written in this format, one sentence each. `source_units`: depth units per metre of the source, 0 for
         exact depth.
         """
         frames, found = contents.frames, []
         digits = max((len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0)
         if self.stamps == "ns" and digits > 9:
-            found.append(f"stamps have 9 digits after the point, those of the source up to {digits}")
+            found.append(f"stamps have 9 digits after the decimal point, those of the source up to {digits}")
         if self.stamps in ("numbers", "rows"):
             counted = [frame.number if self.stamps == "numbers" else row for row, frame in enumerate(frames)]
             kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6
-            found += [] if kept else ["there are no stamps in this format; its frames are read at 30 a second"]
+            found += [] if kept else ["this format has no stamps; its frames are read at 30 frames per second"]
         if not self.zero_stamp and contents.stamps_s.min() <= 0:
-            found.append("its programs take a stamp of 0 for none, and fail; the stamps are kept as they are")
+            found.append("its programs treat a stamp of 0 as missing, and fail; the stamps are not changed")
         if self.image(frames[0], RGB).endswith(JPEG):
             found.append("colour is stored as JPEG, with loss")
         units = contents.depth_units_per_metre
         if not self.image(frames[0], DEPTH).endswith(ARRAY) and units < source_units:
-            found.append(f"depth is stored in {units:g} units a metre; the source has {source_units:g}")
+            found.append(f"depth is stored in {units:g} units per metre; the source has {source_units:g}")
         if (c := self.fixed_camera) and np.abs(c.intrinsics - contents.camera.intrinsics).max() > 1e-3:
             known = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
-            found.append(f"its programs know only the camera {known}; the right one is in {CAMERA}")
+            found.append(f"its programs support only the camera {known}; the correct camera is in {CAMERA}")
         return [f"{self.name}: {sentence}" for sentence in found]
 
 
 def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:
-    """(n,) bool: which frames at the stamps (n,) have a pose of the trajectory, within half a usual step."""
+    """(n,) bool: whether the trajectory has a pose within half a usual step of each stamp (n,)."""
     if truth is None:
         return np.zeros(len(stamps_s), bool)
     own = truth.stamps_s
@@ -206,12 +205,12 @@ def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:
 
 
 def usual_step_s(stamps_s: np.ndarray) -> float:
-    """Median step between stamps (n,) in any order; that of 30 frames a second for a single one."""
+    """Median step between stamps (n,) in any order; 1/30 s for a single stamp."""
     return float(np.median(np.diff(np.sort(stamps_s)))) if len(stamps_s) > 1 else 1 / 30
 
 
 def check_poses(name: str, contents: Contents) -> None:
-    """Raises InputError where a frame has no pose, for formats in which each needs one."""
+    """Raises InputError if a frame has no pose, for formats in which each frame needs one."""
     without = np.flatnonzero(~posed(contents.stamps_s, contents.truth))
     if without.size:
         found = "no ground truth" if contents.truth is None else f"{without.size} of {len(contents.frames)} without"
@@ -219,7 +218,7 @@ def check_poses(name: str, contents: Contents) -> None:
 
 
 def write_truth(path: Path, contents: Contents, format: str) -> None:
-    """A ground-truth file, where there is ground truth; one that is kept, byte for byte."""
+    """Write the ground-truth file, if there is ground truth. A file that is already in this format is copied byte for byte."""
     kept_format, data = contents.truth_file or ("", b"")
     if contents.truth is not None:
         make_folder(path.parent)
@@ -230,7 +229,7 @@ def write_truth(path: Path, contents: Contents, format: str) -> None:
 
 
 def camera_file(folder: Path) -> SequenceCamera | None:
-    """camera.json there: ours, in any format. None where there is none."""
+    """The camera in the folder's camera.json, which we write in several formats. None if there is no such file."""
     if not (folder / CAMERA).is_file():
         return None
     settings = read_json(folder / CAMERA)
@@ -241,13 +240,13 @@ def camera_file(folder: Path) -> SequenceCamera | None:
 
 
 def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> PinholeCamera:
-    """The camera of an image's size. The original's fy < 0 means that y points up."""
+    """The camera with an image's size. In the original files fy < 0, which means that y points up."""
     header = image_header(image)
     return PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy)
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:
-    """`count` finite numbers. Raises InputError naming the file."""
+    """Convert `count` values to finite numbers. Raises InputError with the file's name."""
     try:
         numbers = [float(value) for value in values]
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The archive to publish: a sequence's files, checksums, licence, preview, recipe; the same bytes each time."""
+"""The archive for publication: a sequence's files, checksums, licence, preview, recipe. The same files give the same bytes."""
 
 import gzip
 import io
@@ -11,7 +11,7 @@ from ..formats.files import atomic_write, read_bytes, sha256
 from .sequence import read_recipe
 
 CHECKSUMS, LICENCE, ABOUT = "SHA256SUMS", "LICENSE.txt", "README.txt"
-#: Licences that data sets come under, by SPDX name.
+#: Licences for data sets, by SPDX name.
 LICENCES = {
     "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"),
     "CC-BY-SA-4.0": (
@@ -30,10 +30,10 @@ def pack(
     extra: Mapping[str, bytes] | None = None,
     on_file: Callable[[str], None] = lambda name: None,
 ) -> int:
-    """Write `archive` (.tar.gz) with the files of `folder` below its name, and `extra` files by name; their number.
+    """Write `archive` (.tar.gz) with the files of `folder`, in a top folder of its name, and `extra` files by name. Returns the number of files.
 
-    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished recipe, or
-    an unknown licence, WorkError where the archive cannot be written.
+    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished recipe or for
+    an unknown licence, WorkError if the archive cannot be written.
     """
     folder = Path(folder)
     check_packable(folder, licence)
@@ -61,13 +61,13 @@ def pack(
 
 
 def packed_names(folder: Path) -> list[str]:
-    """The files of a folder that pack takes: no journal, nothing hidden or half-written."""
+    """The files of a folder that `pack` includes: not the journal, hidden files or temporary files."""
     files = (p for p in Path(folder).rglob("*") if p.is_file() and p.name[0] != "." and p.name != "frames.jsonl")
     return sorted(p.relative_to(folder).as_posix() for p in files)
 
 
 def check_packable(folder: Path, licence: str) -> None:
-    """Raises InputError for a folder without a finished recipe, or an unknown licence."""
+    """Raises InputError for a folder without a finished recipe or for an unknown licence."""
     recipe = read_recipe(folder / "recipe.json")
     if not recipe.get("finished"):
         raise InputError("a finished sequence", path=folder / "recipe.json", hint="the command that began it, again")
@@ -76,7 +76,7 @@ def check_packable(folder: Path, licence: str) -> None:
 
 
 def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
-    """No owner, no date: the same files give the same archive."""
+    """Add a file without owner and date, so that the same files give the same archive."""
     info = tarfile.TarInfo(name)
     info.size, info.mode = len(data), 0o644
     tar.addfile(info, io.BytesIO(data))

@@ -1,4 +1,6 @@
-"""Views that a mapping system rendered, held against the true frames of a sequence: PSNR, SSIM, LPIPS, Depth L1, keyframes and others apart."""
+"""Evaluation of views rendered by a mapping system against the true frames of a sequence: PSNR, SSIM, LPIPS, Depth L1, separately for keyframes
+and other frames.
+"""
 
 import importlib.util
 from collections.abc import Callable, Sequence
@@ -16,16 +18,16 @@ from ..formats.images import ARRAY, JPEG, read_colour8
 from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images
 from .layout import DEPTH, RGB, SequenceCamera, camera_file, usual_step_s
 
-#: What stands in every row of figures, and the unit.
+#: Figures of a view -> unit.
 FIGURES = {"psnr_db": "dB", "ssim": "", "lpips": "", "depth_l1_m": "m", "depth_missing": ""}
 _ENDINGS = {RGB: (".png", JPEG, ".jpeg"), DEPTH: (".png", ARRAY)}
 
 
 @dataclass(frozen=True)
 class ViewError:
-    """Of one view: its image's name without the ending, whether it is a keyframe, and figures: psnr_db (inf where it is equal), ssim, lpips
-    where its package is there; with rendered depth depth_l1_m, the mean |depth - true depth| over pixels that have a true one, a hole
-    counting as depth 0, and depth_missing, the share of holes among them.
+    """The figures of one view. name: its image's name without the ending; keyframe: whether it is a keyframe. psnr_db is inf for equal images;
+    lpips is None if its package is missing. With rendered depth: depth_l1_m, the mean |depth - true depth| over pixels with true depth, where
+    a hole has depth 0, and depth_missing, the share of holes among these pixels.
     """
 
     name: str
@@ -39,19 +41,19 @@ class ViewError:
 
 @dataclass(frozen=True)
 class ViewErrors:
-    """Of all views that are there; `missing`: names of those that are not."""
+    """The figures of all existing views; `missing`: names of frames without a view."""
 
     views: tuple[ViewError, ...]
     missing: tuple[str, ...] = ()
 
     def mean(self, keyframe: bool | None = None) -> dict[str, float]:
-        """Means over all views, over keyframes (True), or over the others (False); figures that no view has are left out. {} for no view."""
+        """Means over all views, over keyframes (True), or over the others (False). Figures that no view has are left out; {} without views."""
         chosen = [view for view in self.views if keyframe is None or view.keyframe == keyframe]
         found = {name: [v for view in chosen if (v := getattr(view, name)) is not None] for name in FIGURES}
         return {name: float(np.mean(values)) for name, values in found.items() if values}
 
     def to_dict(self) -> dict:
-        """Counts and means by group; what is infinite, of equal images, is None."""
+        """Counts and means by group. Infinite values (equal images) are None."""
         groups: dict[str, bool | None] = {"all": None}
         if any(view.keyframe for view in self.views):
             groups |= {"keyframes": True, "others": False}
@@ -63,7 +65,7 @@ class ViewErrors:
         return found
 
     def csv(self) -> str:
-        """A line a view."""
+        """A CSV table with one line per view."""
         rows = [",".join(["view", "keyframe", *FIGURES])]
         for view in self.views:
             values = ("" if (v := getattr(view, name)) is None else repr(v) for name in FIGURES)
@@ -78,14 +80,14 @@ def view_errors(
     settings: ViewSettings | None = None,
     progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
 ) -> ViewErrors:
-    """Rendered images in `folder` against the frames of the sequence `truth`, in any format, which they are named after.
+    """Compare rendered images in `folder` with the frames of the sequence `truth`, in any format. Images have the names of the frames.
 
-    The colour of rgb/000012.png is rgb/000012 there, or 000012, as .png or .jpg; its depth, if any, depth/000012, as .png, in the units of
-    camera.json there or else of `truth`, or as .npy in metres. keyframes: a file with a line for each, which begins with its image's name,
-    its frame's number or its stamp, such as a trajectory of keyframes. progress(count) returns what is called
-    after each view.
+    The rendered colour of rgb/000012.png is rgb/000012 or 000012 in `folder`, as .png or .jpg. Its depth, if any, is depth/000012, as .png in
+    the units of camera.json in `folder` or else of `truth`, or as .npy in metres. keyframes: a file with one line per keyframe, which starts
+    with its image's name, its frame number or its stamp, for example a trajectory of keyframes. progress(count) returns a function that is
+    called after each view.
 
-    Raises InputError where no view is there, images differ in size, or a keyframe is none of the frames; WorkError where LPIPS cannot begin.
+    Raises InputError if there is no view, images differ in size, or a keyframe is not a frame of the sequence; WorkError if LPIPS cannot start.
     """
     folder, truth, settings = Path(folder), Path(truth), settings or ViewSettings()
     pairs = find_pairs(truth)
@@ -115,7 +117,7 @@ def view_errors(
 
 
 def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
-    """Rows of the pairs that a file names. Raises InputError where a line is none of them."""
+    """Indices of the pairs listed in a file. Raises InputError for a line that is not a frame."""
     names = {pair.rgb.stem: row for row, pair in enumerate(pairs)}
     numbers, stamps_s = {pair.number: row for row, pair in enumerate(pairs)}, np.array([p.stamp_s for p in pairs])
     found = set()
@@ -142,7 +144,7 @@ def _by_stamp(word: str, stamps_s: np.ndarray) -> int | None:
 
 
 def _find(folder: Path, truth: Path, image: Path, kind: str) -> Path | None:
-    """Where the view of a true image lies: under its path there, in rgb/ or depth/, or, of colour, in the folder itself."""
+    """The file of the view of a true image: at the same relative path, in rgb/ or depth/, or, for colour, in the folder itself."""
     places = [folder / kind / image.stem]
     if image.is_relative_to(truth):
         places.insert(0, folder / image.relative_to(truth).with_suffix(""))
@@ -159,7 +161,7 @@ def _check_size(path: Path, image: np.ndarray, camera: SequenceCamera) -> None:
 
 
 def _depth_error(path: Path | None, truth_m: np.ndarray, camera: SequenceCamera) -> tuple[float | None, float | None]:
-    """depth_l1_m and depth_missing; None without a depth image, or where nothing has a true depth."""
+    """depth_l1_m and depth_missing; None without a depth image, or if no pixel has true depth."""
     valid = truth_m > 0
     if path is None or not valid.any():
         return None, None
@@ -170,20 +172,20 @@ def _depth_error(path: Path | None, truth_m: np.ndarray, camera: SequenceCamera)
 
 
 def has_lpips() -> bool:
-    """Whether its package is installed, and PyTorch, which it needs."""
+    """Whether the package lpips is installed, and PyTorch, which it needs."""
     return all(importlib.util.find_spec(name) for name in ("lpips", "torch"))
 
 
 @cache
 def _lpips() -> Callable[[np.ndarray, np.ndarray], float]:
-    """LPIPS of two images (h, w, 3) uint8 (Zhang et al., CVPR 2018), with AlexNet, as its package measures it. Raises WorkError."""
+    """A function that computes LPIPS of two images (h, w, 3) uint8 (Zhang et al., CVPR 2018), with AlexNet, by its package. Raises WorkError."""
     import lpips
     import torch
 
     try:
         network: Any = lpips.LPIPS(net="alex", verbose=False).eval()
-    except Exception as error:  # of whatever kind: its weights are fetched when it is first used
-        raise WorkError(f"LPIPS cannot begin: {error}", hint="--no-lpips") from None
+    except Exception as error:  # of any kind: the weights are downloaded at first use
+        raise WorkError(f"LPIPS cannot start: {error}", hint="--no-lpips") from None
 
     def distance(image: np.ndarray, truth: np.ndarray) -> float:
         both = (torch.from_numpy(a.astype(np.float32) / 127.5 - 1).permute(2, 0, 1)[None] for a in (image, truth))

@@ -1,11 +1,11 @@
-"""The folder of a render run: what belongs in it, which frames are done, and that no other recipe is mixed in.
+"""The folder of a render run: its files, which frames are finished, and a check that frames of different recipes are not mixed.
 
 OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0); with ground truth also
                          instance and normal.X, .Y, .Z (float, cv camera's frame), and OUT/objects.json
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
-OUT/preview.png          user-provided scenes: a small path-traced picture of the first frame
+OUT/preview.png          user-provided scenes: a small path-traced image of the first frame
 """
 
 import json
@@ -27,20 +27,20 @@ from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
 from .ground_truth import CHANNELS
 
-#: Bytes a pixel may take in a finished frame (half RGB, float Z, not compressed), for the check of space.
+#: Bytes per pixel of a finished frame (half RGB, float Z, not compressed), for the check of disk space.
 BYTES_PER_PIXEL = 10
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """One run on disk. `recipe` is the content of sequence.json."""
+    """A run on disk. `recipe` is the content of sequence.json."""
 
     path: Path
     recipe: dict
 
     @property
     def key(self) -> str:
-        """16 hex digits that stand for everything that decides the pixels; each frame's header carries them."""
+        """Key of 16 hex digits of everything that determines the pixels; it is in each frame's header."""
         return run_key(self.recipe)
 
     @property
@@ -56,11 +56,11 @@ class RunFolder:
         return self.path / "exr" / f"{number:06}.exr"
 
     def frame_numbers(self) -> list[int]:
-        """Numbers of the frame files that are there, in order."""
+        """The numbers of the existing frame files, in order."""
         return sorted(int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdigit())
 
     def is_finished(self, number: int) -> bool:
-        """Readable to the end, of the right size and channels, and made by this recipe."""
+        """Whether a frame's file can be read to the end, has the right size and channels, and was made by this recipe."""
         file = self.frame_file(number)
         if not file.is_file():
             return False
@@ -75,14 +75,14 @@ class RunFolder:
         return all(name in channels and channels[name].shape == size for name in wanted)
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
-        """Those of `numbers` still to be rendered, in order."""
+        """The frames of `numbers` that are not finished, in order."""
         numbers = list(numbers)
         with ThreadPoolExecutor(4) as pool:
             finished = list(pool.map(self.is_finished, numbers))
         return [number for number, done in zip(numbers, finished, strict=True) if not done]
 
     def check_space(self, frames: int) -> None:
-        """Raises WorkError where the disk cannot hold that many more frames."""
+        """Raises WorkError if the disk has no space for this number of frames."""
         need = frames * self.camera.width * self.camera.height * BYTES_PER_PIXEL
         free = shutil.disk_usage(self.path).free
         if need > free:
@@ -92,7 +92,7 @@ class RunFolder:
     def write_frame(
         self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, further: Mapping[str, np.ndarray] | None = None
     ) -> None:
-        """(h, w, 3) scene-linear and (h, w) planar metres, 0 where there is nothing; further channels as they are. Whole or not at all."""
+        """Write (h, w, 3) scene-linear RGB and (h, w) planar metres, 0 where no surface is hit, and further channels unchanged, atomically."""
         half = np.clip(rgb, 0, 65504).astype(np.float16)
         channels = {name: half[..., i] for i, name in enumerate("RGB")} | {"Z": depth_z_m.astype(np.float32)}
         channels |= further or {}
@@ -100,20 +100,20 @@ class RunFolder:
 
 
 def trajectory_file(job: RenderJob) -> Path:
-    """The file of a job's poses, shipped or the user's own."""
+    """The file of a job's poses, shipped or user-provided."""
     ours = job.trajectory in shipped.sequence_names()
     return shipped.trajectory_file(job.trajectory) if ours else Path(job.trajectory)
 
 
 def load_trajectory(job: RenderJob) -> Trajectory:
-    """The poses a job follows, in our world."""
+    """The poses of a job, in our world."""
     return read_trajectory(trajectory_file(job)).trajectory
 
 
 def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
-    """Make the folder with ground truth, camera and recipe, or open the run that is there.
+    """Make the folder with ground truth, camera and recipe, or open the existing run.
 
-    Raises InputError where it holds another recipe (naming the settings that differ) or other people's files, WorkError where it
+    Raises InputError if the folder contains another recipe (the message lists the settings that differ) or other files, WorkError if it
     cannot be written.
     """
     path = Path(path)
@@ -124,10 +124,10 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
             "run", existing, run_identity(begun), run_identity(recipe), "another {out}", _changed(begun, recipe)
         )
     elif path.is_dir() and any(path.iterdir()):
-        # a run killed before its recipe stood leaves an empty exr/, camera.json, groundtruth.txt and temporary files
+        # a run that was killed before its recipe was written leaves an empty exr/, camera.json, groundtruth.txt and temporary files
         left = ("exr", "camera.json", "groundtruth.txt")
         if any((path / "exr").glob("*")) or any(p.name not in left and p.name[0] != "." for p in path.iterdir()):
-            raise InputError("an empty folder, or one of a run", path=path, found="other files", hint="another {out}")
+            raise InputError("an empty folder or a run folder", path=path, found="other files", hint="another {out}")
     elif path.exists() and not path.is_dir():
         raise InputError("a folder", path=path, found="a file", hint="another {out}")
     make_folder(path / "exr", hint="another {out}")
@@ -140,45 +140,45 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
 
 
 def read_run(path: Path) -> RunFolder:
-    """The run that lies in a folder. Raises InputError where none does."""
+    """The run in a folder. Raises InputError if there is none."""
     recipe = read_json(Path(path) / "sequence.json")
     if not isinstance(recipe.get("job"), dict):
         raise InputError("the recipe of a run, with its job", path=Path(path) / "sequence.json")
     return RunFolder(Path(path), recipe)
 
 
-def _changed(begun: dict, asked: dict) -> dict[str, str]:
-    """What to say of a file under the same name as then, where its hash differs."""
-    there, job = (recipe["job"] if isinstance(recipe.get("job"), dict) else {} for recipe in (begun, asked))
+def _changed(begun: dict, requested: dict) -> dict[str, str]:
+    """Descriptions of files whose name is the same in both recipes, for messages if their hash differs."""
+    there, job = (recipe["job"] if isinstance(recipe.get("job"), dict) else {} for recipe in (begun, requested))
     sentences = {"trajectory": "other poses or stamps of the trajectory {}", "scene": "another version of the scene {}"}
     same = [name for name in sentences if name in job and there.get(name) == job[name]]
     return {f"{name}_sha256": sentences[name].format(job[name]) for name in same}
 
 
 def refuse_other(
-    what: str, place: Path, there: Mapping, asked: Mapping, hint: str, changed: Mapping[str, str] | None = None
+    what: str, place: Path, there: Mapping, requested: Mapping, hint: str, changed: Mapping[str, str] | None = None
 ) -> None:
-    """Raises InputError, naming every value that differs, where `what` was begun at `place` from other values than those asked for.
-    `changed`: what to say of a value instead, by its key.
+    """Raises InputError if `what` was started at `place` with values `there` that differ from those requested. The message lists every value
+    that differs. `changed`: texts to use instead for some values, by key.
     """
     different = []
-    for key in sorted({*there, *asked}):
-        if there.get(key) != asked.get(key):
-            text = f"{key} {there.get(key)} there, {asked.get(key)} asked"
+    for key in sorted({*there, *requested}):
+        if there.get(key) != requested.get(key):
+            text = f"{key} {there.get(key)} there, {requested.get(key)} requested"
             brief = len(text) < 100 and not key.endswith("_sha256")
             brief_text = text if brief else f"another {key.removesuffix('_sha256')}"
             different.append((changed or {}).get(key, brief_text))
     if different:
-        raise InputError(f"the {what} that was begun there", path=place, found="; ".join(different), hint=hint)
+        raise InputError(f"the {what} that was started there", path=place, found="; ".join(different), hint=hint)
 
 
 def run_identity(recipe: dict) -> dict:
-    """What decides the pixels of a run. Names and places of scene and trajectory do not: their hashes stand for them."""
+    """The values that determine the pixels of a run. Scene and trajectory are represented by their hashes, not by name or path."""
     job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
     job = {key: value for key, value in job.items() if key not in ("sequence", "scene", "trajectory")}
     return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
 
 
 def run_key(recipe: dict) -> str:
-    """16 hex digits that stand for everything that decides the pixels of a run."""
+    """Key of 16 hex digits of everything that determines the pixels of a run."""
     return sha256(json.dumps(run_identity(recipe), sort_keys=True).encode())[:16]

@@ -1,7 +1,7 @@
-"""Frames -> noise -> a sequence on disk: in any order, on any number of cores, resumable, with its recipe.
+"""Writes a sequence from frames, with noise: in any order, on any number of cores, resumable, with its recipe.
 
-`frames.jsonl` has one line a finished frame, with the hashes of its images, so that a stopped sequence can go on; recipe.json what decided
-the pixels, what made them, what was counted. Same recipe, same bytes.
+`frames.jsonl` has one line per finished frame, with the hashes of its images, so that a stopped sequence can be resumed. recipe.json contains
+everything that determines the pixels, the versions of the programs, and counts. The same recipe gives the same bytes.
 """
 
 import contextlib
@@ -46,13 +46,13 @@ from .sequence_formats import sequence_format
 from .sequence_options import SequenceSettings, noisy_metres
 
 _SCHEMA_VERSION = 1
-#: Keys that decide the pixels; the others may differ between two starts.
+#: Keys that determine the pixels; the others may differ when a sequence is resumed.
 _IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
 _KEYS = ("kind", *_IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
 
 
 class Place(NamedTuple):
-    """Where an image goes, and the depth units a metre there."""
+    """The path of an image to write, and its depth units per metre."""
 
     path: Path
     units: float
@@ -64,7 +64,7 @@ Places = dict[str, list[Place]]
 
 @dataclass(frozen=True)
 class WrittenSequence:
-    """Folders (one a format), frames made now and found finished, and pixels without depth by kind."""
+    """Folders (one per format), number of frames made now and of frames found finished, and number of pixels without depth by kind."""
 
     folders: tuple[Path, ...]
     made: int
@@ -74,8 +74,8 @@ class WrittenSequence:
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """Frame number, SHA-256 of both images as PNG, how many pixels of rendered depth became 0, by kind, SHA-256 of ground-truth images, by
-    kind, and of images that are stored otherwise, by how (`_stored_as`).
+    """Frame number, SHA-256 of both images as PNG, number of depth pixels that became 0 by kind, SHA-256 of ground-truth images by kind, and of
+    images that are stored in another way, by the key of `_stored_as`.
     """
 
     frame: int
@@ -86,18 +86,18 @@ class JournalEntry:
     other_sha256: dict[str, str] = field(default_factory=dict)
 
     def to_line(self) -> str:
-        """JSON; the last items only where there are any."""
+        """A line of JSON; the last two items only if they are not empty."""
         content = {k: v for k, v in asdict(self).items() if v or k not in ("truth_sha256", "other_sha256")}
         return json.dumps(content) + "\n"
 
     @property
     def digests(self) -> dict[str, str]:
-        """SHA-256 of all images by how they are stored."""
+        """SHA-256 of all images by the key of `_stored_as`."""
         return {RGB: self.rgb_sha256, DEPTH: self.depth_sha256, **self.truth_sha256, **self.other_sha256}
 
 
 def read_entries(path: Path) -> dict[int, JournalEntry]:
-    """The entries of a journal's whole lines, latest of each frame. The file is left as it is: a process may be writing it."""
+    """The entries of a journal's complete lines, the latest of each frame. The file is not changed, because a process may be writing it."""
     whole = path.read_bytes().rpartition(b"\n")[0] if path.is_file() else b""
     found = {}
     for line in whole.decode("utf-8", "replace").split("\n"):
@@ -115,14 +115,14 @@ def write_sequence(
     workers: int | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> WrittenSequence:
-    """Write `source` as a sequence into `out`, or go on with the one begun there. As SequenceWriter does."""
+    """Write `source` as a sequence into `out`, or resume the one that was started there; see SequenceWriter."""
     writer = SequenceWriter(source, {Path(out): settings or SequenceSettings()}, formats)
     return writer.write(workers, on_frame)[0]
 
 
 class SequenceImages:
-    """Makes the images of frames for sequences that a SequenceWriter has begun, folder -> settings, in whatever process: what it reads of them
-    is read when it is made, and it writes images alone.
+    """Makes the images of frames for sequences (folder -> settings) that a SequenceWriter has started, in any process. It reads the state of the
+    sequences at construction, and writes only images.
     """
 
     def __init__(
@@ -134,18 +134,18 @@ class SequenceImages:
         self._images = [_Images(source, Path(out), settings, chosen) for out, settings in sequences.items()]
 
     def make(self, number: int) -> list[JournalEntry | None]:
-        """What each sequence lacked of a frame, written (None where it lacked nothing); on any thread. `SequenceWriter.note` what it returns,
-        on one thread. Raises InputError for a frame that cannot be read, WorkError where an image cannot be written.
+        """Write the missing images of a frame, on any thread. Returns an entry for each sequence, None if no image was missing; pass them to
+        `SequenceWriter.note` on one thread. Raises InputError for a frame that cannot be read, WorkError if an image cannot be written.
         """
         frame = _Frame(self.source, number)
         return [images.make(frame) for images in self._images]
 
 
 class SequenceWriter:
-    """The same frames under one or several settings, folder -> settings (clean and noisy): each frame is read once.
+    """Writes the same frames with one or several settings, folder -> settings (clean and noisy). Each frame is read once.
 
-    With several formats each has a folder of its own below. Frames that stand there whole, by their hash, are skipped.
-    Raises InputError where a folder holds other files or another sequence, WorkError where it cannot be made.
+    If there are several formats, each has a separate subfolder. Frames whose images have the hashes in the journal are skipped.
+    Raises InputError if a folder contains other files or another sequence, WorkError if it cannot be made.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class SequenceWriter:
         self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
 
     def losses(self) -> list[str]:
-        """What the formats do not hold of the source, a sentence each."""
+        """What is lost when the source is written in these formats, one sentence each."""
         target, units = self.targets[0], self.source.depth_units_per_metre
         each = [format.losses(target.contents(self.source.numbers, format), units) for format, _ in target.layout]
         return [sentence for sentences in each for sentence in sentences]
@@ -170,10 +170,10 @@ class SequenceWriter:
         on_frame: Callable[[int], None] = lambda number: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> list[WrittenSequence]:
-        """Make the missing frames, then lists and recipe of all that are there; [] where `should_stop()` was true after a frame.
+        """Make the missing frames, then lists and recipe of all frames. Returns [] if `should_stop()` was true after a frame.
 
-        `on_frame(number)` after each. The first error stops the work; finished frames stay. Raises InputError for a frame that cannot
-        be read, WorkError where one cannot be written.
+        `on_frame(number)` is called after each frame. The first error stops the work; finished frames stay. Raises InputError for a frame that
+        cannot be read, WorkError for one that cannot be written.
         """
 
         def noted(entries: list[JournalEntry | None]) -> None:
@@ -187,23 +187,23 @@ class SequenceWriter:
         return [] if pool.stopped else self.complete()
 
     def note(self, entries: list[JournalEntry | None]) -> int:
-        """Into the journals; the frame's number."""
+        """Append the entries of a frame to the journals. Returns the frame's number."""
         new = [(target, entry) for target, entry in zip(self.targets, entries, strict=True) if entry is not None]
         for target, entry in new:
             target.note(entry)
         return new[0][1].frame
 
     def stands(self, number: int) -> bool:
-        """Whether the frame's images, read back, are in every sequence what its journal says."""
+        """Whether the frame's images in every sequence have the hashes in its journal."""
         return all(target.stands(number) for target in self.targets)
 
     def complete(self) -> list[WrittenSequence]:
-        """Lists and recipe of all frames, once they are made."""
+        """Write lists and recipes, after all frames are made."""
         return [target.completed(self._surface) for target in self.targets]
 
     def _surface(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame: those of the source, which have no noise, or, where a run's frames
-        are gone, of the first sequence, the clean one.
+        """Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame: from the source, without noise, or, if a run's frames were deleted, from the
+        first sequence, the clean one.
         """
         try:
             light, depth_z_m = self.source.load(number)
@@ -217,7 +217,7 @@ class SequenceWriter:
 def standing_frames(
     source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str]
 ) -> set[int]:
-    """Frames of the source whose images, read back, are in every folder what its journal says. Nothing is written."""
+    """The frames of the source whose images in every folder have the hashes in the journal. Nothing is written."""
     chosen, there = [sequence_format(name) for name in formats], []
     for out, settings in sequences.items():
         units = _units(settings, chosen)
@@ -231,10 +231,10 @@ def standing_frames(
 
 
 def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
-    """The writer of sequences of frames that may still have to be rendered; folders and recipes are made now.
+    """The writer of sequences of a run's frames, which may not be rendered yet. Folders and recipes are made now.
 
     `wanted`, as a worker receives it: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
-    "depth_units": units per metre, 5000 where it is left out}}}. Raises InputError, WorkError.
+    "depth_units": units per metre, default 5000}}}. Raises InputError, WorkError.
     """
     sequences = {}
     for folder, v in wanted["variants"].items():
@@ -244,14 +244,14 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
 
 
 def keep_freed_memory() -> None:
-    """Once a large block was freed, glibc keeps what is freed up to that size for the next array instead of giving it
-    back to the system and asking anew, page by page: noise takes two thirds of the time. Elsewhere nothing happens.
+    """Make glibc keep freed memory for the next array. After a large block was freed, glibc does not return freed blocks up to that size to the
+    system, so they need not be requested again page by page: noise takes two thirds of the time. No effect with other C libraries.
     """
     np.empty(30 << 20, np.uint8)
 
 
 class _Images:
-    """One sequence: where its images lie, which stood when this was made, how one is made."""
+    """One sequence: the paths of its images, the entries of its journal at construction, and how images are made."""
 
     def __init__(
         self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
@@ -264,7 +264,7 @@ class _Images:
         self.places = _places(source, self.layout, self.units)
 
     def stands(self, number: int) -> bool:
-        """Whether all images of a frame are there as the journal has them."""
+        """Whether all images of a frame have the hashes in the journal."""
         return _stands(self.entries, number, self.places[number], self.units)
 
     def make(self, frame: "_Frame") -> JournalEntry | None:
@@ -282,7 +282,7 @@ class _Images:
         return JournalEntry(frame.number, *main, invalid, truth, digests)
 
     def _taken_over(self, number: int) -> tuple[dict[str, str], Places]:
-        """Copies the originals to the places that store them alike; SHA-256 by how they are stored, and the places that are left."""
+        """Copy the originals to the places that store images in the same way. Returns SHA-256 by `_stored_as`, and the remaining places."""
         places: Places = dict(self.places[number])
         digests: dict[str, str] = {}
         if not self.settings.is_clean or number not in self.source.originals:
@@ -298,7 +298,7 @@ class _Images:
 
 
 class _Target(_Images):
-    """One sequence being written: begun or gone on with, its journal kept."""
+    """One sequence being written, new or resumed, with its journal."""
 
     def __init__(
         self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
@@ -309,7 +309,7 @@ class _Target(_Images):
         self.recipe = self._begun()
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
-            # a line cut short by a crash; in place: a kill in the middle of writing anew would lose all entries
+            # remove a line truncated by a crash, in place: if the file were rewritten, a kill could lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
         self.finished = frozenset(n for n in self.places if self.stands(n))
         images = (place.path for n in source.numbers for places in self.places[n].values() for place in places)
@@ -320,7 +320,7 @@ class _Target(_Images):
                     leftover.unlink(missing_ok=True)
 
     def note(self, entry: JournalEntry) -> None:
-        """Append one line to the journal. Raises WorkError where it cannot be written."""
+        """Append one line to the journal. Raises WorkError if it cannot be written."""
         try:
             with open(self.journal, "a", encoding="utf-8") as file:
                 file.write(entry.to_line())
@@ -329,8 +329,8 @@ class _Target(_Images):
         self.entries[entry.frame] = entry
 
     def completed(self, surface: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> WrittenSequence:
-        """Text files and recipe, once all frames asked for are there. The journal gets one line a frame, in order: the same frames leave
-        the same file, however often the work was broken off.
+        """Write text files and recipe, after all requested frames are made. The journal is rewritten with one line per frame, in order: the same
+        frames give the same file, however often the work was interrupted.
         """
         numbers = tuple(sorted(self.finished.union(self.source.numbers)))
         for format, folder in self.layout:
@@ -349,9 +349,9 @@ class _Target(_Images):
         return WrittenSequence(folders, len(self.source.numbers) - found, found, counts)
 
     def _begun(self) -> dict:
-        """Make the folder with the recipe of a sequence not yet finished, or resume the one begun there.
+        """Make the folder with the recipe of an unfinished sequence, or resume the one that was started there. Returns the recipe.
 
-        Raises InputError where a file is in the way, where other files lie there, or a sequence of another recipe.
+        Raises InputError if the path is a file, or the folder contains other files or a sequence of another recipe.
         """
         name, module = first_library("PNG", *BACKENDS)
         library = str(getattr(module, "__version__", None) or getattr(module, "VERSION_STRING", ""))
@@ -372,20 +372,20 @@ class _Target(_Images):
             _refuse_other_sequence(file, read_recipe(file), recipe)
         elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
             found = "other files" if out.is_dir() else "a file"
-            raise InputError("an empty folder, or a sequence begun there", path=out, found=found, hint="another folder")
+            raise InputError("an empty folder or a sequence to resume", path=out, found=found, hint="another folder")
         make_folder(out)
         write_json(file, recipe)
         return recipe
 
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
-        """What the text files of a format say of those frames."""
+        """The content of a format's text files for these frames."""
         frames, truth = tuple(_frame(self.source, n) for n in numbers), self.source.truth_of(numbers)
         units = format.fixed_units or self.units
         return Contents(self.source.camera, frames, truth, units, self.source.truth_file(numbers))
 
 
 class _Frame:
-    """A frame of a source, read when it is needed."""
+    """A frame of a source, read at first use."""
 
     def __init__(self, source: FrameSource, number: int) -> None:
         self.source, self.number = source, number
@@ -401,18 +401,18 @@ class _Frame:
 
 
 def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceFormat, Path]]:
-    """One format lies in `out` itself, several in a folder each."""
+    """Formats and their folders: a single format is in `out` itself, several formats are in a subfolder each."""
     return [(format, out if len(formats) == 1 else out / format.name) for format in formats]
 
 
 def _units(settings: SequenceSettings, formats: list[SequenceFormat]) -> float:
-    """Depth units a metre: those asked for, unless all formats have one scale of their own."""
+    """Depth units per metre: the requested ones, unless all formats have the same fixed units."""
     fixed = {format.fixed_units for format in formats}
     return fixed.pop() or settings.depth_units_per_metre if len(fixed) == 1 else settings.depth_units_per_metre
 
 
 def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]], units: float) -> dict[int, Places]:
-    """Colour, depth and ground-truth files of every frame, one a format."""
+    """The colour, depth and ground-truth files of every frame, one per format."""
     kinds = (RGB, DEPTH, *(ground_truth.KINDS if source.truth_images else ()))
     found = {}
     for frame in (_frame(source, number) for number in source.stamps_s):
@@ -428,7 +428,9 @@ def _frame(source: FrameSource, number: int) -> SequenceFrame:
 
 
 def _stored_as(kind: str, place: Place, units: float) -> str:
-    """The kind of image, with its ending and scale where it is no PNG of the sequence's own scale: files of one such key are the same."""
+    """A key of how an image is stored: its kind, with its ending if it is not PNG, and its scale if it is not that of the sequence. Files with the
+    same key have the same content.
+    """
     scale = (
         f" {place.units:g} a metre" if kind == DEPTH and place.units != units and place.path.suffix == ".png" else ""
     )
@@ -436,7 +438,7 @@ def _stored_as(kind: str, place: Place, units: float) -> str:
 
 
 def _encoder(kind: str, image: np.ndarray) -> Callable[[Place], None]:
-    """What writes the image to a place, as its ending says; depth comes in metres."""
+    """A function that writes the image to a place, in the format of its ending; depth is given in metres."""
 
     def write(place: Place) -> None:
         if place.path.suffix == JPEG:
@@ -450,7 +452,7 @@ def _encoder(kind: str, image: np.ndarray) -> Callable[[Place], None]:
 
 
 def _write_images(kind: str, places: list[Place], units: float, write: Callable[[Place], None]) -> dict[str, str]:
-    """The same image to all its places, once for each way of storing it; SHA-256 by these."""
+    """Write an image to all its places; it is encoded once for each key of `_stored_as`. Returns SHA-256 by key."""
     found: dict[str, Place] = {}
     for place in places:
         key = _stored_as(kind, place, units)
@@ -472,14 +474,14 @@ def _copy(original: Path, place: Place) -> None:
 
 
 def _is_plain(path: Path, kind: str, camera: PinholeCamera) -> bool:
-    """Whether a file can be taken over: whole, of the camera's size, and 8-bit RGB, 16-bit grey, or metres. Raises InputError where it is broken."""
+    """Whether a file can be copied: valid, of the camera's size, and 8-bit RGB, 16-bit grey, or metres. Raises InputError if it is damaged."""
     header = image_header(path, whole=True)
     right = {"RGB": 8} if kind == RGB else {"grey": 16, "grey, metres": 32}
     return (header.width, header.height) == (camera.width, camera.height) and right.get(header.colour) == header.bits
 
 
 def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places, units: float) -> bool:
-    """Whether all images of a frame are there as the journal has them."""
+    """Whether all images of a frame have the hashes in the journal."""
     entry = entries.get(number)
     if entry is None:
         return False
@@ -494,7 +496,7 @@ def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places, uni
 
 
 def read_recipe(path: Path) -> dict:
-    """A sequence's recipe. Raises InputError for another kind, a newer schema or unknown keys."""
+    """Read a sequence's recipe. Raises InputError for another kind, a newer schema or unknown keys."""
     recipe = read_json(path)
     version = recipe.get("schema_version")
     if recipe.get("kind") != "sequence" or not isinstance(version, int):
@@ -508,17 +510,17 @@ def read_recipe(path: Path) -> dict:
 
 
 def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
-    """Of another noise model only the name is reported, not all of its settings."""
-    there, asked = _identity(old), _identity(new)
-    models = [key for key in asked if key.endswith("_noise model") and there.get(key) != asked[key]]
+    """Raises InputError if the recipes differ. If the noise model differs, only its name is reported, not all of its settings."""
+    there, requested = _identity(old), _identity(new)
+    models = [key for key in requested if key.endswith("_noise model") and there.get(key) != requested[key]]
     settings = tuple(key.removesuffix("model") for key in models)
-    reported = [key for key in asked if key in models or not key.startswith(settings)]
-    old, new = ({key: values.get(key) for key in reported} for values in (there, asked))
+    reported = [key for key in requested if key in models or not key.startswith(settings)]
+    old, new = ({key: values.get(key) for key in reported} for values in (there, requested))
     refuse_other("sequence", file, old, new, "another folder")
 
 
 def _identity(recipe: dict) -> dict:
-    """What decides the pixels, noise settings one by one. Of a run's own recipe that is its key alone."""
+    """The values that determine the pixels, with each noise setting separately. A run is represented by its key."""
     identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
     for key in _IDENTITY:
         value = recipe.get(key)

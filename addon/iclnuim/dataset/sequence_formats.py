@@ -1,5 +1,5 @@
-"""The one registry of sequence formats. A new one is a module in layouts/ and an entry here; the command line, the panel and the pages list
-what stands there.
+"""The registry of sequence formats. A new format is a module in layouts/ and an entry here; the command line, the panel and the documentation
+list these entries.
 """
 
 from pathlib import Path
@@ -21,17 +21,17 @@ _ALL = (
     tartanair.FORMAT,
     tum.RTABMAP,
 )
-#: name -> format, in the order in which they are asked whether a folder is theirs
+#: name -> format, in the order in which they are tried when a folder's format is detected
 FORMATS = {format.name: format for format in _ALL}
 
 
 def sequence_format(name: str) -> SequenceFormat:
-    """Raises InputError for an unknown name."""
+    """The format of this name. Raises InputError for an unknown name."""
     if name not in FORMATS:
         raise InputError(f"a sequence format ({', '.join(FORMATS)})", found=name)
     return FORMATS[name]
 
 
 def format_of(folder: Path) -> SequenceFormat:
-    """The format that a folder is in; the first where none is recognised, whose reader words what is missing."""
+    """The format of a folder. If none is detected, tum, whose reader reports what is missing."""
     return next((format for format in FORMATS.values() if format.reader.found(folder)), tum.FORMAT)

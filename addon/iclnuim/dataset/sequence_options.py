@@ -1,5 +1,5 @@
-"""What decides a sequence: in plain values, declared once for the command line, the panel, workers and the records of runs, and as
-models, which bring a frame's RGB and depth through a sensor's noise to the pixels that are written.
+"""Settings that determine a sequence: SequenceOptions as plain values (for the command line, the panel, workers and recipes), and
+SequenceSettings as noise models, which convert a frame's RGB and depth to the pixels that are written.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
 
 @dataclass(frozen=True)
 class SequenceSettings:
-    """What decides the pixels of a sequence, given its frames. The seed also of a user's own noise."""
+    """The settings that determine the pixels of a sequence, given its frames. `seed` also applies to user-provided noise."""
 
     depth: Noise = field(default_factory=lambda: depth_model("none"))
     rgb: Noise = field(default_factory=lambda: rgb_model("none"))
@@ -37,7 +37,7 @@ class SequenceSettings:
 
     @property
     def is_clean(self) -> bool:
-        """Whether images are stored as they come: no noise, no other exposure."""
+        """Whether the images are stored unchanged: no noise, no other exposure."""
         return {"model": self.depth.name, **self.depth.to_dict()} == {"model": "none"} and self.rgb == rgb_model("none")
 
     def to_dict(self) -> dict:
@@ -51,7 +51,7 @@ class SequenceSettings:
 
 @dataclass(frozen=True)
 class SequenceOptions(Settings):
-    """Noise models by name with their settings, seed, depth units and formats. `sequence_settings` makes the models of them."""
+    """Noise models by name with their settings, seed, depth units and formats. `sequence_settings` makes the noise models."""
 
     group: ClassVar[str] = "a sequence"
 
@@ -71,7 +71,7 @@ class SequenceOptions(Settings):
     depth_units: float = setting(UNITS_PER_METRE, "units per metre of the depth images", unit="1/m", low=1.0, high=1e6)
     formats: tuple[str, ...] = setting(
         ("tum",),
-        "format of the files; several go into a folder each",
+        "format of the files; several formats are written into a folder each",
         choices=lambda: {name: format.description for name, format in FORMATS.items()},
         option="--format",
     )
@@ -83,21 +83,21 @@ class SequenceOptions(Settings):
                 raise InputError("a JSON object", setting=name, found=getattr(self, name))
 
     def sequence_settings(self) -> SequenceSettings:
-        """With noise. Raises InputError for an unknown model or parameter."""
+        """The settings with noise. Raises InputError for an unknown model or parameter."""
         depth, rgb = depth_model(self.depth_noise, self.depth_settings), rgb_model(self.rgb_noise, self.rgb_settings)
         return SequenceSettings(depth, rgb, self.seed, self.depth_units)
 
     def without_noise(self) -> SequenceSettings:
-        """The clean sequence beside it."""
+        """The settings of the corresponding clean sequence."""
         return SequenceSettings(seed=self.seed, depth_units_per_metre=self.depth_units)
 
 
 def noisy_images(
     rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """One frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and how many pixels of depth became 0, by kind.
+    """The images of one frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and the number of depth pixels that became 0, by kind.
 
-    Nothing but the arguments decides the result. Raises InputError where a user's own noise returns something else.
+    The result depends only on the arguments. Raises InputError if user-provided noise returns another shape or type.
     """
     image, noisy_z_m, invalid = noisy_metres(rgb, depth_z_m, camera, number, settings)
     return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
@@ -106,7 +106,7 @@ def noisy_images(
 def noisy_metres(
     rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """The same with depth (h, w) in metres, float."""
+    """Like noisy_images, with depth (h, w) in metres, float."""
     invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
     image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, RGB))
     noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))

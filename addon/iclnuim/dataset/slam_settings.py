@@ -1,13 +1,14 @@
-"""Settings files of SLAM systems for a sequence: its camera, its frame rate and its depth units; all else as each system's own files for TUM sequences.
+"""Settings files of SLAM systems for a sequence: its camera, frame rate and depth units. All other values are those of each system's own files
+for TUM sequences.
 
-A new one is a function and a line in SLAM_SETTINGS.
+A new settings file is a function and a line in SLAM_SETTINGS.
 """
 
 from collections.abc import Callable
 
 from ..geometry.camera import PinholeCamera
 
-#: Any baseline serves a depth camera: with the factor for near points it only sets how far these count as near (3 m here).
+#: The baseline of a depth camera is arbitrary: with the factor for near points it only sets the distance up to which points are near (3 m here).
 _BASELINE_M, _NEAR_M = 0.08, 3.0
 _ORB = """ORBextractor.nFeatures: 1000
 ORBextractor.scaleFactor: 1.2
@@ -29,7 +30,7 @@ Viewer.ViewpointF: 500.0
 
 
 def orb_slam3(c: PinholeCamera, rate_hz: float, units: float) -> str:
-    """YAML as OpenCV reads it, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE SEQUENCE/associations.txt`."""
+    """YAML in OpenCV's format, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE SEQUENCE/associations.txt`."""
     return f"""%YAML:1.0
 # ORB-SLAM3, RGB-D: rgbd_tum VOCABULARY orb_slam3.yaml SEQUENCE SEQUENCE/associations.txt
 File.version: "1.0"
@@ -57,7 +58,7 @@ RGBD.DepthMapFactor: {float(units)!r}
 
 
 def orb_slam2(c: PinholeCamera, rate_hz: float, units: float) -> str:
-    """YAML as OpenCV reads it; ORB-SLAM3 reads this older form too."""
+    """YAML in OpenCV's format; ORB-SLAM3 reads this older format too."""
     return f"""%YAML:1.0
 # ORB-SLAM2, RGB-D: rgbd_tum VOCABULARY orb_slam2.yaml SEQUENCE SEQUENCE/associations.txt
 Camera.fx: {float(c.fx)!r}
@@ -115,7 +116,7 @@ Feature:
 
 
 def camera_info(c: PinholeCamera, rate_hz: float, units: float) -> str:
-    """The camera_info YAML of ROS, with RTAB-Map's local_transform (x forward, z up to the camera's axes); rate and units are no part of it."""
+    """The camera_info YAML of ROS, with RTAB-Map's local_transform (from x forward, z up to the camera's axes). It has no rate or units."""
     fx, fy, cx, cy = (float(v) for v in (c.fx, c.fy, c.cx, c.cy))
     return f"""%YAML:1.0
 ---
@@ -150,7 +151,7 @@ def _whole(rate_hz: float) -> int:
     return max(1, round(rate_hz))
 
 
-#: name -> (camera, frames a second, depth units a metre) -> the file's text
+#: name -> function of (camera, frames per second, depth units per metre) that returns the file's text
 SLAM_SETTINGS: dict[str, Callable[[PinholeCamera, float, float], str]] = {
     "orb_slam3": orb_slam3,
     "orb_slam2": orb_slam2,

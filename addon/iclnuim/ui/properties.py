@@ -156,7 +156,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
-        """The sequences that the worker process writes from the frames (dataset/variants.py); None if none are chosen. Raises InputError."""
+        """The sequences that the worker process writes (see dataset.sequence.writer_of); None if none are chosen. Raises InputError."""
         if not (self.write_clean or self.write_noisy):
             return None
         options = SequenceOptions(**self.values_of(SequenceOptions))

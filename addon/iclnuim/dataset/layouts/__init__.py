@@ -1,1 +1,1 @@
-"""The formats of sequences, a module each: FORMAT is what the registry (sequence_formats.py) lists."""
+"""The sequence formats, one module each. FORMAT is the entry of the registry (sequence_formats.py)."""

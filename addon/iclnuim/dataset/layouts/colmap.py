@@ -1,7 +1,7 @@
-"""COLMAP's text model, as splatting programs train on it: images/, sparse/0/ with cameras.txt, images.txt, points3D.txt, and test.txt.
+"""COLMAP's text model, for splatting programs: images/, sparse/0/ with cameras.txt, images.txt, points3D.txt, and test.txt.
 
-COLMAP has no depth: ours lies beside, in depth/ and camera.json. Its pixel centres are at +0.5, its poses world to camera, scalar first
-(https://colmap.github.io/format.html). test.txt names every 8th image, those that 3D Gaussian splatting holds back by default too.
+COLMAP has no depth: we add it in depth/ and camera.json. COLMAP's pixel centres are at +0.5, its poses are world to camera, scalar first
+(https://colmap.github.io/format.html). test.txt lists every 8th image, the same that 3D Gaussian splatting holds out by default.
 """
 
 import math
@@ -18,9 +18,9 @@ from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, Sequence
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
-#: Images that points are taken from, those of them in which all points are looked for, and points in all, at most.
+#: Maximum numbers: of images that points are taken from, of images among them in which each point is searched, and of points.
 _VIEWS, _WITNESSES, _POINTS = 40, 8, 20_000
-#: Depth in another image may differ so far where it is the same surface.
+#: Maximum relative difference of depth in another image if it is the same surface.
 _SAME_SURFACE = 0.01
 _HELD_OUT = 8
 
@@ -53,12 +53,12 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     atomic_write_text(model / "test.txt", "".join(f"{name}\n" for name in sorted(names)[::_HELD_OUT]))
 
 
-#: Of a point: the row of an image and the pixel where it is seen, centres at whole numbers.
+#: The track of a point: the row of an image and the pixel (u, v) where it is seen, centres at whole numbers.
 _Track = list[tuple[int, float, float]]
 
 
 def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
-    """`X Y Z R G B` of points on the surface, and where they are seen: pixels on a grid, each also in the other views that show it."""
+    """`X Y Z R G B` of points on the surface, and their tracks. Points are pixels on a grid; each is also searched in some other views."""
     if contents.surface is None:
         return [], []
     rows = list(range(0, len(contents.frames), math.ceil(len(contents.frames) / _VIEWS)))
@@ -88,7 +88,7 @@ def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
 def _seen(
     points_camera: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera
 ) -> Iterator[tuple[int, float, float]]:
-    """Which of the points (n, 3) in a camera's frame its depth image shows, and at which pixels."""
+    """Indices and pixels of the points (n, 3), given in a camera's frame, that are visible in its depth image."""
     pixels = np.nan_to_num(camera.project(points_camera), nan=-1.0).clip(-1, 1e6)
     places = np.rint(pixels).astype(int)
     inside = (points_camera[:, 2] > 0) & (places >= 0).all(1)
@@ -108,7 +108,7 @@ def _found(folder: Path) -> bool:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """The images of the model in the order of time, with depth/NAME.png."""
+    """The images of the model in the order of time, each with depth/NAME.png."""
     model = _model(folder)
     if model is None:
         hint = "COLMAP's model_converter, which makes text of a binary model"
@@ -118,14 +118,14 @@ def _rows(folder: Path) -> list[Row]:
         depth = folder / DEPTH / Path(name).with_suffix(".png")
         if not is_file(depth):
             raise InputError(
-                f"depth/{depth.name} beside COLMAP's images, which have no depth", path=folder, found="none"
+                f"depth/{depth.name} in addition to COLMAP's images, which have no depth", path=folder, found="none"
             )
         found.append(Row(stamp_s, folder / "images" / name, depth))
     return found
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera of the model, which must be one without distortion; depth units of camera.json."""
+    """The camera of the model, which must have no distortion; the depth units are those of camera.json."""
     ours, model = camera_file(folder), _model(folder)
     if model is None or not (model / "cameras.txt").is_file():
         return ours

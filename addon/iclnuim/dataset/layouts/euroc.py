@@ -41,7 +41,7 @@ depth_units_per_metre: {contents.depth_units_per_metre:g}
 
 
 def _rows(folder: Path) -> list[Row]:
-    """By nanoseconds, as both data.csv have them."""
+    """Pairs of images with equal stamps in nanoseconds in both data.csv."""
     images = []
     for sensor in (folder / _ROOT / "cam0", folder / _ROOT / "depth0"):
         try:

@@ -1,4 +1,4 @@
-"""The original's own format: depth first with integer ids, left-handed anchored poses without image 0, K with fy negative."""
+"""The format of the original: depth first with integer ids, left-handed anchored poses without image 0, K with negative fy."""
 
 from pathlib import Path
 
@@ -24,13 +24,13 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 
 def _check(contents: Contents) -> None:
-    if contents.depth_units_per_metre != UNITS_PER_METRE:  # no file of this format could hold them
+    if contents.depth_units_per_metre != UNITS_PER_METRE:  # no file of this format contains the units
         found = f"{contents.depth_units_per_metre:g}"
-        raise InputError(f"{UNITS_PER_METRE:g} depth units a metre for the format icl-nuim", found=found)
+        raise InputError(f"{UNITS_PER_METRE:g} depth units per metre for the format icl-nuim", found=found)
     numbers = np.array([frame.number for frame in contents.frames])
     if np.abs(frames_of_stamps(contents.stamps_s) - numbers).max() > 0.01:
-        expected = f"stamps of frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, for the format icl-nuim"
-        raise InputError(expected, found="others", hint="the format tum")
+        expected = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, for the format icl-nuim"
+        raise InputError(expected, found="other stamps", hint="the format tum")
 
 
 FORMAT = SequenceFormat(

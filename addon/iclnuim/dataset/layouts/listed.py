@@ -1,4 +1,4 @@
-"""What the formats in TUM's manner share: images in lists with stamps, a camera in a file beside them, a ground-truth file."""
+"""Shared parts of formats similar to TUM: images in lists with stamps, a camera in a separate file, a ground-truth file."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ _K = "the nine numbers of K, or fx fy cx cy"
 
 
 def write_lists(folder: Path, contents: Contents, format: SequenceFormat, associations: str = _ASSOCIATIONS[0]) -> None:
-    """rgb.txt, depth.txt, `associations`, groundtruth.txt. Stamps that are to be kept are written as they were, to the character."""
+    """Write rgb.txt, depth.txt, `associations`, groundtruth.txt. Stamps with an original text are written with the same text."""
     rgb, depth = (format.images(contents, kind) for kind in (RGB, DEPTH))
     write_image_list(folder / "rgb.txt", rgb)
     write_image_list(folder / "depth.txt", depth)
@@ -44,12 +44,12 @@ def write_lists(folder: Path, contents: Contents, format: SequenceFormat, associ
 
 
 def write_camera(folder: Path, contents: Contents) -> None:
-    """camera.json."""
+    """Write camera.json."""
     write_json(folder / CAMERA, contents.full_camera.to_dict())
 
 
 def rows(folder: Path) -> list[Row]:
-    """By association file, else by rgb.txt and depth.txt, else by equal names in rgb/ and depth/."""
+    """The pairs of the association file, else of rgb.txt and depth.txt, else of equal names in rgb/ and depth/."""
     return _listed(folder) or _by_name(folder)
 
 
@@ -60,7 +60,7 @@ def _list_files(folder: Path) -> list[Path]:
 
 
 def found(folder: Path) -> bool:
-    """Whether there are lists, and an image that they name: other formats may have such lists left over."""
+    """Whether there are lists and their first image exists: a folder of another format may contain unused lists."""
     if not (files := _list_files(folder)):
         return False
     for line in read_text(files[0]).splitlines():
@@ -97,7 +97,7 @@ def _by_name(folder: Path) -> list[Row]:
 
 
 def camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """camera.json, or calibration.txt: K as in the original, or fx fy cx cy as in ETH3D."""
+    """The camera in camera.json, or in calibration.txt: K as in the original, or fx fy cx cy as in ETH3D. None if there is neither."""
     if there := camera_file(folder):
         return there
     path = folder / "calibration.txt"
@@ -110,7 +110,7 @@ def camera(folder: Path, image: Path) -> SequenceCamera | None:
 
 
 def truth(folder: Path) -> Path | None:
-    """The ground-truth file."""
+    """The ground-truth file, or None."""
     return next((path for pattern in _TRUTHS for path in sorted(folder.glob(pattern))), None)
 
 

@@ -1,6 +1,6 @@
 """transforms.json with poses of the OpenGL camera (x right, y up, looks along -z), for nerfstudio and instant-ngp.
 
-NeRF programs count pixel centres at +0.5, so the principal point lies half a pixel further.
+NeRF programs have pixel centres at +0.5, so half a pixel is added to the principal point.
 """
 
 from pathlib import Path

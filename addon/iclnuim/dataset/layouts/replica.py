@@ -1,6 +1,7 @@
-"""Replica as neural mapping systems read it: results/frame000000.jpg, results/depth000000.png, traj.txt with a 4 x 4 matrix a line, cam_params.json.
+"""Replica in the format of neural mapping systems: results/frame000000.jpg, results/depth000000.png, traj.txt with one 4 x 4 matrix per line,
+cam_params.json.
 
-The lines of traj.txt belong to the images in the order of their names (https://github.com/cvg/nice-slam, src/utils/datasets.py).
+The lines of traj.txt correspond to the images in the order of their names (https://github.com/cvg/nice-slam, src/utils/datasets.py).
 """
 
 from pathlib import Path
@@ -14,7 +15,7 @@ from ...geometry.trajectory import Trajectory, stamps_of_frames
 from ..depth_units import check_units
 from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
 
-#: As the systems' settings for Replica have it; the range ends at 10 m.
+#: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
 UNITS = 6553.5
 _PUBLISHED = PinholeCamera(1200, 680, 600.0, 600.0, 599.5, 339.5)
 _TRAJECTORY, _CAMERA = "traj.txt", "cam_params.json"
@@ -28,20 +29,20 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """In the order of the names; a depth image has the number of its colour image."""
+    """The pairs in the order of the names; a depth image has the number of its colour image."""
     found = []
     depths = {path.stem.removeprefix("depth"): path for path in (folder / "results").glob("depth*.png")}
     images = sorted(path for ending in ("jpg", "png") for path in (folder / "results").glob(f"frame*.{ending}"))
     for place, image in enumerate(images):
         number = image.stem.removeprefix("frame")
         if number not in depths:
-            raise InputError(f"results/depth{number}.png beside {image.name}", path=folder, found="none")
+            raise InputError(f"results/depth{number}.png for {image.name}", path=folder, found="none")
         found.append(Row(float(stamps_of_frames(place)), image, depths[number], number=place))
     return found
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """cam_params.json there or, as it is published, in the folder above; else the published camera where the size is its own."""
+    """The camera in cam_params.json in the folder or, as published, in the parent folder; else the published camera if the image has its size."""
     file = next((place / _CAMERA for place in (folder, folder.parent) if (place / _CAMERA).is_file()), None)
     if file is None:
         header = image_header(image)

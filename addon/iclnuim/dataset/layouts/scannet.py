@@ -1,4 +1,4 @@
-"""ScanNet as its SensReader exports it, below frames/: color/0.jpg, depth/0.png in millimetres, pose/0.txt (4 x 4, camera to world), intrinsic/."""
+"""ScanNet in the format of its SensReader, in frames/: color/0.jpg, depth/0.png in millimetres, pose/0.txt (4 x 4, camera to world), intrinsic/."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from ...formats.files import atomic_write_text, make_folder, read_text
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in, pinhole_of
 
-#: Depth units a metre (depthShift of its .sens files).
+#: Depth units per metre (depthShift of its .sens files).
 UNITS = 1000.0
 
 
@@ -35,19 +35,19 @@ def _top(folder: Path) -> Path:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """By the numbers that are the names."""
+    """The pairs, by the numbers in the names."""
     top, found = _top(folder), []
     images = {int(p.stem): p for e in ("jpg", "png") for p in (top / "color").glob(f"*.{e}") if p.stem.isdecimal()}
     for number in sorted(images):
         depth = top / f"depth/{images[number].stem}.png"
         if not depth.is_file():
-            raise InputError(f"depth/{depth.name} beside color/{images[number].name}", path=top, found="none")
+            raise InputError(f"depth/{depth.name} for color/{images[number].name}", path=top, found="none")
         found.append(Row(float(stamps_of_frames(number)), images[number], depth, number=number))
     return found
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """That of the depth images, and that of the colour images where these are of another size, as ScanNet's own are."""
+    """The camera of the depth images, and that of the colour images if their size differs, as in ScanNet's data."""
     if there := camera_file(folder):
         return there
     depth = _top(folder) / f"depth/{image.stem}.png"

@@ -1,7 +1,7 @@
 """TartanAir: image_left/000000_left.png, depth_left/000000_left_depth.npy in metres, pose_left.txt in NED axes.
 
-No stamps, no camera (its own is the same in all sequences), and nothing stands for a missing depth: 0 does here
-(https://github.com/castacks/tartanair_tools, data_type.md). The lines of pose_left.txt belong to the images in the order of their names.
+The format has no stamps and no camera (all sequences of TartanAir have the same one), and no value for missing depth: we use 0
+(https://github.com/castacks/tartanair_tools, data_type.md). The lines of pose_left.txt correspond to the images in the order of their names.
 """
 
 from pathlib import Path
@@ -29,7 +29,7 @@ def _rows(folder: Path) -> list[Row]:
     for place, image in enumerate(sorted((folder / "image_left").glob("*.png"))):
         depth = folder / f"depth_left/{image.stem}_depth.npy"
         if not depth.is_file():
-            raise InputError(f"depth_left/{depth.name} beside {image.name}", path=folder, found="none")
+            raise InputError(f"depth_left/{depth.name} for {image.name}", path=folder, found="none")
         found.append(Row(float(stamps_of_frames(place)), image, depth, number=place))
     return found
 

@@ -1,4 +1,4 @@
-"""TUM: rgb/, depth/, their lists, and what ORB-SLAM3 asks for. And the same with images named by their stamps, as RTAB-Map takes them."""
+"""TUM: rgb/, depth/, their lists, and settings for ORB-SLAM3. And the same with images named by their stamps, for RTAB-Map."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from . import listed
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
-    """Lists, camera.json, groundtruth.txt, and settings for ORB-SLAM3."""
+    """Write lists, camera.json, groundtruth.txt, and settings for ORB-SLAM3."""
     listed.write_lists(folder, contents, format)
     listed.write_camera(folder, contents)
     settings = slam_settings.orb_slam3(contents.camera, contents.rate_hz, contents.depth_units_per_metre)
@@ -29,7 +29,7 @@ FORMAT = SequenceFormat(
 
 
 def _by_stamp(folder: Path) -> list[Row]:
-    """The lists there, else both folders in the order of their names."""
+    """The pairs of the lists, else of both folders in the order of their stamps."""
     if listed.found(folder):
         return listed.rows(folder)
     images = [sorted((folder / f"{kind}_sync").glob("*.png"), key=_stamp_s) for kind in (RGB, DEPTH)]

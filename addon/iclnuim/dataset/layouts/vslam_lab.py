@@ -57,7 +57,7 @@ cameras:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """Lines without a depth image are left out."""
+    """The pairs of the list; lines without a depth image are left out."""
     file, found = folder / _LIST, []
     lines = csv.reader(read_text(file).splitlines())
     try:
