@@ -399,13 +399,13 @@ def tiny_light(folder: Path) -> None:
     )
 
 
-@scene(note="shine through", map_samples=64)
+@scene(note="passes straight through", map_samples=64)
 def sun_through_a_window(folder: Path) -> None:
     """A room lit by the sun through a pane of window glass."""
     window_room(material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5))
 
 
-@scene(note="shine through", map_samples=64)
+@scene(note="passes straight through", map_samples=64)
 def sun_through_thin_glass(folder: Path) -> None:
     """The same with a Glass BSDF, as architects' files have it."""
     pane = bpy.data.materials.new("pane")
@@ -427,7 +427,7 @@ def open_window(folder: Path) -> None:
     bpy.data.objects.remove(bpy.data.objects["pane"])
 
 
-@scene(note="shine through", map_samples=64)
+@scene(note="passes straight through", map_samples=64)
 def sun_through_a_thick_pane(folder: Path) -> None:
     """A pane of two faces, tinted, in a node group."""
     sun_through_a_window(folder)
@@ -437,7 +437,7 @@ def sun_through_a_thick_pane(folder: Path) -> None:
     box("pane", (1.99, -1, 0.8), (2.01, 1, 2.0), pane)
 
 
-@scene(note="shine through")
+@scene(note="passes straight through")
 def vitrine(folder: Path) -> None:
     """A thing under glass."""
     room()

@@ -215,7 +215,7 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
         light_map.prepare(job.changed(lambertian=lambertian), notes.append)
     assert notes == [
         "light map: baked in about 1 s",
-        "light map: without reflections light is another, so a map of its own is baked, in about 386 s",
+        "light map: without reflections the light differs, so a separate map is baked, in about 386 s",
     ]
 
 

@@ -47,7 +47,7 @@ def test_a_bake_that_would_not_pay_is_not_begun_and_the_run_keeps_its_light(begu
 def test_many_frames_are_baked(begun):
     _, job, notes = begun("run", [0] * 10**6, light="auto")
     assert (job["light"], job["samples"], job["denoise"]) == ("baked", 1, False)
-    assert any("light: baked, which ends sooner (1000000 frames:" in note for note in notes)
+    assert any("light: baked, which takes less time (1000000 frames:" in note for note in notes)
 
 
 def test_a_black_preview_is_said(begun, cornered_room, tmp_path):

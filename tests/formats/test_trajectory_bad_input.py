@@ -37,7 +37,12 @@ CASES = {
         ["quaternions of length 1", "length 0"],
     ),
     "a long quaternion": ("a.txt", TUM + "3.0 0 0 0 0 0 0 1.5\n", 3, ["quaternions of length 1", "length 1.5"]),
-    "stamps backwards": ("a.txt", TUM + "1.5 0 0 0 0 0 0 1\n", 3, ["above the 2 of line 2", "found 1.5", "of one run"]),
+    "stamps backwards": (
+        "a.txt",
+        TUM + "1.5 0 0 0 0 0 0 1\n",
+        3,
+        ["above the 2 of line 2", "found 1.5", "of a single run"],
+    ),
     "most stamps repeated": (
         "a.txt",
         "# x\n" + TUM + "2.0 0 0 0 0 0 0 1\n" * 4,
@@ -79,7 +84,7 @@ CASES = {
     "a value twice": ("c.txt", COMMAND.strip() + " Declare=val00=1\n", 1, ["each once"]),
     "the same image twice": ("c.txt", COMMAND * 2, 2, ["frame number above the 1"]),
     "9 columns of CSV": ("a.csv", "1,0,0,0,1,0,0,0,0\n", 1, ["8 or 17 columns", "found 9 columns"]),
-    "an empty field": ("a.csv", CSV + "2,0,,0,1,0,0,0\n", 2, ["parted by commas", "''"]),
+    "an empty field": ("a.csv", CSV + "2,0,,0,1,0,0,0\n", 2, ["separated by commas", "''"]),
     "a zero quaternion in CSV": ("a.csv", CSV + "2,0,0,0,0,0,0,0\n", 2, ["quaternions of length 1"]),
     "a camera without position": (
         "s_1.txt",

@@ -1,1 +1,3 @@
-"""The only room that talks to Blender: bpy in, plain values out, no maths. Its modules import bpy when they are imported, except output.py and child.py."""
+"""The interface to Blender: all code that uses bpy, except the panel, is here. Modules import bpy when they are imported, except output.py and
+child.py.
+"""

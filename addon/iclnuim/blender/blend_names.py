@@ -1,7 +1,7 @@
-"""The names of other files in a .blend, read from its blocks before Blender opens it: its libraries are read while it opens.
+"""Finds references to other files in a .blend by parsing its blocks before Blender opens it, because Blender reads libraries while it opens a file.
 
-A .blend is a header, blocks, and among them one (DNA1) that describes the C structs that all others hold. Source: Blender's
-doc/blender_file_format. Fields have the names of DNA, which files keep where the source code has renamed them.
+A .blend consists of a header and blocks. The block DNA1 describes the C structs in all other blocks. Source: Blender's
+doc/blender_file_format. Fields have their DNA names, which files keep even if the source code has renamed them.
 """
 
 import gzip
@@ -15,14 +15,14 @@ from typing import Any
 
 from ..errors import InputError
 
-#: Structs and fields with paths that are not read: where the file was, where things are written, the sequencer, the window's layout.
+#: Structs and fields with paths that Blender does not read: former locations of the file, output paths, the sequencer, the window's layout.
 _NOT_READ = {
     "FileGlobal", "LibraryWeakReference", "ImagePackedFile", "RenderData", "BakeData", "DynamicPaintSurface", "NodeImageMultiFile",
     "NodeImageMultiFileSocket", "Strip", "StripElem", "StripProxy", "Editing", "FileSelectParams", "Text", "UserDef", "Script",
     "CacheFile.handle_filepath", "Library.filepath", "Library.filepath_abs",
 }  # fmt: skip
-#: Structs whose file is worth a word where it is missing; pictures have their own.
-_TOLD = {"Library", "CacheFile", "CacheFileLayer", "Volume", "MeshCacheModifierData", "VFont", "NodeShaderTexIES"}
+#: Structs whose missing file is reported; missing images are reported elsewhere.
+_REQUIRED = {"Library", "CacheFile", "CacheFileLayer", "Volume", "MeshCacheModifierData", "VFont", "NodeShaderTexIES"}
 _FOLDER = re.compile(r"\.(path|cachepath|\w*dir|\w*directory)$")
 _PATH = re.compile(
     r"\.(?!\w*object_path)\w*(path|dir|directory|file|filename)$"
@@ -30,12 +30,12 @@ _PATH = re.compile(
     re.IGNORECASE,
 )
 _POINTED = re.compile(r"\.\*\w*(directory|filepath)$")
-#: Where a struct says that it holds its file itself.
+#: Fields of a struct that show that its file is packed into the .blend.
 _PACKED = {
     "PackedFile": ("*data",), "ImagePackedFile": ("*packedfile",), "Image": ("*packedfile", "packedfiles"),
     **dict.fromkeys(("Library", "VFont", "bSound", "Volume"), ("*packedfile",)),
 }  # fmt: skip
-#: The nodes that read files.
+#: Prefix of the nodes that read files.
 _IMPORT = b"GeometryNodeImport"
 
 
@@ -44,7 +44,7 @@ _Field = namedtuple("_Field", "offset kind length size")
 
 
 class _Blend:
-    """The blocks of a file: their places are kept, their contents read when asked for."""
+    """The blocks of a file. Their offsets are stored; their contents are read when needed."""
 
     def __init__(self, file: Path) -> None:
         self.file, self.order, self.address = file, "<", "Q"
@@ -54,7 +54,7 @@ class _Blend:
         self.at_address = {block.address: block for block in self.blocks if block.address}
 
     def names(self) -> Iterator[tuple[str, str, str]]:
-        """As `names` below."""
+        """See the function `names`."""
         here = {
             self.structs[number][0] for number in {block.struct for block in self.blocks} if number < len(self.structs)
         }
@@ -74,7 +74,7 @@ class _Blend:
                     yield self._place(kind, data), "computed", "a library that is packed"
                 continue
             for label, offset, size in paths[kind]:
-                what = "folder" if _FOLDER.search(label) else "told" if kind in _TOLD else "file"
+                what = "folder" if _FOLDER.search(label) else "required" if kind in _REQUIRED else "file"
                 if "*" in label:
                     pointed[self._pointer(data, offset)] = kind
                 elif data[offset]:
@@ -110,7 +110,7 @@ class _Blend:
         return self._layout(dna)
 
     def _layout(self, dna: bytes) -> tuple[list[tuple[str, int]], dict[str, dict[str, _Field]]]:
-        """(kind, size) of the structs by number, and kind -> name with its stars -> field."""
+        """(kind, size) of the structs by number, and a mapping kind -> name (with its stars) -> field."""
         texts, at = [], 0
         for tag in (b"NAME", b"TYPE"):
             at = dna.index(tag, at) + 8
@@ -136,11 +136,11 @@ class _Blend:
         return structs, fields
 
     def _paths(self, kind: str, within: tuple[str, ...] = ()) -> list[tuple[str, int, int]]:
-        """(struct.field, offset, length) of the paths in a struct, and in those that it holds, each looked through once."""
+        """(struct.field, offset, length) of the paths in a struct and in the structs it contains; results are cached."""
         if kind in self.paths:
             return self.paths[kind]
         if kind in within:
-            raise ValueError("a struct that holds itself")
+            raise ValueError("a struct that contains itself")
         found: list[tuple[str, int, int]] = []
         for name, field in self.fields.get(kind, {}).items():
             label, here = f"{kind}.{name}", field.offset
@@ -152,7 +152,7 @@ class _Blend:
                 found += [(label, here, field.length)] if field.length > 1 and _PATH.search(label) else []
             elif inner := self._paths(field.kind, (*within, kind)):
                 if len(found) + field.length * len(inner) > 10_000:
-                    raise ValueError("structs that hold more paths than there are")
+                    raise ValueError("structs that contain too many paths")
                 found += [(text, here + k * field.size + o, n) for k in range(field.length) for text, o, n in inner]
         self.paths[kind] = found
         return found
@@ -177,12 +177,12 @@ class _Blend:
         return struct.unpack_from(self.order + self.address, data, offset)[0]
 
     def _points(self, kind: str, data: bytes, to: Container[int]) -> bool:
-        """Whether the struct holds its file itself, by a pointer to a block of `to`."""
+        """Whether the struct's file is packed: whether it has a pointer to a block of `to`."""
         found = [self.fields[kind][name] for name in _PACKED.get(kind, ()) if name in self.fields[kind]]
         return any(self._pointer(data, field.offset) in to for field in found)
 
     def _place(self, kind: str, data: bytes) -> str:
-        """`Image floor`; a struct that is no datablock has no name: `Mesh Cache Modifier Data`."""
+        """A description such as `Image floor`; a struct that is not a datablock has no name: `Mesh Cache Modifier Data`."""
         words = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind.removeprefix("b"))
         if (block := self.fields[kind].get("id")) is None or block.kind != "ID":
             return words
@@ -192,20 +192,20 @@ class _Blend:
 
 
 def names(file: Path) -> Iterator[tuple[str, str, str]]:
-    """(place, what, name); what is "file", "told" (where it is missing), "folder", or "computed" for what cannot be known.
+    """(place, what, name); what is "file", "required" (reported if it is missing), "folder", or "computed" if the path is not known in advance.
 
-    Raises InputError for what is no .blend.
+    Raises InputError for a file that is not a valid .blend.
     """
     try:
         yield from _Blend(file).names()
     except InputError:
         raise
-    except Exception as error:  # of a damaged file anything, errors of two decompressors among them
+    except Exception as error:  # a damaged file may cause any error, also in the two decompressors
         raise InputError("a scene that Blender can read", path=file, found=f"damaged blocks: {error}") from None
 
 
 def _opened(file: Path) -> Any:
-    """The content, uncompressed; it may be read in one direction only."""
+    """The uncompressed content, which can only be read forwards."""
     content = open(file, "rb")  # noqa: SIM115 (the caller closes it)
     magic = content.read(4)
     content.seek(0)
@@ -214,7 +214,7 @@ def _opened(file: Path) -> Any:
     if magic[:4] != b"\x28\xb5\x2f\xfd":
         return content
     try:
-        import zstandard  # comes with bpy, and in Blender
+        import zstandard  # a dependency of bpy, and part of Blender
     except ImportError:
         raise InputError("zstandard in this Python", path=file, hint="saving the file without compression") from None
     return zstandard.ZstdDecompressor().stream_reader(content, read_across_frames=True)

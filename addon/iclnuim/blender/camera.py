@@ -1,4 +1,4 @@
-"""Cameras of the open scene: keyed with a trajectory's exact poses; an animated one read as a trajectory, its lens as a pinhole."""
+"""Cameras of the open scene: keyframes with a trajectory's exact poses; an animated camera as a trajectory, its lens as a pinhole camera."""
 
 import bpy
 import mathutils
@@ -15,10 +15,10 @@ NAME = "ICL-NUIM camera"
 
 
 def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
-    """Make the scene's active camera follow the poses (n,), pose i at frame i, and look through `camera`: the exact view
-    of its K, without depth of field, clipping from 1 mm to 10 km.
+    """Add an active camera that follows the poses (n,), pose i at frame i, with the intrinsics of `camera`: exactly its K, without depth of
+    field, with clipping at 1 mm and 10 km.
 
-    Keys are linear and the quaternions continuous in sign, so that the timeline plays the motion as it is.
+    Interpolation is linear and the signs of the quaternions are continuous, so that the timeline plays the motion correctly.
     """
     scene = bpy.context.scene
     thing = bpy.data.objects.new(NAME, bpy.data.cameras.new(NAME))
@@ -36,7 +36,7 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     lens.dof.use_dof = False
     lens.clip_start, lens.clip_end = 1e-3, 1e4
     thing.rotation_mode = "QUATERNION"
-    # Time Stretching: frame n shows what is keyed at n times this
+    # Time Stretching: frame n shows the keys at n times this factor
     pace = render.frame_map_old / render.frame_map_new
     curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
     for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
@@ -52,7 +52,7 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
 
 
 def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3), (n, 4) scalar first, by way of mathutils as Blender itself would take the matrices apart."""
+    """(n, 3) locations and (n, 4) quaternions, scalar first, decomposed by mathutils as Blender itself does."""
     locations: list[mathutils.Vector] = []
     quaternions: list[mathutils.Quaternion] = []
     for matrix in axes.world_blender_from_world_cv(T_world_cv).matrix:
@@ -65,7 +65,7 @@ def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]
 
 
 def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
-    """The camera of that name, or the active one. Raises InputError where there is none."""
+    """The camera of that name, or the active camera. Raises InputError if there is none."""
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if name is not None:
         found = next((o for o in cameras if o.name == name), None)
@@ -79,9 +79,9 @@ def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
 
 
 def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -> Trajectory:
-    """The camera at every frame of the timeline, stamps from 1 s on at the scene's frame rate; the current frame stays as it was.
+    """The poses of the camera at every frame of the timeline, with stamps from 1 s on at the scene's frame rate. The current frame is restored.
 
-    Markers that change the active camera are followed where no `camera` is given.
+    If no `camera` is given, markers that change the active camera are followed.
     """
     if camera is None:
         active(scene)
@@ -95,16 +95,18 @@ def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -
 
 
 def timeline_note(scene: bpy.types.Scene) -> str | None:
-    """A sentence where poses of `trajectory` and what moves would be rendered at different times: pose 0 comes with frame 0 of the timeline."""
+    """A warning if the poses of `trajectory` and the scene's motion would be rendered at different times: pose 0 is rendered at frame 0."""
     moves = preflight.moving_names(scene) if scene.frame_start else []
     if not moves:
         return None
-    shift = f"the timeline starts at frame {scene.frame_start}, and pose 0 is rendered with what moves as at frame 0"
+    shift = (
+        f"the timeline starts at frame {scene.frame_start}, but pose 0 is rendered with moving objects as at frame 0"
+    )
     return f"{shift} ({', '.join(moves)[:120]}): shift all animations so that the timeline starts at 0"
 
 
 def _poses(matrices: np.ndarray) -> SE3:
-    """Rigid poses of matrices (n, 4, 4) that may scale or mirror: view and up are kept, the right hand follows."""
+    """Rigid poses of matrices (n, 4, 4) that may scale or mirror: view and up directions are kept, and the right direction is computed from them."""
     back = matrices[:, :3, 2] / np.linalg.norm(matrices[:, :3, 2], axis=1, keepdims=True)
     right = np.cross(matrices[:, :3, 1], back)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
@@ -112,7 +114,7 @@ def _poses(matrices: np.ndarray) -> SE3:
 
 
 def pinhole(scene: bpy.types.Scene, camera: bpy.types.Object) -> PinholeCamera | None:
-    """Its K at the render's resolution; None for what is no perspective."""
+    """The camera's K at the render's resolution; None if it is not a perspective camera."""
     lens, render = camera.data, scene.render
     if lens.type != "PERSP":
         return None

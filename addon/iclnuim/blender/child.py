@@ -1,13 +1,13 @@
-"""The worker process that the farm and the panel share: JSON commands a line in, JSON events a line out, one scene built once.
+"""The worker process of farm and panel. It reads JSON commands and writes JSON events, one per line, and builds its scene once.
 
     python .../child.py JOB.json OUT
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
 JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE,
 "asked": [..]}. Commands:
-{"frames": [..]}, also with "sequences": {..} to be made of them (dataset/variants.py), {"bake": true}, {"blend": FILE} for a copy of the prepared scene, {"stop": true}. At the end of
-input, or when the parent is gone, the frame in work is finished and the process ends. Events are those of worker_events.py.
-Exit codes: 0 done, 2, 3 as the command line has them, 130 stopped.
+{"frames": [..]}, optionally with "sequences": {..} to be made from them (dataset.sequence.writer_of), {"bake": true}, {"blend": FILE} for a copy
+of the prepared scene, {"stop": true}. At the end of input, or when the parent has ended, the current frame is finished and the process ends.
+Events are those of worker_events.py. Exit codes: 0 done, 2 and 3 as on the command line, 130 stopped.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from iclnuim.blender import worker
     from iclnuim.worker_events import Event
-#: A process whose parent is gone gets this long to finish its frame.
+#: Time for a process whose parent has ended to finish its frame.
 GRACE_S = 60.0
-#: Signs of life, so that a stopped process can be told from a long frame.
+#: Interval of the heartbeat, which distinguishes a stopped process from one that renders a long frame.
 ALIVE_S = 2.0
 
 
 class EventStream:
-    """One JSON object a line on what was standard output; all else that is printed goes to standard error.
+    """Writes one JSON object per line to the original standard output. All other output is redirected to standard error.
 
-    With a `journal`, finished frames are appended to that file first: one line each, whole lines even where several processes write.
+    With a `journal`, finished frames are first appended to that file, one line each; lines are complete even if several processes write.
     """
 
     def __init__(self) -> None:
@@ -52,19 +52,19 @@ class EventStream:
         content = event.to_dict()
         if self.journal is not None and content["event"] == "frame" and not content.get("found"):
             line = {"frame": content["frame"], "pid": os.getpid(), "time_s": round(time.time(), 3)}
-            with suppress(OSError):  # a full disk: the next frame says so
+            with suppress(OSError):  # a full disk is reported by the next frame
                 os.write(self.journal, json.dumps(line).encode() + b"\n")
-        with self._lock, suppress(OSError):  # the parent is gone: the watch below ends this process
+        with self._lock, suppress(OSError):  # the parent has ended: _watch_parent ends this process
             self._stream.write(json.dumps(content) + "\n")
 
 
 class Commands:
-    """Standard input read in a thread; `stopped` is set by {"stop": true}, by the end of input, and when the parent is gone."""
+    """Reads standard input in a thread. `stopped` is set by {"stop": true}, by the end of input, and when the parent has ended."""
 
     def __init__(self) -> None:
         self.stopped = threading.Event()
         self._queue: queue.SimpleQueue[dict | None] = queue.SimpleQueue()
-        self.next = self._queue.get  # waits; None when there is nothing more to do
+        self.next = self._queue.get  # waits for a command; None after the last one
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._watch_parent, args=(os.getppid(),), daemon=True).start()
 
@@ -90,7 +90,7 @@ class Commands:
 
 
 def main(arguments: list[str]) -> int:
-    """Serve commands until there are no more."""
+    """Execute commands until there are no more. Returns the exit code."""
     emit, commands = EventStream(), Commands()
     _load_package()
     from iclnuim.errors import IclnuimError
@@ -120,26 +120,26 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
     from iclnuim import worker_events as events
 
     writes_no_bytecode = sys.dont_write_bytecode
-    import bpy  # noqa: F401  which turns bytecode off: our modules would be compiled at each start
+    import bpy  # noqa: F401  this import disables bytecode: our modules would be compiled at each start
 
     sys.dont_write_bytecode = writes_no_bytecode
     from iclnuim.blender import compat, worker
     from iclnuim.job import RenderJob
 
-    def signs_of_life() -> None:
+    def heartbeat() -> None:
         while True:
             time.sleep(ALIVE_S)
             emit(events.Alive())
 
     job = RenderJob.from_dict(options["job"])
     if job.denoise and not compat.has_denoiser():
-        emit(events.Note("this Blender has no OpenImageDenoise: rendering without"))
+        emit(events.Note("this Blender has no OpenImageDenoise: frames are not denoised"))
         job = job.changed(denoise=False)
     if options.get("journal"):
         emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     with worker.Session(job, out, emit, options.get("threads"), options.get("asked", ())) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
-        threading.Thread(target=signs_of_life, daemon=True).start()
+        threading.Thread(target=heartbeat, daemon=True).start()
         while (command := commands.next()) is not None:
             begun, stopped = time.perf_counter(), commands.stopped
             rendered, whole = 0, True
@@ -161,7 +161,7 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
 def _render(
     session: worker.Session, command: dict, emit: EventStream, should_stop: Callable[[], bool]
 ) -> tuple[int, bool]:
-    """Frames, then the sequences made of them; what is wrong with these is said before the first frame."""
+    """Render frames, then write sequences from them. Errors in the settings of the sequences are raised before the first frame."""
     from iclnuim.dataset.sequence import writer_of
     from iclnuim.worker_events import Missing, Written
 
@@ -175,19 +175,19 @@ def _render(
 
 
 def _share_the_machine(options: dict) -> None:
-    """Own cores and priority, before Blender counts them; a signal when the parent ends."""
+    """Set the process's cores and priority before Blender counts the cores, and request a signal when the parent ends."""
     if options.get("cores") and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, set(options["cores"]))
     if options.get("nice") and hasattr(os, "nice"):
         os.nice(options["nice"])
     if sys.platform == "linux":
-        # stopped and its parent then killed, a process goes on, to notice that and to end (PR_SET_PDEATHSIG)
+        # a stopped process continues when its parent is killed, so that it can end (PR_SET_PDEATHSIG)
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(1, int(signal.SIGCONT), 0, 0, 0)
 
 
 def _rss_mb() -> float:
-    """Resident memory of this process; 0 where the system does not tell."""
+    """Resident memory of this process; 0 if the system does not report it."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
     except OSError:
@@ -195,7 +195,7 @@ def _rss_mb() -> float:
 
 
 def _load_package() -> None:
-    """This package as `iclnuim`, wherever it is installed and however its folder is called."""
+    """Import this package as `iclnuim`, whatever the path and name of its folder."""
     if "iclnuim" in sys.modules:
         return
     package = Path(__file__).resolve().parents[1]

@@ -1,6 +1,6 @@
-"""Every difference between Blender versions, one function a difference, and what several modules ask of Blender in one way.
+"""Differences between Blender versions, one function for each, and helpers that several modules share.
 
-Each asks for the feature, not for the version.
+Each function checks for the feature, not for the version.
 """
 
 import io
@@ -16,19 +16,19 @@ OLDEST = (4, 2, 0)
 
 
 def require_supported_version() -> None:
-    """Raises InputError below Blender 4.2."""
+    """Raises InputError for a Blender older than 4.2."""
     if bpy.app.version < OLDEST:
         raise InputError("Blender 4.2 or newer", found=f"Blender {bpy.app.version_string}", hint="4.5 LTS or 5.2 LTS")
 
 
 def version_line() -> str:
-    """`4.5.3 LTS (hash)`: what tells one build from another."""
+    """Version and build hash, such as `4.5.3 LTS (hash)`, which identify the build."""
     return f"{bpy.app.version_string} ({bpy.app.build_hash.decode(errors='replace')})"
 
 
 @contextmanager
 def temporarily(thing: object, **settings: object) -> Iterator[None]:
-    """Settings of a Blender struct for a while; those that this version lacks are left out."""
+    """Change settings of a Blender struct temporarily. Settings that this version does not have are ignored."""
     before = {name: getattr(thing, name) for name in settings if hasattr(thing, name)}
     try:
         for name in before:
@@ -40,7 +40,7 @@ def temporarily(thing: object, **settings: object) -> Iterator[None]:
 
 
 def matt_material(name: str, colour: tuple[float, ...] | None = None) -> tuple[bpy.types.Material, bpy.types.Node]:
-    """A new material that is a Diffuse BSDF, and that node. From 5.0 on every material has a tree."""
+    """A new material with a Diffuse BSDF, and that node. From 5.0 on every material has a node tree."""
     material = bpy.data.materials.new(name)
     if material.node_tree is None:
         material.use_nodes = True
@@ -54,13 +54,13 @@ def matt_material(name: str, colour: tuple[float, ...] | None = None) -> tuple[b
 
 
 def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
-    """All nodes of a tree, those of groups too."""
+    """All nodes of a tree, including those of groups."""
     own = list(tree.nodes)
     return own + [n for g in own if g.type == "GROUP" and g.node_tree for n in nodes_of(g.node_tree)]
 
 
 def volume_outputs() -> list[bpy.types.Node]:
-    """Output nodes of materials and worlds in use that have a volume."""
+    """The output nodes with a volume, of materials and worlds in use."""
     trees = [block.node_tree for block in (*bpy.data.materials, *bpy.data.worlds) if block.users and block.node_tree]
     outputs = (n for tree in trees for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD"))
     return [n for n in outputs if n.inputs["Volume"].is_linked]
@@ -73,20 +73,20 @@ def unlink(socket: bpy.types.NodeSocket) -> None:
 
 
 def redirect(old: bpy.types.NodeSocket, new: bpy.types.NodeSocket) -> None:
-    """Feed whatever the output `old` feeds by the output `new` instead."""
+    """Move all links of the output `old` to the output `new`."""
     for target in [link.to_socket for link in old.links]:
         old.id_data.links.new(new, target)
 
 
 def bake(thing: bpy.types.Object, **options: object) -> None:
-    """Bake one object with Cycles. Raises WorkError with Blender's own words."""
+    """Bake one object with Cycles. Raises WorkError with Blender's message."""
     layer = bpy.context.view_layer
-    layer.update()  # else an object that was just linked may not be among its objects yet
+    layer.update()  # otherwise an object that was just linked may not be in the layer yet
     for other in layer.objects:
         other.select_set(other == thing)
     layer.objects.active = thing
     try:
-        with redirect_stdout(io.StringIO()):  # where Blender says each time that the image is not saved
+        with redirect_stdout(io.StringIO()):  # Blender prints each time that the image is not saved
             result = bpy.ops.object.bake(**options)
     except RuntimeError as error:
         raise WorkError(f"{thing.name}: cannot be baked: Blender: {' '.join(str(error).split())}") from None
@@ -95,7 +95,7 @@ def bake(thing: bpy.types.Object, **options: object) -> None:
 
 
 def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
-    """32-bit float multilayer EXR, not compressed. From 5.0 on the kind of medium is chosen before the format."""
+    """Set 32-bit float multilayer EXR, not compressed. From 5.0 on the media type must be set before the format."""
     if hasattr(image_settings, "media_type"):
         image_settings.media_type = "MULTI_LAYER_IMAGE"
     image_settings.file_format, image_settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
@@ -103,7 +103,7 @@ def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
 
 
 def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
-    """The F-curves of `action` for `datablock`. From 4.4 on they lie in layers, strips and channel bags, under a slot."""
+    """The F-curves of `action` for `datablock`. From 4.4 on they are in layers, strips and channel bags of a slot."""
     animation = datablock.animation_data_create()
     animation.action = action
     if not hasattr(action, "slots"):
@@ -116,7 +116,7 @@ def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
 
 
 def has_denoiser() -> bool:
-    """Whether this build carries OpenImageDenoise (Debian's do not)."""
+    """Whether this build has OpenImageDenoise (Debian's builds do not)."""
     try:
         import _cycles
 
@@ -126,13 +126,13 @@ def has_denoiser() -> bool:
 
 
 def leave_out_experiments(scene: bpy.types.Scene) -> None:
-    """Cycles' supported features alone. From 5.2 on there is no other set."""
+    """Use only Cycles' supported features. From 5.2 on there is no other feature set."""
     if hasattr(scene.cycles, "feature_set"):
         scene.cycles.feature_set = "SUPPORTED"
 
 
 def import_fbx(path: str) -> object:
-    """4.5 brought a reader of its own; before, and in builds without it, the add-on's. Raises AttributeError where there is none."""
+    """Import FBX by Blender's importer (from 4.5 on), or else by that of the add-on. Raises AttributeError if there is none."""
     for group, name in (("wm", "fbx_import"), ("import_scene", "fbx")):
         reader = getattr(getattr(bpy.ops, group), name)
         if _is_there(reader):
@@ -141,7 +141,7 @@ def import_fbx(path: str) -> object:
 
 
 def import_usd(path: str) -> object:
-    """Materials by their preview, lamps, no light from outside the file. Raises AttributeError in builds without USD."""
+    """Import USD with preview materials. Raises AttributeError in builds without USD."""
     if not _is_there(bpy.ops.wm.usd_import):
         raise AttributeError("usd")
     known = bpy.ops.wm.usd_import.get_rna_type().properties.keys()
@@ -150,7 +150,7 @@ def import_usd(path: str) -> object:
 
 
 def usd_library() -> Any:
-    """Blender's own USD in Python, or None. Its package bpy keeps it where imports do not look by themselves."""
+    """Blender's USD library for Python, or None. In the package bpy it must first be added to the import path."""
     getattr(bpy.utils, "expose_bundled_modules", list)()
     try:
         import pxr.Ar
@@ -170,7 +170,7 @@ def _is_there(operator: Any) -> bool:
 
 
 def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
-    """All F-curves of an action, whatever they drive; nothing is changed. See `fcurves` for where they lie."""
+    """All F-curves of an action, of all slots. Nothing is changed. See `fcurves` about layers and slots."""
     if not hasattr(action, "layers"):
         return list(action.fcurves)
     return [c for layer in action.layers for strip in layer.strips for bag in strip.channelbags for c in bag.fcurves]

@@ -1,4 +1,4 @@
-"""The first look at a user-provided scene: a preview of one frame, path traced and denoised, and from its time the light that costs less."""
+"""The preview of a user-provided scene: one small frame, path traced and denoised. Its render time decides between baked and path-traced light."""
 
 import tempfile
 import time
@@ -15,16 +15,19 @@ from ..job import RenderJob, bake_core_s
 from ..sensor.transfer import srgb8
 from . import camera, compat, frames, light_map, scene, settings
 
-#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. Where they take longer, a bake does too.
+#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. If a sample takes longer, a bake does too.
 _SAMPLE_CORE_S = 3.0
-#: Of the preview, in the run folder: its name, its longer side in pixels, and its samples: as many as fit the time, two at least.
+#: Name of the preview in the run folder.
 PREVIEW = "preview.png"
+#: Its longer side in pixels, its maximum number of samples, and the time for them; at least two samples are rendered.
 _SIDE_PX, _MAX_SAMPLES, _SAMPLES_S = 320, 16, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """rgb (h, w, 3): scene-linear, of frame `number`; black: why it is. What was estimated from its time, in seconds: path_s, baked_s of a frame of the job, bake_s."""
+    """rgb (h, w, 3): scene-linear, of frame `number`; black: the likely cause if it is black. Estimates from its render time, in seconds: path_s and
+    baked_s for a frame of the job, bake_s for the bake.
+    """
 
     rgb: np.ndarray
     black: str | None
@@ -35,14 +38,16 @@ class Look:
     bake_s: float
 
     def write(self, folder: Path) -> str:
-        """Write preview.png into the run folder; the sentence to print."""
+        """Write preview.png into the run folder. Returns the sentence to print."""
         png.write_png(folder / PREVIEW, srgb8(self.rgb))
         made = f"preview of frame {self.number}, path traced with {self.samples} samples: {folder / PREVIEW}"
         return f"{made}; it is black: {self.black}" if self.black else made
 
 
 def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:
-    """Render frame `number` of the open scene, small. Settings, camera and materials of the scene are changed: open it again to render the job."""
+    """Render a small preview of frame `number` of the open scene. Settings, camera and materials of the scene are changed: open the scene again to
+    render the job.
+    """
     path = scene.with_light(job, "path")
     settings.apply(path.changed(denoise=compat.has_denoiser(), antialias=False), threads)
     camera.keyframe(trajectory.T_world_camera, job.camera)
@@ -53,13 +58,13 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
         raw = Path(folder) / "raw.exr"
 
         def timed(samples: int, percentage: int) -> np.ndarray:
-            """(2,) seconds and core-seconds."""
+            """Render; returns (2,) seconds and core-seconds."""
             cycles.samples, render.resolution_percentage = samples, percentage
             begun = np.array([time.perf_counter(), time.process_time()])
             frames.render(number, raw)
             return np.array([time.perf_counter(), time.process_time()]) - begun
 
-        timed(1, max(1, percentage // 8))  # prepares what all frames share
+        timed(1, max(1, percentage // 8))  # this prepares data that all frames share
         one = timed(1, percentage)
         samples = max(2, min(_MAX_SAMPLES, int(_SAMPLES_S / one[0])))
         several = timed(samples, percentage)
@@ -72,23 +77,23 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
 
 
 def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tuple[RenderJob, str]:
-    """The job with baked light or path tracing, whichever ends sooner for so many frames, and the sentence that says so.
+    """The job with baked light or path tracing, whichever takes less time for this number of frames, and a sentence about the choice.
 
-    A run that was begun in `out` keeps its light.
+    A run that was started in `out` keeps its light.
     """
     if (out / "sequence.json").is_file():
         light = read_run(out).recipe["job"]["light"]
-        return scene.with_light(job, light), f"light: {light}, as this run was begun"
+        return scene.with_light(job, light), f"light: {light}, as when this run was started"
     if look is None or light_map.find(light_map.cache_folder(), job):
         return scene.with_light(job, "baked"), "light: baked" + (", found in the cache" if look else "")
     baked_s, path_s = look.bake_s + frame_count * look.baked_s, frame_count * look.path_s
     light, name, other = ("path", "path traced", "baked") if path_s <= baked_s else ("baked", "baked", "path")
     many = f"{frame_count} frame{'s' * (frame_count != 1)}"
-    times = f"{many}: about {_told(path_s)} path traced, {_told(baked_s)} baked, {_told(look.bake_s)} of it the bake"
-    sentence = f"light: {name}, which ends sooner ({times}); the setting light {other} overrides this"
+    times = f"{many}: about {_time(path_s)} path traced, {_time(baked_s)} baked, including {_time(look.bake_s)} for the bake"
+    sentence = f"light: {name}, which takes less time ({times}); the setting light {other} overrides this"
     return scene.with_light(job, light), sentence
 
 
-def _told(seconds: float) -> str:
+def _time(seconds: float) -> str:
     unit, size = next(((u, s) for u, s in (("s", 1), ("min", 60)) if seconds < 100 * s), ("h", 3600))
     return f"{seconds / size:.0f} {unit}"

@@ -1,6 +1,6 @@
-"""Rendering one frame to arrays, by way of Blender's multilayer EXR: scene-linear RGB, exact planar Z, and a shutter that takes its time.
+"""Rendering of one frame to arrays, through Blender's multilayer EXR: scene-linear RGB, exact planar Z, motion blur and rolling shutter.
 
-Motion blur and rolling shutter are many cheap renders at poses inside the exposure, averaged in linear light, band by band.
+For motion blur and rolling shutter, many cheap renders at poses inside the exposure are averaged in linear light, band by band.
 """
 
 import math
@@ -16,18 +16,18 @@ from ..job import RenderJob
 from ..sensor.exposure import Band, motion_px, plan
 from .compat import temporarily
 
-#: Blender writes 1e10 where a ray meets nothing.
+#: Blender writes 1e10 where a ray hits nothing.
 _BACKGROUND = 1e9
-#: Radiance that 8 bits of sRGB round to 0.
+#: Radiance that is rounded to 0 in 8 bits of sRGB.
 _BLACK = 0.5 / 255 / 12.92
-#: What fills the image from nearer than this surrounds the camera.
+#: If the median depth is smaller than this, the camera is inside an object.
 _TOO_NEAR_M = 0.05
 
 
 def render(number: float, raw_file: Path) -> None:
-    """Render frame `number`, which may lie between two, of the open scene to `raw_file`, Blender's own EXR.
+    """Render frame `number` of the open scene, which may be between two frames, to `raw_file`, an EXR written by Blender.
 
-    Raises WorkError where Blender fails.
+    Raises WorkError if Blender fails.
     """
     scene = bpy.context.scene
     scene.frame_set(math.floor(number), subframe=number % 1)
@@ -41,22 +41,22 @@ def render(number: float, raw_file: Path) -> None:
 
 
 def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w, 3) scene-linear RGB from the one and (h, w) planar Z in metres, 0 for background, from the other (often the same).
+    """Read (h, w, 3) scene-linear RGB from `raw_file` and (h, w) planar Z in metres, 0 for background, from `raw_depth_file` (often the same).
 
-    Raises WorkError for a file cut short: on a full disk Blender says that all went well.
+    Raises WorkError for a truncated file: Blender does not report a full disk.
     """
     try:
         channels = exr.read_exr(raw_file)
         with_depth = channels if raw_depth_file == raw_file else exr.read_exr(raw_depth_file)
     except InputError as error:
-        raise WorkError(f"cannot write a whole frame, is the disk full? {error}") from None
+        raise WorkError(f"cannot write a whole frame; the disk may be full: {error}") from None
     rgb = np.stack([channel_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
     depth_z_m = channel_ending(with_depth, "Depth.Z")
     return rgb, np.where(depth_z_m < _BACKGROUND, depth_z_m, 0.0).astype(np.float32)
 
 
 def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
-    """The likely cause where less than 1 % of an image (h, w, 3) would show anything; None for all others."""
+    """The likely cause if less than 1 % of the pixels of an image (h, w, 3) are not black; None for all other images."""
     if (rgb.max(-1) > _BLACK).mean() >= 0.01:
         return None
     seen = depth_z_m > 0
@@ -64,11 +64,11 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
         return "the camera sees no surface, and the sky is black"
     if np.median(depth_z_m[seen]) < _TOO_NEAR_M:
         return "the camera is inside an object or touches one"
-    return "no light reaches what the camera sees; are lamps hidden, too weak, or shut out?"
+    return "no light reaches what the camera sees; check whether lamps are hidden, too weak or blocked"
 
 
 def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
-    """The channel of one of these names in whichever view layer. Raises WorkError where there is not exactly one."""
+    """The channel with one of these names, in any view layer. Raises WorkError unless there is exactly one."""
     found = [array for key, array in channels.items() if key.endswith(names)]
     if len(found) != 1:
         raise WorkError(f"expected one channel *{names[0]} in Blender's frame, found {sorted(channels)}")
@@ -76,9 +76,9 @@ def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
 
 
 def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.ndarray, raw_file: Path) -> np.ndarray:
-    """(h, w, 3) scene-linear RGB of frame `number` of the open scene; depth_z_m (h, w) is that of its stamp.
+    """Render (h, w, 3) scene-linear RGB of frame `number` of the open scene through the shutter; depth_z_m (h, w) is the depth at its stamp.
 
-    At the ends of the trajectory the camera is taken to stand still.
+    Before the start and after the end of the trajectory the camera does not move.
     """
     camera, here, stamps_s = job.camera, trajectory.T_world_camera[number], trajectory.stamps_s
     motions_px = []
@@ -92,7 +92,7 @@ def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.nda
         motions_px.append(moved * duration / (last - first) if moved else 0.0)
     rgb = np.empty((camera.height, camera.width, 3), np.float32)
     for band in plan(job.exposure, camera.height, *motions_px):
-        # only the band's rows; Blender cuts to whole ones: a quarter of a row keeps rounding from taking one more or less
+        # only the band's rows. Blender rounds to whole rows: a quarter of a row is added so that rounding gives exactly these
         low, high = ((camera.height - row + 0.25) / camera.height for row in (band.bottom, band.top))
         border = {"border_min_x": 0.0, "border_max_x": 1.0, "border_min_y": low, "border_max_y": high}
         part = band.top != 0 or band.bottom != camera.height
@@ -102,7 +102,7 @@ def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.nda
 
 
 def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:
-    """Mean light of a band's instants; each with noise of its own, the same whenever the frame is rendered."""
+    """Mean light of a band's instants. Each has a different random seed, which is the same whenever the frame is rendered."""
     cycles = bpy.context.scene.cycles
     seed, total = cycles.seed, np.zeros(())
     for k, offset in enumerate(band.offsets_s):

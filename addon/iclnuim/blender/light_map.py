@@ -1,11 +1,11 @@
-"""Light baked once: find or make the light map of the open scene, and show the scene by it.
+"""Baked light: find or bake the light map of the open scene, and show the scene lit by it.
 
-The map holds irradiance, direct and indirect, without surface colour. Direct light is sampled lamp by lamp. Indirect light comes
-by gathering: rays that end at the first surface and read the light there from a map. A coarse map is made so, bounce after bounce,
-and lights the last gathering, for the fine map. So no ray is longer than one bounce, and none of them finds its lamp by chance.
+The map contains irradiance, direct and indirect, without surface colour. Direct light is sampled lamp by lamp. Indirect light is gathered: rays
+end at the first surface and read the light there from a map. A coarse map is computed in this way, bounce after bounce, and is used for the
+last gathering, into the fine map. So no ray is longer than one bounce, and no ray has to hit a lamp by chance.
 
-On disk a map is one folder in the cache, whole or not there at all; notes say which one belongs to which scene file, so that a window
-can tell without opening the scene. The light of the built-in rooms at the default size travels with them, in blend/light.
+On disk a map is one folder in the cache, which is complete or absent. Notes map scene files to folders, so that the panel can find a map
+without opening the scene. The light maps of the built-in rooms at the default size are shipped in blend/light.
 """
 
 import functools
@@ -37,30 +37,31 @@ from .lit_scene import LitScene, MapLayout
 from .surfaces import Part
 
 MAP, LAYOUT, RECIPE = LIGHT_FILES
-#: Cycles for a frame by baked light: diffuse light is in the map, two reflections show what mirrors and gloss need.
+#: Cycles' bounces for a frame with baked light: diffuse light is in the map; two reflections are enough for mirrors and gloss.
 BOUNCES = {
     "max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16,
 }  # fmt: skip
 _VIEWPOINTS = 64
-#: The back of a surface needs no light when this little of it is seen, compared with the front: cracks between walls.
+#: The back of a surface gets no texels if less than this share of it is visible, relative to the front: it is seen only through cracks.
 _GLIMPSE = 0.02
-#: Side and samples of the map in between.
+#: Side and samples of the coarse map.
 _COARSE_SIZE, _COARSE_SAMPLES = 1024, 16
 _MAX_BOUNCES = 8
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
-    """The folder with the light map of the open scene, of the job's size, samples and seed, shipped or in the cache, and whether it had to be made.
+    """Find the light map of the open scene with the job's size, samples and seed, shipped or in the cache, or bake it. Returns its folder, and
+    whether it was baked.
 
-    Leaves the scene as it was. The coarse map in between is never larger than the map itself.
+    The scene is not changed. The coarse map is never larger than the map itself.
     """
     if (own := shipped_light(job)) is not None:
         return own, False
     with surfaces.rendered_parts() as (found, depsgraph):
         if not found:
             raise InputError("a scene with surfaces to bake light on", found="none")
-        asked = {
+        chosen = {
             "size": job.map_size,
             "samples": job.map_samples,
             "coarse_size": min(_COARSE_SIZE, job.map_size),
@@ -68,40 +69,40 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
             "seed": job.seed,
         }
         versions = {"blender": compat.version_line(), "iclnuim": __version__, "extra": {}}
-        key = {**scene_key.key_parts(found, bpy.context.scene), "settings": asked, **versions}
+        key = {**scene_key.key_parts(found, bpy.context.scene), "settings": chosen, **versions}
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
         cache = cache_folder()
         folder = cache / "light" / name
         if lacking := not is_whole(folder):
             report(_beforehand(job))
-            _make(folder, found, depsgraph, asked, key, report)
-    with suppress(IclnuimError, OSError):  # a note for `find`; a cache that cannot be written stays without it
+            _make(folder, found, depsgraph, chosen, key, report)
+    with suppress(IclnuimError, OSError):  # a note for `find`; it is optional if the cache cannot be written
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder, lacking
 
 
 def _beforehand(job: RenderJob) -> str:
-    """What is baked now and about how long: as a map of the scene with the other choice of reflections took, or by its texels."""
+    """A message with the estimated time of the bake: the time of the scene's map with the other setting of `lambertian`, or from its texels."""
     known = find(cache_folder(), job.changed(lambertian=not job.lambertian))
     estimate = bake_core_s(job) / bpy.context.scene.render.threads
     seconds = read_recipe(known[0]).get("seconds", estimate) if known else estimate
     if job.lambertian:
-        return f"light map: without reflections light is another, so a map of its own is baked, in about {max(1, seconds):.0f} s"
+        return f"light map: without reflections the light differs, so a separate map is baked, in about {max(1, seconds):.0f} s"
     return f"light map: baked in about {max(1, seconds):.0f} s"
 
 
 def apply(folder: Path, limit: float | None = None) -> LitScene:
-    """Show the open scene by the light map in `folder`, in memory; the result can be reverted. limit: as of lit_scene.baked_copy."""
+    """Show the open scene lit by the light map in `folder`, in memory; the result can be reverted. limit: as in lit_scene.baked_copy."""
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)
         image.colorspace_settings.name = "Non-Color"
-        if limit is not None:  # materials are as simple as the light allows
+        if limit is not None:  # without brighter light the limit is not needed, and materials are simpler
             pixels = np.empty(len(image.pixels), np.float32)
             image.pixels.foreach_get(pixels)
             limit = limit if pixels.max() > limit else None
         lit = lit_scene.show(surfaces.parts(depsgraph), load_layout(folder), image, limit=limit)
-    for lamp in bpy.context.scene.objects:  # those that reflections do not show have given all their light to the map
+    for lamp in bpy.context.scene.objects:  # lamps that are not visible in reflections: all their light is in the map
         portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
         if (
             lamp.type == "LIGHT"
@@ -117,24 +118,24 @@ def _make(
     folder: Path,
     found: list[Part],
     depsgraph: bpy.types.Depsgraph,
-    asked: dict[str, int],
+    chosen: dict[str, int],
     key: dict,
     report: Callable[[str], None],
 ) -> None:
-    started, seed = time.perf_counter(), asked["seed"]
+    started, seed = time.perf_counter(), chosen["seed"]
     whole = surfaces.joined(found)
     places = light_sampling.viewpoints(depsgraph, whole, _VIEWPOINTS, seed)
     report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
-    layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), asked["coarse_size"])
+    layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), chosen["coarse_size"])
     seen = light_sampling.seen(*layout.points(), places, seed)
     wanted, exposure = _seen_sides(layout, seen, shows, translucent)
-    coarse = _Points(layout, seen > 0, places, asked["coarse_samples"], seed, translucent)
+    coarse = _Points(layout, seen > 0, places, chosen["coarse_samples"], seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
-    layout = lay_out(whole, wanted, asked["size"], exposure, coarse.contrast(first))
+    layout = lay_out(whole, wanted, chosen["size"], exposure, coarse.contrast(first))
     seen = light_sampling.seen(*layout.points(), places, seed + 1)
-    fine = _Points(layout, seen > 0, places, asked["samples"], seed + 1, translucent)
+    fine = _Points(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct() + fine.gathered())
@@ -145,7 +146,7 @@ def _make(
         "seconds": round(seconds, 1),
         "charts": len(fine.layout.charts.size_m),
         "texels": len(fine.points_m),
-        "coverage": round(len(fine.points_m) / asked["size"] ** 2, 4),
+        "coverage": round(len(fine.points_m) / chosen["size"] ** 2, 4),
         "texels_per_metre": round(fine.layout.density, 2),
     }
     store(folder, light, _map_layout(found, fine.layout), recipe)
@@ -154,7 +155,7 @@ def _make(
 
 @contextmanager
 def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterator[None]:
-    """The scene lit by the coarse map with all bounces but the last; `first` is the light that comes straight."""
+    """The scene lit by the coarse map with all bounces except the last; `first` is the direct light."""
     cycles = bpy.context.scene.cycles
     light = coarse.map(first)
     image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
@@ -177,12 +178,12 @@ def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
 def _seen_sides(
     layout: Layout, light: np.ndarray, shows: np.ndarray, translucent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(F, 2) sides that need light, and (F, 2) how much of an image each may fill, by `light` (N,) from cameras' places.
+    """(F, 2) whether a side needs light, and (F, 2) how much of an image it may fill, from `light` (N,) of lamps at cameras' places.
 
-    A side needs light when a camera in free space may see it; the far side of cloth that light passes through, too.
+    A side needs light if a camera in free space can see it, and also if it is the other side of visible translucent cloth.
     """
     share = layout.per_side(light > 0)
-    # by the root, a lamp close by counts less
+    # the square root reduces the effect of a lamp close to the surface
     exposure = (layout.per_side(np.sqrt(light)) / np.maximum(share, 1e-9)) ** 2
     share[:, BACK] *= share[:, BACK] > _GLIMPSE * share[:, FRONT]
     exposure = np.where(translucent[:, None], exposure.max(1, keepdims=True), exposure)
@@ -191,7 +192,7 @@ def _seen_sides(
 
 
 def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(F,) faces that show baked light, (F,) faces that let light through, (F,) faces that send light to others."""
+    """(F,) faces that show baked light, (F,) faces that let light through, (F,) faces that reflect light to others."""
     rows = []
     for part in found:
         table = np.array([lit_scene.kind(m) for m in part.mesh.materials] or [lit_scene.kind(None)])
@@ -201,7 +202,7 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Points:
-    """The texels of one map: their points, which of them can be seen, and light on them."""
+    """The texels of a map: their points, whether they are visible, and the light on them."""
 
     def __init__(
         self, layout: Layout, seen: np.ndarray, places: np.ndarray, samples: int, seed: int, translucent: np.ndarray
@@ -210,16 +211,16 @@ class _Points:
         self.points_m, self.normals = layout.points()
         image = layout.texels.image
         self.chart, self.facing = image(layout.texels.chart, -1), image(self.normals.astype(np.float32))
-        # what is seen, and what lets its light shine through to a side in view
+        # visible texels, and texels whose light passes through to a visible side
         seen, rows = seen.copy(), np.flatnonzero(translucent[layout.face_of_texel] & ~seen)
         seen[rows] = light_sampling.seen(self.points_m[rows], -self.normals[rows], places, seed) > 0
         self.visible = image(seen, False)
         self._into_view(places)
 
     def _into_view(self, places: np.ndarray) -> None:
-        """Hidden texels beside a seen one take the light of the last point that is seen on the way to it.
+        """Move the point of each hidden texel next to a visible one to the first visible point on the line to that texel.
 
-        So light right up to a contact is the contact's own, not that of a texel farther on.
+        So the light close to a contact of two surfaces is sampled there, and not at a texel farther away.
         """
         hidden, near = beside_known(self.visible, self.chart)
         hidden_row, near_row = (np.searchsorted(self.layout.texels.index, k) for k in (hidden, near))
@@ -228,26 +229,26 @@ class _Points:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         seen = light_sampling.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed) > 0
         seen = seen.reshape(points.shape[:2])
-        seen[-1] = True  # the seen texel itself
+        seen[-1] = True  # the visible texel itself
         first = seen.argmax(0), np.arange(len(hidden))
         self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
         self.visible.ravel()[hidden] = True
 
     def direct(self) -> np.ndarray:
-        """(2, N, 3), as light_sampling has it."""
+        """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
         return light_sampling.direct(self.points_m, self.normals, self.samples, self.seed, list(bpy.data.materials))
 
     def gathered(self) -> np.ndarray:
         return light_sampling.gathered(self.points_m, self.normals, self.samples, self.seed)
 
     def contrast(self, light: np.ndarray) -> np.ndarray:
-        """(F, 2) how much light changes on each side from texel to texel."""
+        """(F, 2) mean squared change of light between neighbouring texels, for each side."""
         image = self.layout.texels.image
         steps = contrast(image(light[0]), image(light[1]), self.chart)
         return self.layout.per_side(steps.ravel()[self.layout.texels.index])
 
     def map(self, light: np.ndarray) -> np.ndarray:
-        """(size, size, 3): noise taken out, hidden texels next to seen ones and gutters filled."""
+        """The map (size, size, 3): denoised, with hidden texels next to visible ones and gutters filled."""
         image = self.layout.texels.image
         smooth = denoise(image(light[0]), image(light[1]), self.chart, self.facing, self.visible)
         filled, reached = fill(smooth, self.visible, self.chart, 2)
@@ -256,17 +257,17 @@ class _Points:
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether a finished light map lies there. The recipe is written last."""
+    """Whether the folder contains a complete light map. The recipe is written last."""
     return all((folder / name).is_file() for name in LIGHT_FILES)
 
 
 def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> None:
-    """Write a map (rows, columns, 3), row 0 at the bottom, beside the cache and rename: two processes cannot spoil each other.
+    """Write a map (rows, columns, 3), row 0 at the bottom, to a temporary folder and rename it, so that two processes cannot interfere.
 
-    Light beyond what half floats hold, as close to a lamp of radius 0, is cut. Raises WorkError for light that is not a number.
+    Light above the range of half floats, as close to a lamp of radius 0, is clipped. Raises WorkError for NaN.
     """
     if np.isnan(light).any():
-        problem = "the light map has values that are not numbers and is not stored"
+        problem = "the light map contains NaN and is not stored"
         raise WorkError(problem, hint="path tracing: {light} path")
     light = np.minimum(light, np.finfo(np.float16).max)
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -280,7 +281,7 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
         try:
             temporary.rename(folder)
         except OSError:
-            if not is_whole(folder):  # else another process was first; equal keys make equal maps
+            if not is_whole(folder):  # otherwise another process was first; equal keys give equal maps
                 shutil.rmtree(folder, ignore_errors=True)
                 temporary.rename(folder)
     finally:
@@ -288,7 +289,7 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
 
 
 def load_layout(folder: Path) -> MapLayout:
-    """Raises WorkError where the file is damaged."""
+    """Read the layout of a light map. Raises WorkError if the file is damaged."""
     try:
         with np.load(folder / LAYOUT) as stored:
             return MapLayout(stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"]))
@@ -298,12 +299,12 @@ def load_layout(folder: Path) -> MapLayout:
 
 
 def read_recipe(folder: Path) -> dict:
-    """What the map was made from."""
+    """The recipe of a light map: what it was baked from."""
     return read_json(folder / RECIPE)
 
 
 def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
-    """(folder, size in bytes, age in seconds) of the map shipped or noted for the job's scene, settings and Blender; None where none is."""
+    """(folder, size in bytes, age in seconds) of the shipped or noted light map for the job's scene, settings and Blender; None if there is none."""
     try:
         folder = shipped_light(job) or cache / "light" / str(read_json(_note_file(cache, job))["map"])
         if not is_whole(folder):
@@ -316,7 +317,7 @@ def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
 
 def _note_file(cache: Path, job: RenderJob) -> Path:
     light = [job.map_size, job.map_samples, job.seed, job.lambertian]
-    # the scene's own file alone: what lies beside it is known only once it is open
+    # only the scene's own file: other files it refers to are known only when it is open
     path = scene.shipped_file(job.scene) if scene.is_shipped(job.scene) else Path(job.scene)
     decides = [
         _file_hash(path, path.stat().st_mtime_ns),

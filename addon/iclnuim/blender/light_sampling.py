@@ -1,10 +1,10 @@
-"""Light at any points of the open scene, by Cycles' own baking: irradiance source by source, and whether cameras can see the point.
+"""Light at arbitrary points of the open scene, by Cycles' baking: irradiance of each light source, and whether cameras can see the point.
 
-A target of one tiny white triangle a point, which no ray can meet, is baked into a list of pixels. So the points are exactly
-the ones asked for, whatever meshes, UV maps and materials the scene has, and both sides of a sheet can be asked for.
+A target object with one tiny white triangle per point, which no ray can hit, is baked into a list of pixels. So the points are exactly
+the requested ones, whatever meshes, UV maps and materials the scene has, and both sides of a sheet can be sampled.
 
-Sources are sampled one after another: every lamp alone, the sky, then what the lit surfaces themselves send. Many lamps sampled together
-bring far more noise than each one alone: with one lamp a sample is wasted only in its penumbra. So small lamps need few samples;
+Light sources are sampled one after another: each lamp separately, the sky, then the light from lit surfaces. Many lamps sampled together
+give far more noise than separate ones: with a single lamp a sample is wasted only in its penumbra. So small lamps need few samples;
 windows, skies and surfaces need many.
 """
 
@@ -21,30 +21,30 @@ from . import compat
 from .compat import temporarily
 from .surfaces import rendered_lamps
 
-#: Points lie this far in front of their surface, so that a ray from one cannot meet the surface itself.
+#: Distance of points from their surface, so that a ray from the point cannot hit the surface itself.
 LIFT_M = 2e-4
 _TRIANGLE_M = 5e-5
 _ROW = 1024
-#: As many points as one target takes: about 0.7 GB in Blender.
+#: Maximum number of points of a target: about 0.7 GB in Blender.
 AT_ONCE = 1 << 20
-#: Lamps beyond this number share passes.
+#: Maximum number of passes; if there are more lamps, they share passes.
 _PASSES = 12
-#: A lamp is small when its radius is below this, a sun when its angle (radians) is.
+#: A lamp is small if its radius is below this; a sun, if its angle in radians is below this.
 _SMALL_M, _SMALL_RAD = 0.15, 0.1
-#: A small lamp takes this part of the samples.
+#: The number of samples is divided by this for a small lamp.
 _SMALL_SHARE = 8
-#: More large lamps than this share the samples that so many would take: each is then the smaller part of the light.
+#: If there are more large lamps than this, they share the samples of this number of lamps: each contributes a smaller part of the light.
 _LARGE = 3
-#: A place counts as free when less than this share of its sight lines ends at the back of a surface.
+#: A place is in free space if less than this share of its rays ends at the back of a surface.
 _BACKS = 0.1
-#: Of free places those are taken that are enclosed nearly as much as the most enclosed: inside rooms, if there are any. Where
-#: fewer than half of them are, the scene is open and those few are nooks: then all that see a fair part of what the best one sees.
+#: Free places are used if at least this share of the rays of the most enclosed place hits surfaces: they are inside rooms, if there are any. If
+#: less than half of the places qualify, the scene is open and these few are niches: then the second, lower share is used.
 _ENCLOSED, _IN_THE_OPEN = 0.9, 0.25
 _RAYS = 48
 _NEAREST_M, _FARTHEST_M = 0.1, 4.0
-#: Test lamps outshine by far what glows in the scene, which baking cannot be told to leave out (W; radiance).
+#: Power of test lamps (W), and the radiance that separates their light from that of emitting surfaces, which baking cannot exclude.
 _POWER, _GLOW = 1e9, 1e4
-#: Cycles for light straight from its sources, all of it: a fixed number of samples, no bounces.
+#: Cycles' settings for all direct light: a fixed number of samples, no bounces.
 _CYCLES = {
     "use_animated_seed": False, "use_adaptive_sampling": False, "sample_offset": 0, "time_limit": 0.0, "max_bounces": 0,
     "light_sampling_threshold": 0.0, "use_denoising": False,
@@ -59,7 +59,7 @@ _BAKE = {
 def direct(
     points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]
 ) -> np.ndarray:
-    """(2, n, 3), by two independent halves of the samples: light straight from lamps and sky; what `materials` emit is left out."""
+    """(2, n, 3) direct light from lamps and sky, by two independent halves of the samples, without the emission of `materials`."""
     with without_glow(materials):
         passes = [
             (lamps, world, max(1, samples // (2 * share)), seed + 100 * number)
@@ -69,14 +69,14 @@ def direct(
 
 
 def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(2, n, 3), by halves: light that the surfaces of the open scene send, shown as they glow: by emission, or by baked light."""
+    """(2, n, 3) light from the surfaces of the open scene, by two halves of the samples: their emission, including baked light shown as emission."""
     return _sampled(points_m, normals, [([], False, max(1, samples // 2), seed)])
 
 
 def _sampled(
     points_m: np.ndarray, normals: np.ndarray, passes: list[tuple[list[bpy.types.Object], bool, int, int]]
 ) -> np.ndarray:
-    """The sum of passes: lamps, whether the world shines, samples of each half, seed."""
+    """The sum of passes, each given as: lamps, whether the world emits light, samples of each half, seed."""
     light = np.zeros((2, len(points_m), 3), np.float32)
     for part in batches(len(points_m)):
         with target(points_m[part], normals[part]) as irradiance:
@@ -88,7 +88,7 @@ def _sampled(
 
 
 def _sources() -> list[tuple[list[bpy.types.Object], bool, int]]:
-    """Lamps that shine together, whether the sky does, and by how much fewer samples they need."""
+    """The passes: lamps that are sampled together, whether the sky is included, and the divisor of the number of samples."""
     lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
     lamps = [lamp for lamp in lamps if lamp not in portals]
@@ -107,7 +107,7 @@ def _is_small(lamp: bpy.types.Light) -> bool:
 
 @contextmanager
 def only(lamps: list[bpy.types.Object], world: bool) -> Iterator[None]:
-    """The open scene with these lamps alone, with or without its world."""
+    """The open scene with only these lamps, with or without its world, temporarily."""
     scene = bpy.context.scene
     with ExitStack() as stack:
         for thing in scene.objects:
@@ -120,7 +120,7 @@ def only(lamps: list[bpy.types.Object], world: bool) -> Iterator[None]:
 
 @contextmanager
 def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
-    """Materials that emit nothing for a while."""
+    """Disable the emission of the materials temporarily."""
     trees = [material.node_tree for material in materials if material.node_tree is not None]
     with ExitStack() as stack:
         for node in (node for tree in trees for node in compat.nodes_of(tree)):
@@ -135,7 +135,7 @@ def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
 
 
 def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int) -> np.ndarray:
-    """(up to count, 3) places in metres spread over the scene's free space: in rooms, not inside solids nor behind walls."""
+    """(up to count, 3) places in metres distributed over the scene's free space: in rooms, not inside solids or behind walls."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(_RAYS, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -146,14 +146,14 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
     lamps = [lamp.matrix_world.translation for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
     if lamps and not any(_sees_one(depsgraph, place, lamps) for place in free):
-        # the walls' normals may point outward: the room is where the lamps are
+        # the normals of the walls may point outward: then places with a view of a lamp are inside the room
         seeing = [place for place in places if _sees_one(depsgraph, place, lamps)]
         free = np.concatenate([free, seeing or np.zeros((0, 3))])
     return free if len(free) <= count else farthest_points(free, count)
 
 
 def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator) -> np.ndarray:
-    """A place on a sight line from a triangle of an object, each object as likely as any other, before or behind it."""
+    """A random place on a ray from a random triangle, in front of it or behind it; each object has the same probability."""
     faces = np.searchsorted(surfaces.face_object, [k := rng.integers(surfaces.face_object[-1] + 1), k + 1])
     rows = np.searchsorted(surfaces.triangle_face, faces)
     corners = surfaces.corners_m[surfaces.triangles[rng.integers(*rows)]]
@@ -166,7 +166,7 @@ def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.ra
 
 
 def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vector]) -> bool:
-    """Whether nothing stands between the place and one of the lamps, and no surface is close to the place."""
+    """Whether at least one lamp is visible from the place, and no surface is close to the place."""
     scene, origin = depsgraph.scene, Vector(place)
     around = np.vstack([np.eye(3), -np.eye(3)])
     if any(scene.ray_cast(depsgraph, origin, Vector(way), distance=_NEAREST_M)[0] for way in around):
@@ -176,7 +176,7 @@ def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vec
 
 
 def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:
-    """How many sight lines end at a front; 0 for a place that is not free."""
+    """The number of rays that end at the front of a surface; 0 for a place that is not in free space."""
     scene, origin = depsgraph.scene, Vector(place)
     backs = fronts = 0
     for direction in directions:
@@ -191,28 +191,28 @@ def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: n
 
 
 def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int, rounds: int = 3) -> np.ndarray:
-    """(n,) light of point lamps at the places on each point; 0 where none reaches its front, glass let through.
+    """(n,) light of point lamps at the places on each point; 0 if no light reaches its front. Light passes through glass.
 
-    Such light falls with distance and slant as the number of pixels does that cameras at those places spend on a surface. Each
-    sample tries one of the lamps. Points still dark after a round are tried with four times as many, at last 4^rounds.
+    This light decreases with distance and angle like the number of pixels that a surface fills in the images of cameras at these places. Each
+    sample uses one of the lamps. Points without light are sampled again in the next round with four times as many samples, at most 4^rounds.
     """
     light = np.zeros(len(points_m), np.float32)
     if not len(places_m):
         return light + 1
     with _only_lamps(bpy.context.scene, places_m):
-        for turn in range(rounds):
+        for repeat in range(rounds):
             dark = np.flatnonzero(light == 0)
             for part in batches(len(dark)):
                 rows = dark[part]
                 with target(points_m[rows], normals[rows]) as irradiance:
-                    light[rows] = irradiance(4 ** (turn + 1), seed + turn).max(1)
+                    light[rows] = irradiance(4 ** (repeat + 1), seed + repeat).max(1)
             light[light < _GLOW] = 0.0
     return light
 
 
 @contextmanager
 def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
-    """The scene lit by nothing but one point lamp at each place."""
+    """The scene lit only by one point lamp at each place, temporarily."""
     data = bpy.data.lights.new("light test", "POINT")
     data.energy, data.shadow_soft_size = _POWER, 0.0
     lamps = [bpy.data.objects.new("light test", data) for _ in places_m]
@@ -230,10 +230,10 @@ def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
 
 @contextmanager
 def target(points_m: np.ndarray, normals: np.ndarray) -> Iterator[Callable[[int, int], np.ndarray]]:
-    """Points (n, 3) in metres with unit normals (n, 3), in the open scene for as long as the `with` block lasts.
+    """Adds a target at points (n, 3) in metres with unit normals (n, 3) to the open scene, until the end of the `with` block.
 
-    Returns `irradiance(samples, seed)`: (n, 3) light on a white surface at each point, as the radiance that it sends back: what lamps,
-    world and glowing surfaces give directly. It raises WorkError where Cycles fails.
+    Yields a function `irradiance(samples, seed)`: (n, 3) direct light from lamps, world and emitting surfaces on a white surface at each point,
+    as the radiance that it reflects. It raises WorkError if Cycles fails.
     """
     scene, count = bpy.context.scene, len(points_m)
     rows = -(-count // _ROW)
@@ -245,7 +245,7 @@ def target(points_m: np.ndarray, normals: np.ndarray) -> Iterator[Callable[[int,
     mesh = _target_mesh(points_m, normals, rows)
     mesh.materials.append(material)
     thing = bpy.data.objects.new("light map", mesh)
-    # camera rays may see it: baking sends none, and needs one kind that does
+    # it stays visible to camera rays: baking sends none, but requires visibility to one kind of ray
     for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
         setattr(thing, f"visible_{ray}", False)
     scene.collection.objects.link(thing)
@@ -273,17 +273,17 @@ def batches(count: int) -> list[slice]:
 
 
 def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.types.Mesh:
-    """One triangle a point, facing along its normal; its texture triangle covers the centre of the point's own pixel only."""
+    """One triangle per point, facing along its normal. Its texture triangle covers only the centre of the point's own pixel."""
     n = len(points_m)
     side = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     x = np.cross(side, normals)
     x /= np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
     y = np.cross(normals, x)
-    turn = np.array([0, 2, 4]) * np.pi / 3
-    around = np.cos(turn)[:, None] * x[:, None] + np.sin(turn)[:, None] * y[:, None]
+    angle = np.array([0, 2, 4]) * np.pi / 3
+    around = np.cos(angle)[:, None] * x[:, None] + np.sin(angle)[:, None] * y[:, None]
     corners = (points_m + LIFT_M * normals)[:, None] + _TRIANGLE_M * around
     pixel = np.stack([np.arange(n) % _ROW, np.arange(n) // _ROW], -1) + 0.5
-    uv = (pixel[:, None] + 0.45 * np.stack([np.cos(turn), np.sin(turn)], -1)) / [_ROW, rows]
+    uv = (pixel[:, None] + 0.45 * np.stack([np.cos(angle), np.sin(angle)], -1)) / [_ROW, rows]
     mesh, count = bpy.data.meshes.new("light points"), 3 * n
     mesh.vertices.add(count)
     mesh.vertices.foreach_set("co", corners.astype(np.float32).ravel())

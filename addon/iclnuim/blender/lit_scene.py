@@ -1,9 +1,10 @@
-"""The open scene shown with a light map, in memory only: every surface a copy with the map's UVs and materials that show baked light.
+"""Shows the open scene with a light map, in memory only: every surface is replaced by a copy with the map's UVs and materials that show baked
+light.
 
-In such a material every diffuse part becomes emission of its colour times the light map; the rest stays traced. Of a Principled surface
-the diffuse share becomes emission, its gloss, metal and glass stay ray traced. Cycles dims the diffuse base by the albedo of the gloss
-above it, seen from the camera: that of a rough surface, which at grazing angles is far from Fresnel's reflection. Here it is a formula
-of roughness and angle, fitted to what Cycles 4.5 itself shows in a white furnace (20 materials, 19 angles each): off by 0.008 RMS and
+In such a material every diffuse part is replaced by emission of its colour times the light map; the rest is still ray traced. For a Principled
+surface, the diffuse part becomes emission; gloss, metal and glass are still ray traced. Cycles reduces the diffuse base by the albedo of the
+gloss above it, as seen from the camera. For a rough surface at grazing angles, this albedo is far from Fresnel reflection. Here it is a formula
+of roughness and angle, fitted to renders by Cycles 4.5 in a white furnace (20 materials, 19 angles each): its error is 0.008 RMS and
 at most 0.036, beyond 80 degrees.
 """
 
@@ -34,15 +35,15 @@ _BLACK = (0.0, 0.0, 0.0, 1.0)
 _H = (1.019, 0.207, -0.801)
 _A = (0.108, -0.681, -8.445, 6.591)
 _B = (6.599, -8.765, 6.947)
-#: What can be fed into a node: a constant, an output, or an input whose source is shared.
+#: A source for a node's input: a constant, an output, or another input, whose link or value is used.
 Source: TypeAlias = float | tuple[float, ...] | NodeSocket
 
 
 @dataclass(frozen=True, eq=False)
 class MapLayout:
-    """Where the corners (C,) of all parts lie in the map: uv (2, C, 2) for front and back, 0..1; has (2, C) which sides do.
+    """The positions of the corners (C,) of all parts in the map: uv (2, C, 2) for front and back, 0..1; has (2, C): whether the side has texels.
 
-    part_corners: how many corners each part has.
+    part_corners: the number of corners of each part.
     """
 
     uv: np.ndarray
@@ -52,13 +53,13 @@ class MapLayout:
 
 @dataclass(eq=False)
 class LitScene:
-    """What was added and hidden, so that `revert` can undo it."""
+    """The datablocks that were added and the objects that were hidden, so that `revert` can undo this."""
 
     made: list[bpy.types.ID] = field(default_factory=list)
     hidden: list[tuple[bpy.types.Object, str, bool]] = field(default_factory=list)
 
     def revert(self) -> None:
-        """The scene as it was before."""
+        """Restore the scene."""
         bpy.data.batch_remove(self.made)
         for thing, name, hide in self.hidden:
             thing.name, thing.hide_render = name, hide
@@ -68,13 +69,13 @@ class LitScene:
 def show(
     found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering: bool = False, limit: float | None = None
 ) -> LitScene:
-    """Show the parts lit by `image`, to a camera or as others gather light from them; limit: as of baked_copy. Takes over the parts' meshes.
+    """Show the parts lit by `image`, to a camera or for gathering light from them; limit: as in baked_copy. The parts' meshes are used, not copied.
 
-    Raises WorkError where the layout is for another scene."""
+    Raises WorkError if the layout is for another scene."""
     corners = tuple(len(part.mesh.loops) for part in found)
     if corners != layout.part_corners:
-        expected = f"a scene of {len(layout.part_corners)} parts as it was baked"
-        raise WorkError(f"light map: expected {expected}, found {len(found)} of another shape")
+        expected = f"the baked scene of {len(layout.part_corners)} parts"
+        raise WorkError(f"light map: expected {expected}, found {len(found)} parts with other meshes")
     lit = LitScene()
     materials: dict[tuple, bpy.types.Material] = {}
     starts = np.cumsum((0, *corners))
@@ -86,7 +87,9 @@ def show(
         corners_of_part = slice(start, start + len(part.mesh.loops))
         two_sided = _add_uvs(part.mesh, layout, corners_of_part)
         slots = np.repeat(material_of_face(part), array_of(part.mesh.polygons, "loop_total", 1, np.int32))
-        for slot in set(np.unique(slots[layout.has[:, corners_of_part].any(0)])):  # those of which a side is in the map
+        for slot in set(
+            np.unique(slots[layout.has[:, corners_of_part].any(0)])
+        ):  # slots of faces that have a side in the map
             original = part.mesh.materials[slot] if slot >= 0 else None
             key = (original, two_sided)
             if key not in materials:
@@ -104,7 +107,9 @@ def show(
 
 
 def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
-    """New light (rows, columns, 3), row 0 at the bottom, in an image of the same size. A render with persistent data would not see it; baking does."""
+    """Write new light (rows, columns, 3), row 0 at the bottom, into an image of the same size. Baking uses it; a render with persistent data would
+    not.
+    """
     pixels = np.ones((*light.shape[:2], 4), np.float32)
     pixels[..., :3] = light
     image.pixels.foreach_set(pixels.ravel())
@@ -112,7 +117,7 @@ def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
 
 
 def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> bool:
-    """Whether it has two sides. A side without a chart is never seen: it takes the other side's place."""
+    """Add the UV maps. Returns whether the back has texels. A side without a chart is never visible and gets the position of the other side."""
     two_sided = bool(layout.has[BACK, corners].any())
     for side, name in ((FRONT, FRONT_UV), (BACK, BACK_UV))[: 1 + two_sided]:
         has = layout.has[side, corners]
@@ -138,9 +143,10 @@ def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 
 def kind(material: Material | None) -> tuple[bool, bool, bool]:
-    """Whether it shows light from the side it is seen from, and from its other side; whether it sends light to others.
+    """Whether a material shows light on the side that is seen, whether light passes through from the other side, and whether it reflects light to
+    others.
 
-    No material, or one without nodes, is plain diffuse.
+    No material, or one without nodes, is diffuse.
     """
     tree = _tree(material)
     if tree is None:
@@ -155,25 +161,25 @@ def kind(material: Material | None) -> tuple[bool, bool, bool]:
 def baked_copy(
     material: Material | None, image: Image, two_sided: bool, gathering: bool = False, limit: float | None = None
 ) -> Material:
-    """A copy that shows `image` through the UV maps FRONT_UV and, where two_sided, BACK_UV. The original stays as it is.
+    """A copy of the material that shows `image` through the UV map FRONT_UV and, if two_sided, BACK_UV. The original is not changed.
 
-    gathering: as light from it falls on others, not as a camera sees it. limit: of what reflections and glass show of it, as Cycles clamps
-    light that bounced; the spot beside a bare lamp would be specks in gloss.
+    gathering: the light that falls on other surfaces, instead of the view of a camera. limit: maximum of the light that is seen in reflections
+    and through glass, like Cycles' clamp of indirect light; otherwise bright spots next to lamps would cause fireflies in gloss.
     """
     name = f"{material.name if material else 'no material'} (baked)"
-    if material is None or _tree(material) is None:  # what Cycles shows for it
+    if material is None or _tree(material) is None:  # the appearance in Cycles
         copy = matt_material(name, material.diffuse_color if material is not None else _PLAIN_GREY)[0]
     else:
         copy = material.copy()
         copy.name = name
-    copy.cycles.emission_sampling = "NONE"  # taken for a lamp, each surface would cost a second a frame
+    copy.cycles.emission_sampling = "NONE"  # sampled as a lamp, each surface would take a second per frame
     _bake_tree(copy.node_tree, image, two_sided, gathering, limit)
     return copy
 
 
 def let_light_through(materials: Iterable[Material]) -> list[str]:
-    """Glass that lamps and sky shine through unbent, dimmed by its colour and its reflection: no caustics are sampled, so light would
-    not pass at all. Cameras and gloss see it as before. Names of the materials changed.
+    """Let light of lamps and sky pass straight through glass, reduced by its colour and reflection: caustics are not sampled, so otherwise no
+    light would pass. Its appearance to cameras and in reflections does not change. Returns the names of the changed materials.
     """
     changed, done = [], set()
     for material in materials:
@@ -188,21 +194,23 @@ def let_light_through(materials: Iterable[Material]) -> list[str]:
 
 
 def is_glass(node: Node) -> bool:
-    """A shader that light passes through, at least in part."""
+    """Whether the node is a shader that transmits light, at least in part."""
     if node.type == "BSDF_PRINCIPLED":
         return _constant(node.inputs["Transmission Weight"]) != 0.0 and _constant(node.inputs["Metallic"]) != 1.0
     return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
 
 
 def _let_through(tree: NodeTree, node: Node) -> None:
-    """Shadow rays and those that diffuse surfaces send find a Transparent BSDF in place of the glass."""
+    """For shadow rays and diffuse rays, replace the glass by a Transparent BSDF."""
     targets, rays = [link.to_socket for link in node.outputs[0].links], tree.nodes.new("ShaderNodeLightPath")
     share: Source = _calculate(tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"])
     colour: Source = node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
-    if node.type == "BSDF_PRINCIPLED":  # its colour is that of two surfaces
+    if node.type == "BSDF_PRINCIPLED":  # its colour applies to two surfaces
         share = _product(tree, share, _input(node, "Transmission Weight"), _one_minus(tree, _input(node, "Metallic")))
         colour = _node(tree, "Gamma", colour, 0.5)
-    if node.type != "BSDF_REFRACTION":  # Schlick's formula: the same from both sides, for panes are often single faces
+    if (
+        node.type != "BSDF_REFRACTION"
+    ):  # Schlick's formula, the same from both sides, because panes are often single faces
         facing = tree.nodes.new("ShaderNodeLayerWeight")
         facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
         passing = _one_minus(tree, _calculate(tree, "POWER", facing.outputs["Facing"], 5.0))
@@ -236,7 +244,7 @@ def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool, l
 
 
 def _shine(tree: NodeTree, colour: NodeSocket, limit: float | None) -> NodeSocket:
-    """Emission of the colour; seen otherwise than by the camera itself, of at most `limit` in each channel."""
+    """Emission of the colour. For all rays except camera rays it is at most `limit` in each channel."""
     if limit is not None:
         seen = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
         colour = _blend(tree, seen, _vectors(tree, "MINIMUM", colour, (limit,) * 3), colour)
@@ -244,7 +252,7 @@ def _shine(tree: NodeTree, colour: NodeSocket, limit: float | None) -> NodeSocke
 
 
 def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple:
-    """Sockets of the light on the side that is seen, and on the other one."""
+    """Sockets of the light on the side that is seen, and on the other side."""
     maps = []
     for name in (FRONT_UV, BACK_UV)[: 1 + two_sided]:
         uv = _node(tree, "UVMap", uv_map=name)
@@ -267,17 +275,17 @@ def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> N
 
 
 def _has_diffuse(principled: Node) -> bool:
-    """False only where it is metal or glass throughout."""
+    """False only for pure metal or pure glass."""
     return not any(_constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight"))
 
 
 def _reflects(principled: Node) -> bool:
-    """False only where it is glass throughout: what is metal sends light to others, too."""
+    """False only for pure glass: metal reflects light to others, too."""
     return _constant(principled.inputs["Transmission Weight"]) != 1.0
 
 
 def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
-    """Principled = its gloss, metal and glass as they are, plus the light map on its diffuse share."""
+    """Principled = its unchanged gloss, metal and glass, plus the light map times its diffuse share."""
     colour = _scaled(tree, _vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
     targets = [link.to_socket for link in node.outputs[0].links]
     both = _node(tree, "AddShader", _shine(tree, colour, limit), _without_diffuse(tree, node))
@@ -286,9 +294,9 @@ def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float
 
 
 def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
-    """As others see it when light is gathered: gloss and metal send on what falls on them, too, as if they were dull.
+    """The material for gathering: gloss and metal reflect light to other surfaces as if they were diffuse.
 
-    (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its own glow.
+    (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its emission.
     """
     gloss = _product(tree, _gloss(tree, node), _one_minus(tree, _input(node, "Metallic")))
     base = _scaled(tree, _vectors(tree, "ADD", node.inputs["Base Color"]), _one_minus(tree, gloss))
@@ -304,7 +312,7 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: fl
 
 
 def _diffuse_share(tree: NodeTree, node: Node) -> Source:
-    """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): what light the diffuse base gets and gives, seen from here."""
+    """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): the share of the diffuse base, seen from the camera."""
     coat = _input(node, "Coat Weight")
     if coat != 0.0:
         f0, normal = _f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
@@ -320,7 +328,7 @@ def _gloss(tree: NodeTree, node: Node) -> Source:
 
 
 def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) -> Source:
-    """Of a rough dielectric surface, seen from the camera."""
+    """The albedo of a rough dielectric surface, seen from the camera."""
     if f0 <= 0.0:
         return 0.0
     facing = tree.nodes.new("ShaderNodeLayerWeight")
@@ -335,12 +343,12 @@ def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) ->
 
 
 def _f0(ior: NodeSocket) -> float:
-    """Reflection straight on; a linked IOR counts with the value below the link."""
+    """Reflectance at normal incidence; for a linked IOR, the value of the unlinked input is used."""
     return float(((ior.default_value - 1) / (ior.default_value + 1)) ** 2)
 
 
 def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:
-    """The node's closures but the diffuse one: a black base, mixed with the same node as pure metal and as pure glass."""
+    """The node's closures except the diffuse one: with a black base, mixed with the same node as pure metal and as pure glass."""
     result = node.outputs[0]
     for name in ("Transmission Weight", "Metallic"):
         if _constant(node.inputs[name]) == 0.0:
@@ -360,16 +368,16 @@ def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:
     return result
 
 
-# Arithmetic in node trees: every function adds nodes and returns the socket of the result.
+# Arithmetic in node trees: each function adds nodes and returns the socket of the result.
 
 
 def _feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
-    """Give `target` a constant, an output, or what feeds another input: its link, or its value, grey where only one is a colour."""
+    """Connect `target` to an output, set it to a constant, or copy the link or value of another input; colours and numbers are converted."""
     if isinstance(source, NodeSocket) and (source.is_output or source.is_linked):
         tree.links.new(source if source.is_output else source.links[0].from_socket, target)
         return
     value, wanted = source.default_value if isinstance(source, NodeSocket) else source, target.default_value
-    if isinstance(wanted, int | float):  # bpy 5.2 has switches among them
+    if isinstance(wanted, int | float):  # in bpy 5.2 this includes booleans
         target.default_value = value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
     elif isinstance(value, int | float):
         target.default_value = (value,) * 3 + (1.0,) * (len(wanted) - 3)
@@ -378,13 +386,13 @@ def _feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
 
 
 def _put(socket: NodeSocket, value: float | tuple) -> None:
-    """A constant in place of whatever fed an input."""
+    """Unlink an input and set it to a constant."""
     unlink(socket)
     socket.default_value = value
 
 
 def _constant(socket: NodeSocket) -> float | None:
-    """The value of an input, None where it is linked."""
+    """The value of an input, None if it is linked."""
     return None if socket.is_linked else float(socket.default_value)
 
 
@@ -394,7 +402,7 @@ def _input(node: Node, name: str) -> Source:
 
 
 def _node(tree: NodeTree, kind: str, *sources: Source, **settings: object) -> NodeSocket:
-    """A node's first output; its first inputs are fed with the sources."""
+    """Add a node whose first inputs get the sources. Returns its first output."""
     node = tree.nodes.new(f"ShaderNode{kind}")
     for name, value in settings.items():
         setattr(node, name, value)
@@ -423,7 +431,7 @@ def _scaled(tree: NodeTree, vector: Source, factor: Source) -> Source:
 
 
 def _product(tree: NodeTree, *sources: Source) -> Source:
-    """Of numbers; constants are multiplied here, and 1 costs no node."""
+    """The product of numbers. Constants are multiplied directly; a factor of 1 adds no node."""
     known = math.prod(s for s in sources if isinstance(s, int | float))
     rest = [s for s in sources if not isinstance(s, int | float)]
     result: Source = known if known != 1.0 or not rest else rest.pop(0)
@@ -437,7 +445,7 @@ def _one_minus(tree: NodeTree, source: Source) -> Source:
 
 
 def _polynomial(tree: NodeTree, coefficients: tuple[float, ...], x: Source) -> Source:
-    """c0 + c1 x + c2 x^2 ..., by Horner's rule; a number where x is one."""
+    """c0 + c1 x + c2 x^2 ..., by Horner's rule; a number if x is a number."""
     if isinstance(x, int | float):
         return float(sum(c * x**k for k, c in enumerate(coefficients)))
     result: Source = coefficients[-1]

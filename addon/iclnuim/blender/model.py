@@ -1,4 +1,4 @@
-"""The open scene as a surface with textures: what a camera can meet, evaluated, in world coordinates."""
+"""The open scene as a surface with textures: all evaluated surfaces that are visible to cameras, in world coordinates."""
 
 import bpy
 import numpy as np
@@ -9,10 +9,10 @@ from ..sensor.transfer import srgb8
 from . import ground_truth, surfaces
 from .surfaces import Part, array_of
 
-#: Of unit normals: a flat face whose triangles differ more from it (0.006 degrees) is not plane.
+#: Maximum difference of unit normals: a flat face whose triangles differ more (0.006 degrees) is not planar.
 _PLANE = 1e-4
 _GREY = (0.8, 0.8, 0.8)
-#: Where a material's colour is looked for, in this order.
+#: Shader nodes and inputs in which a material's colour is searched, in this order.
 _SHADERS = {
     "BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color", "EMISSION": "Color", "BSDF_GLOSSY": "Color",
     "BSDF_TRANSLUCENT": "Color", "BSDF_TRANSPARENT": "Color",
@@ -20,10 +20,11 @@ _SHADERS = {
 
 
 def scene_model(stretched: bool = False) -> SceneModel:
-    """Numbers its objects as frames have them; those that are held out are 0 there, and here. Raises InputError for a scene without surfaces.
+    """The open scene as a SceneModel. Objects have the instance numbers of the frames; held-out objects have 0. Raises InputError for a scene
+    without surfaces.
 
-    stretched: normals of meshes that several objects share are as long as their matrices make them, not 1: Cycles interpolates them on the
-    mesh, and those of other meshes in the world.
+    stretched: normals of meshes that several objects share are scaled by their matrices and are not unit vectors: Cycles interpolates these in
+    the mesh's space, and those of other meshes in the world.
     """
     ground_truth.number_objects()
     with surfaces.rendered_parts() as (found, _):
@@ -57,8 +58,8 @@ def _number(part: Part) -> int:
 
 
 def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> None:
-    """Change normals (m, 3, 3) where Cycles does not use those of Blender's corners: flat faces that are not plane are shaded triangle
-    by triangle, smooth faces beside flat ones by their vertices. Custom normals and sharp edges are followed.
+    """Change normals (m, 3, 3) where Cycles does not use the normals of Blender's corners: flat faces that are not planar are shaded per
+    triangle, smooth faces in a mesh with flat faces by their vertices. Meshes with custom normals or sharp edges are not changed.
     """
     mesh, sharp = part.mesh, part.mesh.attributes.get("sharp_edge")
     if mesh.has_custom_normals or (sharp is not None and array_of(sharp.data, "value", 1, bool).any()):
@@ -67,7 +68,7 @@ def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> 
     smooth = array_of(mesh.polygons, "use_smooth", 1, bool)[of_triangle]
     if smooth.any() and not smooth.all():
         vertices = array_of(mesh.loop_triangles, "vertices", 3, np.int32)[smooth]
-        wound = -1 if part.matrix.determinant() < 0 else 1  # as `joined` does
+        wound = -1 if part.matrix.determinant() < 0 else 1  # the same order as in `joined`
         normals[smooth] = surfaces.world_normals(part, mesh.vertex_normals)[vertices[:, ::wound]]
     a, b, c = np.moveaxis(corners_m, 1, 0)
     own = np.cross(b - a, c - a)
@@ -77,14 +78,14 @@ def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> 
 
 
 def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:
-    """(F,) number of each face's material in looks, which grows."""
+    """(F,) number of each face's material in `looks`; new materials are added to it."""
     slots = [part.mesh.materials[k] for k in range(len(part.mesh.materials))] or [None]
     numbers = np.array([looks.setdefault(material, len(looks)) for material in slots])
     return numbers[np.maximum(surfaces.material_of_face(part), 0)]
 
 
 def _uv(part: Part) -> np.ndarray:
-    """(m, 3, 2), the map that renders; 0 where there is none."""
+    """(m, 3, 2) texture coordinates of the UV map used for rendering; 0 if there is none."""
     mesh = part.mesh
     layer = next((u for u in mesh.uv_layers if u.active_render), None)
     uv = np.zeros((len(mesh.loops), 2)) if layer is None else array_of(layer.data, "uv", 2).astype(float)
@@ -104,7 +105,7 @@ def _look(material: bpy.types.Material | None) -> Look:
 
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
-    """The first image on the way to the socket, whatever lies between."""
+    """The nearest image node that is connected to the socket, directly or through other nodes."""
     waiting, seen = [socket], set()
     while waiting:
         for link in waiting.pop(0).links:

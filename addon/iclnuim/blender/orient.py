@@ -1,4 +1,4 @@
-"""The axes and units of an imported scene: what was brought into the session is turned, scaled and mirrored into metres, z up."""
+"""The axes and units of an imported scene: its objects are rotated, scaled and mirrored to metres, z up."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,20 +14,20 @@ from . import surfaces
 from .surfaces import array_of
 
 ROOT = "placed in metres, z up"
-#: Formats with y up, which Blender's importer itself has turned.
+#: Formats with y up, which Blender's importer has already rotated.
 _Y_UP = (".glb", ".gltf")
-#: Formats that say nothing about axes and units, and the axis that mostly points up in them.
+#: Formats without information about axes and units, and the axis that usually points up in them.
 _SILENT = {".obj": "y", ".ply": "z"}
 
 
 def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> tuple[str, bool]:
-    """Put the `objects` that came from `path` in their place, in metres, z up, below an empty where they have to move.
+    """Transform the `objects` imported from `path` to metres, z up. If needed, they become children of an empty.
 
-    Returns a sentence that says how the file is read, guesses included, and whether that is not just as its format has it. Raises
-    InputError for a file without surfaces whose shape should be guessed by.
+    Returns a sentence that describes how the file is read, including guesses, and whether it should be reported because this is not the
+    format's default. Raises InputError for a file without surfaces if axes or unit must be guessed.
     """
     kind, reasons = path.suffix.lower(), []
-    turn = axes.Z_UP_FROM_Y_UP if kind in _Y_UP else np.eye(3)
+    imported = axes.Z_UP_FROM_Y_UP if kind in _Y_UP else np.eye(3)
     usual = "y" if kind in _Y_UP else "z"
     up, unit_m = reading.up or usual, reading.unit_m
     if kind in _SILENT and (reading.up is None or unit_m is None):
@@ -39,15 +39,15 @@ def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object
         settings = bpy.context.scene.unit_settings
         in_metres = kind != ".blend" or settings.system == "NONE"
         unit_m = 1.0 if in_metres else round(float(settings.scale_length), 9)
-    matrix = scene_axes.linear(up, unit_m, reading.mirror) @ turn.T
+    matrix = scene_axes.linear(up, unit_m, reading.mirror) @ imported.T
     if not np.allclose(matrix, np.eye(3), atol=1e-9):
         _move(objects, matrix)
-    if reading.unit_m is None and (doubt := _doubt_of_size(path, objects, unit_m)):
-        reasons.append(doubt)
+    if reading.unit_m is None and (warning := _size_warning(path, objects, unit_m)):
+        reasons.append(warning)
     sentence = f"the scene is read as {up} up, {scene_axes.unit_name(unit_m)}"
     sentence += f", {reading.mirror} mirrored" if reading.mirror != "none" else ""
-    told = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
-    return "; ".join([sentence, *reasons]), told
+    unusual = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
+    return "; ".join([sentence, *reasons]), unusual
 
 
 def _shape(path: Path) -> scene_axes.Shape:
@@ -60,8 +60,8 @@ def _shape(path: Path) -> scene_axes.Shape:
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
     unknown = [name for name, given in (("up axis", reading.up), ("unit", reading.unit_m)) if given is None]
     options = " and ".join("scene unit" if name == "unit" else "up" for name in unknown)
-    said = f"as the format does not say its {' and '.join(unknown)} (options: {options})"
-    return f"a guess from its shape ({_size(extent_m, up)}), {said}"
+    reason = f"because the format does not contain its {' and '.join(unknown)} (options: {options})"
+    return f"a guess from its shape ({_size(extent_m, up)}), {reason}"
 
 
 def _size(extent_m: np.ndarray, up: str) -> str:
@@ -69,8 +69,8 @@ def _size(extent_m: np.ndarray, up: str) -> str:
     return f"{across[1]:.3g} x {across[0]:.3g} m, {extent_m['xyz'.index(up[-1])]:.3g} m high"
 
 
-def _doubt_of_size(path: Path, objects: Sequence[bpy.types.Object], unit_m: float) -> str | None:
-    """A word where what was read is of no room's size; a look at the boxes of objects spares one at all triangles."""
+def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float) -> str | None:
+    """A warning if the scene does not have the size of a room. Bounding boxes are checked first, to avoid reading all triangles."""
     bpy.context.view_layer.update()
     shown = [o for o in objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
     corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or np.zeros((1, 4)))
@@ -85,8 +85,8 @@ def _doubt_of_size(path: Path, objects: Sequence[bpy.types.Object], unit_m: floa
 
 
 def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
-    """Meshes without parents, animation or second users take the matrix into their vertices: no mirrored objects are left
-    of an OBJ or PLY. All else is put below one empty.
+    """Apply the matrix to the vertices of meshes without parents, animation or second users, so that an OBJ or PLY has no mirrored objects.
+    If there are other objects, all become children of one empty.
     """
     here = set(objects)
     tops = [o for o in objects if o.parent is None or o.parent not in here]
@@ -102,7 +102,7 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
         thing.parent, thing.parent_type = root, "OBJECT"
         thing.matrix_parent_inverse.identity()
     scale = abs(float(np.linalg.det(matrix))) ** (1 / 3)
-    # the same picture at another size: power grows with the area, radii with the length; a sun has neither
+    # the same image at another scale: power grows with the area, radii with the length; a sun has neither
     for lamp in {o.data for o in objects if o.type == "LIGHT"} if abs(scale - 1) > 1e-6 else ():
         if lamp.type != "SUN":
             lamp.energy *= scale**2
@@ -113,7 +113,7 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
     shading, mirrored = array_of(mesh.corner_normals, "vector", 3), whole.determinant() < 0
-    # a file that was mirrored by a change of sign alone has kept its normals outside and turned its faces inside
+    # in a file that was mirrored only by a change of sign, normals still point outside, but faces are wound inside out
     normals, sizes = array_of(mesh.polygons, "normal", 3), array_of(mesh.polygons, "loop_total", 1, np.int32)
     wound_as_shaded = float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
     custom = mesh.has_custom_normals
@@ -122,13 +122,13 @@ def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     if mirrored and wound_as_shaded:
         shading = shading[_flip(mesh)]
     if mirrored and custom:
-        turned = shading @ np.linalg.inv(np.array(whole)[:3, :3])
-        mesh.normals_split_custom_set(turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12))
+        moved = shading @ np.linalg.inv(np.array(whole)[:3, :3])
+        mesh.normals_split_custom_set(moved / np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), 1e-12))
     mesh.update()
 
 
 def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
-    """Wind all faces the other way; (corners,) where each corner was before."""
+    """Reverse the winding of all faces. Returns (corners,) the previous index of each corner."""
     numbers = mesh.attributes.new("corner before", "INT", "CORNER")
     numbers.data.foreach_set("value", np.arange(len(mesh.loops), dtype=np.int32))
     mesh.flip_normals()

@@ -1,4 +1,4 @@
-"""Blender's chatter kept off standard output and standard error. Does not import bpy, whose very import may print."""
+"""Redirects Blender's output from standard output and standard error to a log. It does not import bpy, because that import may print."""
 
 import ctypes
 import os
@@ -10,9 +10,10 @@ from pathlib import Path
 
 @contextmanager
 def blender_output_in(log: Path, errors: bool = True) -> Iterator[None]:
-    """Blender prints dozens of lines a frame, from C, on file descriptor 1, and USD its warnings on 2: send those to `log`.
+    """Send Blender's output to `log`: from C it prints dozens of lines per frame to file descriptor 1, and USD prints warnings to 2.
 
-    Python's sys.stdout and sys.stderr stay. errors: False leaves descriptor 2 alone, as in a process whose own log that is.
+    Python's sys.stdout and sys.stderr are not redirected. errors: if False, descriptor 2 is not redirected either, for a process that has its
+    own log there.
     """
     _flush()
     names = ("stdout", "stderr")[: 1 + errors]
@@ -20,7 +21,7 @@ def blender_output_in(log: Path, errors: bool = True) -> Iterator[None]:
     sink = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
     for number, (name, (descriptor, stream)) in enumerate(saved.items(), 1):
         os.dup2(sink, number)
-        if name == "stdout" or _is_on(stream, number):  # a stream in memory is none of Blender's
+        if name == "stdout" or _is_on(stream, number):  # Blender does not write to a stream in memory
             setattr(sys, name, os.fdopen(os.dup(descriptor), "w", encoding="utf-8", buffering=1))
     os.close(sink)
     try:
@@ -42,7 +43,7 @@ def _is_on(stream: object, number: int) -> bool:
 
 
 def _flush() -> None:
-    """Python's buffers and the C library's, in which Blender's lines may still lie when descriptors change."""
+    """Flush Python's buffers and the C library's, which may still contain Blender's lines when descriptors change."""
     sys.stdout.flush()
     sys.stderr.flush()
     with suppress(OSError, AttributeError, TypeError):

@@ -1,4 +1,4 @@
-"""What in the open scene would spoil depth or colour, named before a frame is rendered."""
+"""Checks of the open scene before rendering: properties that affect depth or colour."""
 
 import math
 
@@ -7,18 +7,18 @@ import numpy as np
 
 from . import compat, surfaces
 
-#: Depth is float32: at this distance from the origin its steps reach about 0.1 mm.
+#: Depth is float32: at this distance from the origin its resolution is about 0.1 mm.
 FAR_M = 1000.0
 #: Modifiers that move a surface.
 _SIMULATED = {
     "CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE", "BUILD", "WAVE",
 }  # fmt: skip
-#: Diffuse shaders that baked light does not replace; UV maps that leave room for the light map's two.
+#: Diffuse shaders that baked light cannot replace; maximum number of UV maps, so that two more for the light map are possible.
 _NO_LIGHT_MAP, _MAX_UV_MAPS = {"BSDF_TOON", "BSDF_SHEEN"}, 6
 
 
 def findings(baked: bool) -> list[str]:
-    """One plain sentence each, in the open scene; `baked` adds what baked light cannot follow. Changes nothing."""
+    """The findings in the open scene, one sentence each. `baked` includes limitations of baked light. Nothing is changed."""
     scene, view = bpy.context.scene, bpy.context.scene.view_settings
     glass, mixed, bumps = [], [], []
     for material in (m for m in bpy.data.materials if m.users and m.node_tree):
@@ -40,18 +40,18 @@ def findings(baked: bool) -> list[str]:
     far = max((float(np.abs(c[:3]).max()) for c in corners), default=0.0)
     moves = moving_names(scene)
     own_time = (
-        "baked light would be wrong there, path traced light is not"
+        "baked light would be wrong there; path tracing is correct"
         if baked
         else "each frame shows them at its own time"
     )
     found = {
-        "motion blur is on in the scene: switched off here (it moves Z by millimetres)": scene.render.use_motion_blur,
-        "depth of field is on in the scene's camera: the sequence is rendered without (it moves Z by millimetres)": lens
+        "motion blur is on in the scene: it is disabled here (it changes Z by millimetres)": scene.render.use_motion_blur,
+        "depth of field is on in the scene's camera: it is disabled here (it changes Z by millimetres)": lens
         and lens.dof.use_dof,
-        f"{transform}: not applied, frames hold scene-linear RGB": not as_it_is,
+        f"{transform}: not applied, frames contain scene-linear RGB": not as_it_is,
         f"glass ({_names(glass)}): Z is the depth of the pane": glass,
-        f"partly transparent surfaces ({_names(mixed)}): Z is that of the nearest one, seen or not": mixed,
-        f"normal maps or bumps ({_names(bumps)}): seen in gloss alone by baked light": bumps,
+        f"partly transparent surfaces ({_names(mixed)}): Z is that of the nearest surface, visible or not": mixed,
+        f"normal maps or bumps ({_names(bumps)}): with baked light visible only in gloss": bumps,
         f"surfaces {far:.0f} m from the origin: float32 depth loses precision there": far > FAR_M,
         f"objects or lights that move ({', '.join(moves)[:120]}): {own_time}": moves,
     }
@@ -68,7 +68,7 @@ def _used(node: bpy.types.Node, socket: str, neutral: float) -> bool:
 
 
 def moving_names(scene: bpy.types.Scene) -> list[str]:
-    """Of objects and lights that move or change, in order; cameras left out, the world as `the sky`."""
+    """Names of objects and lights that move or change, in order, without cameras; the world is `the sky`."""
     shown = [o for o in scene.objects if o.type != "CAMERA" and (not o.hide_render or _varies(o))]
     moving = {o.name for o in shown if (o.type != "EMPTY" or o.instance_collection) and _moves(o, set())}
     materials = [m for m in bpy.data.materials if m.users and m.node_tree]
@@ -84,9 +84,9 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
 
 
 def _timed_names(scene: bpy.types.Scene) -> set[str]:
-    """Objects whose geometry depends on the frame though nothing of their own is animated, as by Scene Time in Geometry Nodes.
+    """Objects whose geometry depends on the frame although they are not animated, for example by Scene Time in Geometry Nodes.
 
-    Simulations are not asked: they would lose their state.
+    Scenes with simulations are not evaluated: they would lose their state.
     """
     if scene.rigidbody_world or any(m.type in _SIMULATED for o in bpy.data.objects for m in o.modifiers):
         return set()
@@ -107,7 +107,7 @@ def _timed_names(scene: bpy.types.Scene) -> set[str]:
 
 
 def _blocks(thing: bpy.types.Object) -> list[bpy.types.ID | None]:
-    """What may give an object another shape."""
+    """The datablocks that may change an object's shape."""
     bones = [m.object for m in thing.modifiers if m.type == "ARMATURE"]
     return [thing, thing.data, getattr(thing.data, "shape_keys", None), *bones]
 
@@ -117,13 +117,13 @@ def _is_animated(block: bpy.types.ID | None) -> bool:
 
 
 def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
-    """A tree of nodes, or one of its groups."""
+    """Whether a node tree or one of its groups is animated."""
     groups = {n.node_tree for n in compat.nodes_of(tree) if n.type == "GROUP" and n.node_tree} if tree else set()
     return any(map(_varies, (tree, *groups)))
 
 
 def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
-    """By itself, its data, its shape keys, its simulation, or what it hangs on."""
+    """Whether an object moves: by its animation, its data, its shape keys, a simulation, or another object that it depends on."""
     if thing in seen:
         return False
     seen.add(thing)
@@ -140,7 +140,7 @@ def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
 
 
 def _varies(block: bpy.types.ID | None) -> bool:
-    """An action whose curves are not constant, a strip, or a driver."""
+    """Whether a datablock has an action or strip whose curves are not constant, or a driver."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
         return False
@@ -158,7 +158,7 @@ def _spread(curve: bpy.types.FCurve) -> float:
 
 
 def strand_names(scene: bpy.types.Scene) -> list[str]:
-    """Objects that render as hair, curves or points, which have no faces for a light map; instances and what Geometry Nodes make, too."""
+    """Objects that render as hair, curves or points, which have no faces for a light map, including instances and results of Geometry Nodes."""
     with surfaces.as_rendered(scene) as depsgraph:
         return sorted({i.object.name for i in depsgraph.object_instances if _shows_strands(i)})
 
@@ -183,7 +183,7 @@ def _has_particles(thing: bpy.types.Object) -> bool:
 
 
 def _is_instances(evaluated: bpy.types.Object) -> bool:
-    """Whether nothing but instances is left of an evaluated object; asked of Blender 4.5 and later."""
+    """Whether an evaluated object consists only of instances; only known in Blender 4.5 and later."""
     if not hasattr(evaluated, "evaluated_geometry"):
         return False
     geometry = evaluated.evaluated_geometry()
@@ -205,16 +205,14 @@ def _has_volume(tree: bpy.types.NodeTree) -> bool:
 
 
 def light_linking_names(scene: bpy.types.Scene) -> list[str]:
-    """Lamps and glowing things that light, or are shadowed by, some objects only."""
+    """Lamps and emitting objects that light, or are shadowed by, only some objects."""
     things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}  # instanced ones too
     linked = [(o.name, getattr(o, "light_linking", None)) for o in things]
     return sorted(name for name, link in linked if link and (link.receiver_collection or link.blocker_collection))
 
 
 def unmappable_names(scene: bpy.types.Scene) -> list[str]:
-    """Objects that no light map fits: by shaders that it does not follow, without room for two more UV maps, or by materials that tell
-    one instance from another.
-    """
+    """Objects that cannot have a light map: because of unsupported shaders, too many UV maps, or materials that differ between instances."""
     found: dict[tuple[str, str, bool], bool] = {}
     with surfaces.as_rendered(scene) as depsgraph:
         for instance in depsgraph.object_instances:
@@ -235,7 +233,7 @@ def _is_unmappable(evaluated: bpy.types.Object, is_instance: bool) -> bool:
 
 
 def _tells_instances(node: bpy.types.Node) -> bool:
-    """Whether a node gives instances of one thing different values."""
+    """Whether a node has different values for instances of one object."""
     if node.type == "OBJECT_INFO":
         return bool(node.outputs["Random"].is_linked)
     return getattr(node, "from_instancer", False) or getattr(node, "attribute_type", "") == "INSTANCER"

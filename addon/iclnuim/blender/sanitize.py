@@ -1,7 +1,7 @@
-"""Makes a scene that came from outside safe to render: broken numbers, missing pictures, colours that only vertices carry, displacement
-by materials, drivers written in Python.
+"""Repairs a user-provided scene so that it can be rendered: invalid numbers, missing images, vertex colours without a material, displacement by
+materials, coincident faces, drivers written in Python.
 
-All in memory. Functions that return sentences say what was found and done.
+Everything is done in memory. Functions that return sentences report what was found and changed.
 """
 
 import os
@@ -20,23 +20,23 @@ from .compat import temporarily
 from .surfaces import array_of, as_rendered
 
 _ATTRIBUTE = "displaced position"
-#: Coordinates beyond this are as good as no number: float32 has no millimetres there.
+#: Larger coordinates are treated as invalid: float32 cannot represent millimetres there.
 _MAX_COORDINATE = 1e7
-#: A face of less area than this (file units squared) is a line or a point.
+#: A face with less area than this (file units squared) is degenerate: a line or a point.
 _MIN_AREA = 1e-14
-#: Corners nearer than this are in one place; so many of the faces in one place are looked at, whether they can be seen.
+#: Corners closer than this are at the same position. Maximum number of coincident faces that are checked for visibility.
 _SAME_PLACE_M, _PROBES = 1e-5, 64
-#: What lies in the plane of another object with this share of its surface goes so far in front of it. Less area, and more pairs than
-#: these, are not looked at.
+#: An object with at least this share of its surface in the plane of another object is moved by this distance in front of it. Smaller areas are
+#: ignored, and at most this number of pairs is checked.
 _LARGE, _RAISED_M, _SMALLEST_M2, _PAIRS = 0.1, 5e-5, 1e-4, 2000
-#: As many of the largest faces that share a plane with others are looked at.
+#: Maximum number of faces that are checked for overlap: the largest of those that share a plane with others.
 _OVERLAPS = 1000
 
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
-    """All of it, on the open session."""
+    """Repair all meshes, images and materials of the open session. Returns what was done."""
     lost = [o for o in scene.objects if not np.isfinite(np.array(o.matrix_world)).all()]
-    for thing in lost:  # where no numbers say where it stands
+    for thing in lost:  # its position is not finite
         thing.hide_render = thing.hide_viewport = True
     gone = flat = texture = repaired = 0
     for mesh in bpy.data.meshes:
@@ -52,12 +52,12 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
     images, coloured = _missing_images(), _show_vertex_colours(scene)
     scripts = [t for t in bpy.data.texts if t.use_module]
     found = {
-        f"objects without a place ({_names(lost)}): left out": lost,
-        f"{gone} vertices are no numbers or farther than {_MAX_COORDINATE:.0e}: left out with their faces": gone,
-        f"{repaired} meshes named vertices that are not there, or faces twice: such faces are left out": repaired,
-        f"{flat} faces have no area: no ray meets them": flat,
-        f"{texture} texture coordinates are no numbers: taken as 0": texture,
-        f"textures that are missing or broken ({images}): plain colour in their place": images,
+        f"objects without a valid position ({_names(lost)}): left out": lost,
+        f"{gone} vertices have NaN or coordinates beyond {_MAX_COORDINATE:.0e}: left out with their faces": gone,
+        f"{repaired} meshes had faces with missing vertices, or duplicate faces: these faces are left out": repaired,
+        f"{flat} faces have no area: no ray hits them": flat,
+        f"{texture} texture coordinates are NaN or infinite: set to 0": texture,
+        f"textures that are missing or broken ({images}): replaced by plain colour": images,
         "surfaces without a material show the colours of their vertices": coloured,
         f"scripts in the file ({_names(scripts)}): not run": scripts,
     }
@@ -65,7 +65,7 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
 
 
 def without_false_glass(path: Path) -> list[str]:
-    """Materials of the OBJ at `path` that `Tf` alone makes glass are opaque: 3ds Max writes `Tf 1 1 1` for all, with `d 1` and `illum 2`."""
+    """Make materials of the OBJ at `path` opaque if only `Tf` makes them glass: 3ds Max writes `Tf 1 1 1` for all, with `d 1` and `illum 2`."""
     named = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
     libraries = {path.parent / os.fsdecode(name).strip('"') for name in named} | {path.with_suffix(".mtl")}
     texts = [library.read_text("utf-8", "replace") for library in sorted(libraries) if library.is_file()]
@@ -79,14 +79,14 @@ def without_false_glass(path: Path) -> list[str]:
             if node.type == "BSDF_PRINCIPLED" and node.inputs["Transmission Weight"].default_value > 0:
                 node.inputs["Transmission Weight"].default_value = 0.0
                 opaque.append(material)
-    return [f"Tf of opaque materials ({_names(opaque)}): not taken for glass"] if opaque else []
+    return [f"Tf of opaque materials ({_names(opaque)}): not treated as glass"] if opaque else []
 
 
 def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
     places = array_of(mesh.vertices, "co", 3)
     lost = np.flatnonzero(~(np.abs(places) < _MAX_COORDINATE).all(1))
     if len(lost):
-        # far away first: deleting walks over edges whose length must be a number
+        # set to 0 first: the deletion needs edges of finite length
         places[lost] = 0.0
         mesh.vertices.foreach_set("co", places.ravel())
         edited = bmesh.new()
@@ -101,7 +101,7 @@ def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
 
 
 def _missing_images() -> str:
-    """Pictures that are not there, or cannot be read, are taken out of the materials: their plain values show, not magenta. Their names."""
+    """Remove missing or unreadable images from the materials, so that their plain values are shown instead of magenta. Returns the names."""
     missing = [image for image in bpy.data.images if _is_missing(image)]
     owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
     trees = [*bpy.data.node_groups, *(block.node_tree for block in owners if block.node_tree is not None)]
@@ -125,7 +125,7 @@ def _is_missing(image: bpy.types.Image) -> bool:
 
 
 def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
-    """Whether meshes without any material carry colours (a scan as PLY): they show them then."""
+    """Show the vertex colours of meshes without any material, such as a scan as PLY. Returns whether there are any."""
     bare = [o for o in scene.objects if o.type == "MESH" and not any(s.material for s in o.material_slots)]
     coloured = [o for o in bare if o.data.color_attributes]
     for thing in coloured:
@@ -148,7 +148,7 @@ def _names(things: Iterable) -> str:
 
 
 def displace_meshes(scene: bpy.types.Scene) -> list[str]:
-    """Every object whose materials displace gets a mesh of its own, evaluated and displaced; those that are only instanced, too."""
+    """Give every object with displacement in its materials a separate mesh, evaluated and displaced, also if the object is only instanced."""
     materials = {m for m in bpy.data.materials if _displaces(m)}
     adaptive = _without_adaptive_subdivision()
     things = [o for o in bpy.data.objects if o.type == "MESH" and o.users]
@@ -160,7 +160,7 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
                 for thing in moved:
                     _displace(scene, thing)
     for material in materials:
-        # what the meshes hold now, the material no longer does; where it displaces things that have no own mesh it becomes a bump
+        # the meshes are displaced now, so the material no longer displaces; on objects without a separate mesh it becomes a bump map
         material.displacement_method = "BUMP"
         if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
             compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
@@ -170,7 +170,7 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
 
 @contextmanager
 def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator[None]:
-    """All things rendered as objects of the scene for a while: what an instance, or nothing, shows of them is evaluated and baked, too."""
+    """Make all these objects rendered objects of the scene temporarily, so that instanced or unused ones are evaluated and baked, too."""
     with ExitStack() as stack:
         for thing in things:
             stack.enter_context(temporarily(thing, hide_render=False, hide_viewport=False))
@@ -182,7 +182,7 @@ def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator
 
 @contextmanager
 def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
-    """Nothing else rendered for a while, and no instances: baking finds what it bakes by its name, which those share."""
+    """Hide all other objects and instances temporarily: baking identifies an object by its name, which its instances share."""
     here = set(things)
     with ExitStack() as stack:
         for thing in bpy.data.objects:
@@ -199,7 +199,7 @@ def _displaces(material: bpy.types.Material) -> bool:
 
 
 def _without_adaptive_subdivision() -> list[str]:
-    """Dicing by the camera would give every frame another surface."""
+    """Disable adaptive subdivision: it depends on the camera and would give every frame a different surface."""
     found = []
     for thing in bpy.data.objects:
         for owner in (*thing.modifiers, getattr(thing, "cycles", None)):
@@ -212,7 +212,7 @@ def _without_adaptive_subdivision() -> list[str]:
 
 
 def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
-    """Modifiers applied at the levels for rendering; each object owns its mesh then."""
+    """Apply the modifiers at the levels for rendering; each object then has its own mesh."""
     with as_rendered(scene) as depsgraph:
         kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
         made = [bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects]
@@ -221,14 +221,14 @@ def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object])
         space = tuple(thing.data.texspace_location), tuple(thing.data.texspace_size)
         thing.modifiers.clear()
         thing.data = mesh
-        mesh.use_auto_texspace = False  # generated coordinates span its box before the modifiers
+        mesh.use_auto_texspace = False  # generated coordinates refer to its bounding box before the modifiers
         mesh.texspace_location, mesh.texspace_size = space
         for slot, material in zip(thing.material_slots, slots, strict=False):
             slot.material = material
 
 
 def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
-    """Vertices go where Cycles' position pass has them; loose ones stay."""
+    """Move vertices to the positions in Cycles' position pass; loose vertices are not moved."""
     thing.hide_set(False)
     mesh = thing.data
     mesh.color_attributes.active_color = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
@@ -247,9 +247,9 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
 
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
-    """Of equal faces in one place, the first stays; objects that overlap larger ones in one plane, and other faces that overlap larger
-    ones, are moved in front of them: each face would shade the other, and Cycles shows both black. What moves is left alone, as are
-    glass, volumes, instances, and faces that nobody sees, between boxes that touch.
+    """Of equal faces at the same position, keep only the first. Objects that overlap larger ones in one plane, and other faces that overlap larger
+    ones, are moved in front of them: otherwise each face would shadow the other, and Cycles shows both black. Moving objects, glass, volumes,
+    instances, and faces that are never visible, between touching boxes, are not changed.
     """
     moving = set(preflight.moving_names(scene))
     with as_rendered(scene) as depsgraph:
@@ -260,7 +260,7 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         faces = _Faces(depsgraph, things)
         again = faces.equal()
         raised = faces.sheets(again)
-        lifted, turned = faces.overlapping(again, raised)
+        lifted, reversed_ = faces.overlapping(again, raised)
         left_out, lifted_of = faces.by_object(again), faces.by_object(lifted)
         ways = {t.original: faces.normals[rows] for t, rows in zip(things, faces.rows_of(lifted), strict=True)}
     for thing, way in raised.items():
@@ -268,20 +268,20 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
     _as_rendered_meshes(scene, list({**left_out, **lifted_of}))
     for thing in {**left_out, **lifted_of}:
         _edit_faces(thing, left_out.get(thing, ()), lifted_of.get(thing, ()), ways[thing])
-    black = "for Cycles shows both black"
+    black = "because Cycles would show both black"
     millimetres = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
     notes = {
         f"faces that lie exactly on others ({len(again)}, of {_names(left_out)}): left out, {black}": left_out,
         f"sheets that lie in the plane of others ({_names(raised)}): {millimetres}": raised,
         f"faces that overlap larger ones in one plane ({len(lifted)}, of {_names(lifted_of)}): {millimetres}": lifted_of,
-        f"sheets that overlap the back of others in one plane ({_names(turned)}): black or flicker in path tracing; "
-        "turn them round, or move them apart by 0.1 mm": turned,
+        f"sheets that overlap the back of others in one plane ({_names(reversed_)}): black or flickering in path tracing; "
+        "flip them, or move them apart by 0.1 mm": reversed_,
     }
     return [sentence for sentence, is_so in notes.items() if is_so]
 
 
 def _edit_faces(thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterable[int], ways: np.ndarray) -> None:
-    """Remove faces of a mesh, and move others by themselves along the ways (n, 3), unit vectors in the world."""
+    """Remove faces of a mesh, and move others separately along the directions `ways` (n, 3), unit vectors in the world."""
     to_object = thing.matrix_world.inverted_safe().to_3x3()
     edited = bmesh.new()
     edited.from_mesh(thing.data)
@@ -297,9 +297,9 @@ def _edit_faces(thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterab
 
 
 class _Faces:
-    """The faces of evaluated meshes in the world, numbered through: keys (F,), centres_m (F, 3), normals (F, 3), area_m2 (F,), as
-    _faces_in_world has them; owner (F,) among the things; plane (F,), equal where they lie in one; spread_m2 (F,): of all faces of its
-    owner in its plane.
+    """The faces of evaluated meshes in the world, in one list: keys (F,), centres_m (F, 3), normals (F, 3), area_m2 (F,), see _faces_in_world;
+    owner (F,): index into things; plane (F,): equal for faces in the same plane; spread_m2 (F,): area of all faces of the same owner in the
+    same plane.
     """
 
     def __init__(self, depsgraph: bpy.types.Depsgraph, things: list[bpy.types.Object]) -> None:
@@ -315,34 +315,34 @@ class _Faces:
         self.spread_m2 = np.bincount(own, self.area_m2)[own]
 
     def rows_of(self, rows: np.ndarray) -> list[np.ndarray]:
-        """For each thing those of the rows that are its own."""
+        """For each object, the rows that belong to it."""
         return [rows[(rows >= a) & (rows < b)] for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
 
     def by_object(self, rows: np.ndarray) -> dict[bpy.types.Object, np.ndarray]:
-        """Objects that have some of the rows, and the indices of these faces in their meshes."""
+        """Objects that own some of the rows -> the indices of these faces in their meshes."""
         own = zip(self.things, self.rows_of(rows), self.starts, strict=False)
         return {thing.original: found - start for thing, found, start in own if len(found)}
 
     def cast(
         self, k: int, start_m: np.ndarray, way: np.ndarray, reach_m: float
     ) -> tuple[np.ndarray, Vector, int] | None:
-        """As _cast, at thing k; the face is a row."""
+        """Like _cast, for object k; the face is returned as a row."""
         hit = _cast(self.depsgraph, self.things[k], start_m, way, reach_m)
         return hit and (hit[0], hit[1], hit[2] + int(self.starts[k]))
 
     def equal(self) -> np.ndarray:
-        """Rows of faces that an earlier one equals, unless nobody sees them."""
+        """Rows of faces that are equal to an earlier face, unless they are never visible."""
         again = np.setdiff1d(np.flatnonzero(self.keys), np.unique(self.keys, return_index=True)[1])
         owner = self.owner
         again = again[np.bincount(owner[again], self.area_m2[again], len(self.things))[owner[again]] > _SMALLEST_M2]
         _, first, group = np.unique(self.keys, return_index=True, return_inverse=True)
-        turned = self.keys[again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]]
+        opposed = self.keys[again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]]
 
         def is_seen(row: int, way: np.ndarray) -> bool:
-            """Whether the way from a face leads out of the two objects that share it, not through one of them to a back."""
+            """Whether a ray from the face leaves the two objects that share it, instead of hitting a back face of one of them."""
             for k in (owner[row], owner[first[group[row]]]):
                 hit = self.cast(k, self.centres_m[row] + 10 * _SAME_PLACE_M * way, way, 1e4)
-                if hit is not None and (hit[1].dot(Vector(way)) > 0 or self.keys[hit[2]] in turned):
+                if hit is not None and (hit[1].dot(Vector(way)) > 0 or self.keys[hit[2]] in opposed):
                     return False
             return True
 
@@ -350,7 +350,7 @@ class _Faces:
         return again if any(is_seen(k, sign * self.normals[k]) for k in picked for sign in (1, -1)) else again[:0]
 
     def sheets(self, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
-        """Objects of one face or a few that lie in the plane of larger ones and look the same way; where they go, in metres."""
+        """Sheets that are in the plane of larger objects and face the same direction -> their translation in metres."""
         raised: dict[bpy.types.Object, Vector] = {}
         for face, over in self._sharing_planes():
             one, other = self.things[self.owner[face]].original, self.things[over].original
@@ -362,7 +362,7 @@ class _Faces:
         return raised
 
     def _sharing_planes(self) -> Iterator[tuple[int, int]]:
-        """Faces, the largest of its object in its plane, and other objects with more in that plane; not all of very many."""
+        """Pairs of a face, the largest of its object in its plane, and another object with more area in that plane; a limited number of pairs."""
         order = np.lexsort((-self.area_m2, self.owner, self.plane))
         large = self.spread_m2 > _LARGE * np.bincount(self.owner, self.area_m2)[self.owner]
         order = order[((self.area_m2 > _SMALLEST_M2) & large)[order]]
@@ -375,12 +375,12 @@ class _Faces:
         yield from pairs[:: 1 + len(pairs) // _PAIRS]
 
     def _smaller(self, a: int, b: int) -> int:
-        """Which of two faces in one plane belongs in front: that of which there is less, a rug on a floor of many tiles."""
+        """Which of two faces in one plane should be in front: the one with less area in it, such as a rug on a floor of many tiles."""
         area = self.area_m2 if self.owner[a] == self.owner[b] else self.spread_m2
         return int(min(a, b, key=lambda row: (round(float(area[row]), 6), self.area_m2[row], -row)))
 
     def _on(self, k: int, place_m: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, Vector, int] | None:
-        """The face of thing k that lies at the place in the plane square to the normal."""
+        """The face of object k at this position, in the plane perpendicular to the normal."""
         reach_m = 10 * _SAME_PLACE_M
         hit = self.cast(k, place_m + reach_m * normal, -normal, 2 * reach_m)
         at = (
@@ -391,16 +391,18 @@ class _Faces:
         return hit if at else None
 
     def _is_sheet(self, face: int) -> bool:
-        """A box on the floor is none: one of the ways from its face leads through it."""
+        """Whether the object of a face is a sheet. A box on the floor is not: a ray to one side of its face passes through it."""
         outline = self._outline(face)
         ears = geometry.tessellate_polygon([[Vector(corner) for corner in outline]])
-        place_m = outline[list(ears[0])].mean(0) if ears else self.centres_m[face]  # the centre of an L lies beside it
+        place_m = (
+            outline[list(ears[0])].mean(0) if ears else self.centres_m[face]
+        )  # the centre of an L-shape may be outside it
         ways, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
         return all(self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in ways)
 
     def overlapping(self, again: np.ndarray, raised: Iterable[bpy.types.Object]) -> tuple[np.ndarray, set[str]]:
-        """Rows of faces that overlap larger ones that look the same way, and names of sheets that overlap others that look the other
-        way; of the largest faces that share a plane with others, _OVERLAPS of them.
+        """Rows of faces that overlap larger ones that face the same direction, and names of sheets that overlap others that face the opposite
+        direction. Only the _OVERLAPS largest faces that share a plane with others are checked.
         """
         shared = (np.bincount(self.plane)[self.plane] > 1) & (self.area_m2 > _SMALLEST_M2)
         shared &= np.array([thing.original not in raised for thing in self.things])[self.owner]
@@ -408,7 +410,7 @@ class _Faces:
         rows = np.flatnonzero(shared)
         rows = rows[np.argsort(-self.area_m2[rows], kind="stable")][:_OVERLAPS]
         lifted: set[int] = set()
-        turned: set[str] = set()
+        reversed_: set[str] = set()
         for row, other in (
             pair for plane in np.unique(self.plane[rows]) for pair in self._pairs(rows[self.plane[rows] == plane])
         ):
@@ -416,18 +418,18 @@ class _Faces:
             if (self.normals[row] * self.normals[other]).sum() > 0:
                 lifted |= {small} if self._may_be_seen(small, row + other - small) else set()
             elif self.owner[row] != self.owner[other] and self._is_sheet(small):
-                turned.add(self.things[self.owner[small]].name)
-        return np.array(sorted(lifted), int), turned
+                reversed_.add(self.things[self.owner[small]].name)
+        return np.array(sorted(lifted), int), reversed_
 
     def _may_be_seen(self, small: int, large: int) -> bool:
-        """False for a box that stands on a floor whose front is below, with nothing there."""
+        """False for a box on a floor whose front faces downwards, with nothing below it."""
         if self.owner[small] == self.owner[large] or not self._is_sheet(large):
             return True
         start = Vector(self.centres_m[small] + 10 * _SAME_PLACE_M * self.normals[small])
         return bool(self.depsgraph.scene.ray_cast(self.depsgraph, start, Vector(self.normals[small]))[0])
 
     def _pairs(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
-        """Of faces in one plane, those that overlap: a place in one lies in the other."""
+        """Pairs of overlapping faces among faces in one plane: a sample point of one is inside the other."""
         flat = np.delete(np.arange(3), np.abs(self.normals[rows[0]]).argmax())
         outlines = [self._outline(int(row))[:, flat] for row in rows]
         low, high = (np.array([extreme(outline, axis=0) for outline in outlines]) for extreme in (np.min, np.max))
@@ -439,7 +441,7 @@ class _Faces:
                     yield int(row), int(rows[k])
 
     def _outline(self, row: int) -> np.ndarray:
-        """(n, 3) corners of a face in metres."""
+        """The corners (n, 3) of a face in metres."""
         thing, face = self.things[self.owner[row]], row - self.starts[self.owner[row]]
         return np.array(
             [thing.matrix_world @ thing.data.vertices[k].co for k in thing.data.polygons[int(face)].vertices]
@@ -447,7 +449,7 @@ class _Faces:
 
 
 def _places_in(outline: np.ndarray) -> np.ndarray:
-    """(n, 2) in a polygon (k, 2): near its corners, at the centres of its first and last triangle, and its own centre."""
+    """Sample points (n, 2) in a polygon (k, 2): near its corners, at the centres of its first and last triangle, and at its own centre."""
     ears = geometry.tessellate_polygon([[Vector((*corner, 0.0)) for corner in outline]])
     picked = np.array([outline[list(ear)] for ear in (*ears[:1], *ears[1:][-1:])]).reshape(-1, 3, 2)
     centres = picked.mean(1, keepdims=True)
@@ -456,7 +458,7 @@ def _places_in(outline: np.ndarray) -> np.ndarray:
 
 
 def _within(outline: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(n,) places (n, 2) inside a polygon (k, 2): a ray along x crosses it an odd number of times."""
+    """(n,) whether the points `places` (n, 2) are inside a polygon (k, 2): a ray along x crosses it an odd number of times."""
     (x0, y0), (x1, y1) = outline.T[:, :, None], np.roll(outline, -1, 0).T[:, :, None]
     x, y = places.T[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -465,7 +467,7 @@ def _within(outline: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _planes(centres_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(F,) uint64, equal for faces in one plane, whichever way they look."""
+    """(F,) uint64, equal for faces in one plane, whichever direction they face."""
     sign = np.sign(np.take_along_axis(normals, np.abs(normals).argmax(1)[:, None], 1))
     offset_m = (sign * normals * centres_m).sum(1)
     return _mixed(np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)]))
@@ -474,7 +476,7 @@ def _planes(centres_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
 def _cast(
     depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, start_m: np.ndarray, way: np.ndarray, reach_m: float
 ) -> tuple[np.ndarray, Vector, int] | None:
-    """What a ray in the world meets of one object: place (3,) in metres, unit normal, face; None for nothing."""
+    """The hit of a ray in the world with one object: position (3,) in metres, unit normal, face; None if there is no hit."""
     inverse, matrix = thing.matrix_world.inverted_safe(), thing.matrix_world
     step = inverse.to_3x3() @ Vector(reach_m * way)
     if not step.length:
@@ -494,7 +496,7 @@ def _mixed(numbers: np.ndarray) -> np.ndarray:
 
 
 def _is_opaque(thing: bpy.types.Object) -> bool:
-    """And fully visible."""
+    """Whether an object is opaque and visible to all rays."""
     trees = [slot.material.node_tree for slot in thing.material_slots if slot.material and slot.material.node_tree]
     outputs = set(compat.volume_outputs())
     nodes = [node for tree in trees for node in compat.nodes_of(tree)]
@@ -503,7 +505,7 @@ def _is_opaque(thing: bpy.types.Object) -> bool:
 
 
 def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of an evaluated mesh: keys (F,), equal for faces with the same corners in any order, 0 for faces without area; (F, 3) centres in
+    """The faces of an evaluated mesh: keys (F,), equal for faces with the same corners in any order, 0 for faces without area; (F, 3) centres in
     metres; (F, 3) unit normals; (F,) areas in square metres.
     """
     mesh, matrix = thing.data, np.array(thing.matrix_world)
@@ -515,7 +517,7 @@ def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
     following = np.arange(len(corners)) + 1
     following[np.append(starts[1:], len(corners)) - 1] = starts
     normals = np.add.reduceat(np.cross(corners, corners[following]), starts) / 2
-    normals *= -1 if thing.matrix_world.is_negative else 1  # a mirrored object's faces are wound the other way
+    normals *= -1 if thing.matrix_world.is_negative else 1  # a mirrored object's faces have reversed winding
     area = np.linalg.norm(normals, axis=1)
     with np.errstate(over="ignore"):
         keys = np.add.reduceat(_mixed(np.round(corners / _SAME_PLACE_M)), starts)
@@ -530,7 +532,7 @@ def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
-    """Remove drivers that need Python from objects, their data, shape keys and materials, before they are evaluated; how many."""
+    """Remove drivers that need Python from objects, their data, shape keys and materials, before they are evaluated. Returns their number."""
     removed = 0
     for block in {block for thing in things if thing is not None for block in _blocks_of(thing)}:
         animation = getattr(block, "animation_data", None)

@@ -1,4 +1,4 @@
-"""Opening a scene: a shipped one, or a user-provided file of any kind, made fit to be rendered: in metres, z up, repaired, lit.
+"""Opening a scene: a shipped scene, or a user-provided file of any supported format, which is converted to metres and z up, repaired and lit.
 
 The file itself is never written.
 """
@@ -25,7 +25,7 @@ from ..job import RenderJob
 from ..shipped import SCENES
 from . import compat, lit_scene, orient, preflight, sanitize, scene_paths, surfaces
 
-#: The file's own axes are kept: turning and scaling is left to orient.py.
+#: The importers keep the file's axes: orient.py rotates and scales.
 _OWN_AXES = {"forward_axis": "Y", "up_axis": "Z"}
 
 IMPORTERS: dict[str, Callable[[str], object]] = {
@@ -37,28 +37,28 @@ IMPORTERS: dict[str, Callable[[str], object]] = {
     **{kind: compat.import_usd for kind in (".usd", ".usda", ".usdc", ".usdz")},
 }
 KINDS = (".blend", *IMPORTERS)
-#: A light map has about as many texels; more triangles than that gain nothing from it, and laying them out takes minutes.
+#: Maximum number of triangles for baked light. A light map has about as many texels, and a layout of more triangles takes minutes.
 MAX_BAKED = 2_000_000
-#: For light inside: places tried, and sight lines from each.
+#: For lamps inside: number of random places, and number of rays from each.
 _PLACES, _RAYS = 400, 48
-#: Less of a place's sight lines than this reach the sky: then it needs lamps.
+#: A place needs lamps if less than this share of its rays reaches the sky.
 _SHUT_IN = 0.03
 _LAMPS, _RADIUS_M = 4, 0.15
-#: Watts for a square metre of the room's walls: mid-grey surfaces come out at about a third of white.
+#: Watts per square metre of the room's walls: mid-grey surfaces then have about a third of white.
 _W_PER_M2 = 1.0
-#: What glows and is smaller than this is a status lamp, not the light of a room.
+#: A smaller emitting object is a status lamp, not the light of a room.
 _SMALLEST_EMITTER_M = 0.03
 
 
 def open_empty() -> None:
-    """An empty scene with factory settings, whatever the user's start-up file holds. Scripts in .blend files do not run."""
+    """Open an empty scene with factory settings, without the user's start-up file. Scripts in .blend files do not run."""
     compat.require_supported_version()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
 
 
 def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
-    """Open `name`; returns notes worth telling. Raises InputError for what cannot be opened."""
+    """Open a shipped scene or a file. Returns notes for the user. Raises InputError if it cannot be opened."""
     open_empty()
     if is_shipped(name):
         bpy.ops.wm.open_mainfile(filepath=str(shipped_file(name)), load_ui=False, use_scripts=False)
@@ -71,9 +71,9 @@ def is_shipped(name: str) -> bool:
 
 
 def scene_sha256(name: str) -> str:
-    """What tells one version of a scene from another: the hash of its file, and of what it takes from beside it.
+    """The hash of a version of a scene: of its file and of the files it refers to.
 
-    Textures of a file that only Blender can read count once it is open: open it first.
+    Textures that only Blender can find are included only if the scene is open: open it first.
     """
     if not is_shipped(name):
         return scene_paths.sha256(checked_file(name))
@@ -81,7 +81,7 @@ def scene_sha256(name: str) -> str:
 
 
 def shipped_file(name: str) -> Path:
-    """The built .blend of a shipped scene. Raises InputError where it is not there."""
+    """The .blend of a shipped scene. Raises InputError if it is missing."""
     path = shipped.folder("blend") / f"{name}.blend"
     if not path.is_file():
         raise InputError("the shipped scene", path=path, found="no such file", hint="installing iclnuim again")
@@ -89,11 +89,11 @@ def shipped_file(name: str) -> Path:
 
 
 def open_file(path: Path, reading: SceneReading) -> list[str]:
-    """Into the empty session; returns notes worth telling, first how it was taken. Raises InputError for what cannot be used."""
+    """Open a file in the empty session. Returns notes for the user; the first describes how it was read. Raises InputError if it cannot be used."""
     missing = scene_paths.check(path, reading)
     load(path)
     scene_paths.check_open(path, reading)
-    if bpy.data.libraries:  # what comes from a library may be changed in memory, as all else
+    if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
     scene = bpy.context.scene
     _neutral_settings(path, scene)
@@ -104,8 +104,8 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
         notes += sanitize.without_false_glass(path)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found=missing[0] if missing else "none")
-    sentence, worth_telling = orient.orient(path, reading, list(scene.objects))
-    notes = [*([sentence] if worth_telling else []), *notes]
+    sentence, unusual = orient.orient(path, reading, list(scene.objects))
+    notes = [*([sentence] if unusual else []), *notes]
     bpy.context.view_layer.update()
     notes += sanitize.displace_meshes(scene)
     triangles = surfaces.triangle_count()
@@ -117,23 +117,23 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
 
 
 def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
-    """Of the scene in the file at `path`: what would change or hide surfaces, and what its reader left as it was."""
+    """Reset settings of the scene in the file at `path` that would change or hide surfaces, and set those that its importer does not set."""
     scene.cycles.shading_system = False  # shaders in OSL are scripts, which may read files
     scene.render.use_simplify = False
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if scene.camera is None and len(cameras) == 1:
-        scene.camera = cameras[0]  # formats without an active camera: their only one is
+        scene.camera = cameras[0]  # formats without an active camera: the only camera becomes active
     if path.suffix.lower() == ".blend":
         return
-    scene.view_settings.view_transform = "Standard"  # Blender's default for new files, not the file's wish
+    scene.view_settings.view_transform = "Standard"  # the setting after an import is Blender's default, not the file's
     ranges = [tuple(action.frame_range) for action in bpy.data.actions]
-    if ranges:  # readers leave the timeline as it was: as long as what moves
+    if ranges:  # importers do not set the timeline: it gets the range of all animations
         scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
         scene.frame_end = max(scene.frame_start, math.ceil(max(last for _, last in ranges)))
 
 
 def _with_background_sets(scene: bpy.types.Scene) -> None:
-    """What renders from other scenes, as the background set of this one, becomes its own."""
+    """Link the objects of the background sets, which are rendered from other scenes, to this scene."""
     behind, scene.background_set = scene.background_set, None
     while behind is not None:
         for name in ("objects", "children"):
@@ -145,16 +145,18 @@ def _with_background_sets(scene: bpy.types.Scene) -> None:
 
 
 def _without_grease_pencil() -> list[str]:
-    """Blender draws it over the picture by another engine, which rounds the depth of all pixels."""
+    """Hide Grease Pencil: Blender draws it over the image by another engine, which rounds the depth of all pixels."""
     drawings = [o for o in bpy.data.objects if o.type in ("GREASEPENCIL", "GPENCIL") and not o.hide_render]
     for thing in drawings:
         thing.hide_render = True
     names = ", ".join(sorted(o.name for o in drawings))[:120]
-    return [f"Grease Pencil ({names}): left out, it is drawn over the picture and has no depth"] if drawings else []
+    return (
+        [f"Grease Pencil ({names}): left out, because it is drawn over the image and has no depth"] if drawings else []
+    )
 
 
 def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
-    """The first view layer is rendered: it is the one looked at, too; what its collections hold out or hide from cameras, objects do."""
+    """Make the first view layer, which is rendered, the active one too. Holdouts and indirect-only settings of its collections are moved to objects."""
     layer = scene.view_layers[0]
     if bpy.context.window is not None:
         bpy.context.window.view_layer = layer
@@ -173,24 +175,26 @@ def _light_passes_glass() -> list[str]:
     glass = lit_scene.let_light_through(m for m in bpy.data.materials if m.use_nodes and m.node_tree)
     if not glass:
         return []
-    return [f"glass ({', '.join(sorted(glass))[:120]}): lamps and sky shine through it unbent, without caustics"]
+    return [
+        f"glass ({', '.join(sorted(glass))[:120]}): light of lamps and sky passes straight through it, without caustics"
+    ]
 
 
 def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
-    """The job with the light that the open scene allows, and a word where that is not the light asked for."""
+    """The job with the light that the open scene allows, and a note if that is not the requested light."""
     if job.light == "path" or (hindrance := why_not_baked(bpy.context.scene)) is None:
         return job, []
     return with_light(job, "path"), [f"{hindrance}: path traced instead of baked light"]
 
 
 def with_light(job: RenderJob, light: str) -> RenderJob:
-    """The job settled on a light; samples that were given with light "auto" stay. Denoising only where this Blender can."""
+    """The job with this light. Samples that were set with light "auto" are kept. Denoising is disabled if this Blender has no denoiser."""
     job = replace(job, light=light) if job.light == "auto" else job.changed(light=light)
     return job if compat.has_denoiser() else job.changed(denoise=False)
 
 
 def why_not_baked(scene: bpy.types.Scene) -> str | None:
-    """What stands against a light map, or None."""
+    """The reason why the scene cannot have a light map, or None."""
     hindrances = {
         "objects or lights that move": preflight.moving_names(scene),
         "hair, curves or points": preflight.strand_names(scene),
@@ -211,7 +215,7 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
 
 
 def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
-    """Of all surfaces, instanced collections included; None for a surface without a material."""
+    """The materials of all surfaces, including instanced collections; None for a surface without a material."""
     things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}
     shown = [thing for thing in things if thing.type in surfaces.SURFACE_TYPES]
     bare = {None for thing in shown if not thing.material_slots}
@@ -219,7 +223,7 @@ def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
 
 
 def checked_file(name: str) -> Path:
-    """The full path of a user-provided file. Raises InputError for what is not there or of no known kind."""
+    """The full path of a user-provided file. Raises InputError if it does not exist or its format is not supported."""
     path = Path(name).expanduser().resolve()
     if path.suffix.lower() not in KINDS:
         raise InputError(f"a scene: {', '.join(SCENES)} or a scene file ending in {', '.join(KINDS)}", found=name)
@@ -231,35 +235,33 @@ def checked_file(name: str) -> Path:
 
 
 def load(path: Path) -> None:
-    """Bring the file into the open session; a .blend takes the session's place, and its scripts stay asleep. Raises InputError."""
+    """Import the file into the open session. A .blend replaces the session, and its scripts are not run. Raises InputError."""
     if path.suffix.lower() == ".ply":
         check_ply(path)
-    logging.disable(
-        logging.ERROR
-    )  # readers written in Python tell every node of the file, and every texture that is missing
+    logging.disable(logging.ERROR)  # importers written in Python log every node of the file and every missing texture
     try:
-        with redirect_stdout(io.StringIO()):  # where bpy.ops prints the errors of readers a second time
+        with redirect_stdout(io.StringIO()):  # bpy.ops prints the errors of importers a second time
             if path.suffix.lower() == ".blend":
                 result = bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
             else:
                 result = IMPORTERS[path.suffix.lower()](str(path))
     except AttributeError:
-        without = f"{compat.version_line()} without its reader"
-        raise InputError("a Blender that reads this kind of file", path=path, found=without) from None
+        without = f"{compat.version_line()} without its importer"
+        raise InputError("a Blender that can import this format", path=path, found=without) from None
     except (RuntimeError, TypeError, UnicodeDecodeError) as error:
-        # what the reader said last; a Python reader's whole traceback comes with it
+        # the last line of the importer's message; for an importer in Python the message contains a traceback
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        told = [line for line in lines if not line.startswith(("Location:", "File "))]
-        last = (told or lines or ["no reason given"])[-1].removeprefix("Error: ")
+        messages = [line for line in lines if not line.startswith(("Location:", "File "))]
+        last = (messages or lines or ["no reason given"])[-1].removeprefix("Error: ")
         raise InputError("a scene that Blender can read", path=path, found=last) from None
     finally:
         logging.disable(logging.NOTSET)
     if result != {"FINISHED"}:
-        raise InputError("a scene that Blender can read", path=path, found="a file that its reader gives up on")
+        raise InputError("a scene that Blender can read", path=path, found="a file that its importer rejects")
 
 
 def _light_up(scene: bpy.types.Scene) -> list[str]:
-    """Light for a scene that has none: an even white sky, and lamps inside where the sky does not reach; then a sentence that says so."""
+    """Add light to a scene that has none: a uniform white sky, and lamps inside rooms that the sky does not reach. Returns a note if light was added."""
     if _has_light(scene):
         return []
     world = bpy.data.worlds.new("Neutral light")
@@ -270,7 +272,7 @@ def _light_up(scene: bpy.types.Scene) -> list[str]:
     scene.world = world
     lamps = _light_inside(scene)
     inside = f", and {lamps} soft lamps inside, where the sky does not reach" if lamps else ""
-    return [f"the scene has no light: an even white sky was added{inside}"]
+    return [f"the scene has no light: a uniform white sky was added{inside}"]
 
 
 def _has_light(scene: bpy.types.Scene) -> bool:
@@ -308,7 +310,7 @@ def _is_on(node: bpy.types.Node, *names: str) -> bool:
 
 
 def _light_inside(scene: bpy.types.Scene) -> int:
-    """Lamps at free places that are shut in, far from one another; how many."""
+    """Add lamps at enclosed places in free space, far from one another. Returns their number."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render and len(o.data.polygons)]
     corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or [np.zeros(4)])
@@ -329,13 +331,13 @@ def _light_inside(scene: bpy.types.Scene) -> int:
         data = bpy.data.lights.new("Neutral light", "POINT")
         data.energy, data.shadow_soft_size = watts / len(chosen), _RADIUS_M
         lamp = bpy.data.objects.new("Neutral light", data)
-        lamp.location, lamp.visible_camera = place, False  # seen in gloss: metal shows nothing else
+        lamp.location, lamp.visible_camera = place, False  # visible in reflections, because metal shows nothing else
         scene.collection.objects.link(lamp)
     return len(chosen)
 
 
 def _look_round(depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray) -> tuple[float, float, float]:
-    """Shares of sight lines that reach the sky and that end at a back, and the nearest surface in metres."""
+    """The share of rays that reach the sky, the share that end at a back face, and the distance of the nearest surface in metres."""
     sky = backs = 0
     nearest = np.inf
     origin = Vector(place)

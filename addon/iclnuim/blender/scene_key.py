@@ -1,4 +1,4 @@
-"""A key for all that decides a scene's light: surfaces, materials, images, lamps, world, bounces. Equal scenes have equal keys."""
+"""A key of everything that determines a scene's light: surfaces, materials, images, lamps, world, bounces. Equal scenes have equal keys."""
 
 import hashlib
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 from .compat import nodes_of
 from .surfaces import Part, array_of
 
-#: Cycles settings that change light itself, not its noise.
+#: Cycles settings that change the light, not only its noise.
 _CYCLES = (
     "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces", "transparent_max_bounces",
     "caustics_reflective", "caustics_refractive", "blur_glossy", "sample_clamp_direct", "sample_clamp_indirect",
@@ -23,12 +23,12 @@ _NOT_LIGHT = {
     "warning_propagation", "name_full", "users", "use_fake_user", "tag", "session_uid", "is_missing", "preview", "asset_data",
     "library", "image_user", "show_texture",
 }  # fmt: skip
-#: What of a struct's pointers counts.
+#: Types of a struct's pointers that are included.
 _POINTED = (bpy.types.ColorRamp, bpy.types.CurveMapping, bpy.types.Image)
 
 
 def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
-    """One hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
+    """A hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
     materials = {m for part in found for m in part.mesh.materials if m is not None}
     trees = [block.node_tree for block in (*materials, scene.world) if block is not None and block.node_tree]
     lamps = [_text(_lamp(thing)) for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
@@ -53,7 +53,7 @@ def _hash(*items: bytes | str) -> str:
 
 
 def _text(value: object) -> str:
-    """Plain values as text that does not depend on addresses or dictionary order."""
+    """Convert plain values to text that does not depend on addresses or the order of dictionaries."""
     if isinstance(value, dict):
         return "{" + ",".join(f"{k}:{_text(v)}" for k, v in sorted(value.items())) + "}"
     if isinstance(value, list | tuple):
@@ -93,7 +93,7 @@ def _lamp(thing: bpy.types.Object) -> dict:
 
 
 def _tree(tree: bpy.types.NodeTree | None) -> list:
-    """Nodes with their settings and unlinked inputs, and the links between them; layout and selection left out."""
+    """The nodes with their settings and unlinked inputs, and the links between them, without layout and selection."""
     if tree is None:
         return []
     nodes = [_node(node) for node in sorted(tree.nodes, key=lambda n: n.name)]
@@ -110,7 +110,7 @@ def _node(node: bpy.types.Node) -> dict:
 
 
 def _plain_properties(thing: bpy.types.bpy_struct) -> dict:
-    """Numbers, texts, colour ramps and curves of an RNA struct."""
+    """The numbers, texts, colour ramps and curves of an RNA struct."""
     found = {}
     for entry in thing.bl_rna.properties:
         name, points = entry.identifier, entry.type == "POINTER"
@@ -135,7 +135,7 @@ def _value(value: Any) -> Any:
 
 
 def _image(image: bpy.types.Image) -> str:
-    """Name, colour space and content: the packed or referenced file, or the pixels of an image that only memory holds."""
+    """A hash of name, colour space and content: the packed or referenced file, or the pixels of an image that is only in memory."""
     file = Path(bpy.path.abspath(image.filepath, library=image.library)) if image.filepath else None
     if image.packed_file is not None:
         content = image.packed_file.data

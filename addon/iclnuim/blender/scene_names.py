@@ -1,4 +1,4 @@
-"""The names of other files in a scene file, of every kind that Blender opens: found without opening any of those files."""
+"""Finds references to other files in a scene file of any format that Blender opens, without opening these files."""
 
 import functools
 import html
@@ -15,27 +15,28 @@ from pathlib import Path
 from ..errors import InputError
 from . import blend_names, compat
 
-#: A backslash at the end of a line goes on in the next one.
+#: A backslash at the end of a line continues it on the next line.
 _REST = rb"(?:[ \t]|\\\r?\n)((?:\\\r?\n|[^\r\n])+)"
 _MTLLIB = re.compile(rb"mtllib" + _REST)
 _MAP = re.compile(rb"(?:map_\w+|bump|disp|decal|refl|norm)" + _REST, re.IGNORECASE)
 #: A string of a binary FBX: its length in four bytes, of which the last two are 0.
 _FBX_STRING = re.compile(rb"S(?=[^\0][\0-\x10]\0\0)")
-#: Before these an FBX says where it, or what it was made from, lay; nobody reads that.
+#: Keys of an FBX before the path of its own or its original file, which no importer reads.
 _FBX_ORIGIN = re.compile(r"\w*DocumentUrl$|(Original|LastSaved)\|")
 _LAYERS = (".usd", ".usda", ".usdc", ".usdz", ".sdf", ".mtlx")
 
 
 @dataclass(frozen=True)
 class Named:
-    """place: where in the file the name stands. told: it is worth a word where nothing of that name is there.
+    """A reference. place: its position in the file. report_missing: report it if the file is missing.
 
-    kind: how it will be read, whatever its name ends in. folder: the name of a folder, all of which may be read. blenders: a path as Blender has its own. computed: what will be read is not known.
+    kind: the format that the file will be read as, whatever its ending. folder: all files of this folder may be read. blenders: the path has
+    Blender's syntax. computed: the path is not known in advance.
     """
 
     place: str
     name: str
-    told: bool = False
+    report_missing: bool = False
     folder: bool = False
     blenders: bool = False
     computed: bool = False
@@ -43,13 +44,14 @@ class Named:
 
 
 def named_in(file: Path, kind: str = "") -> Iterator[Named]:
-    """What the file names, read as a file of that kind (`.mtl`), or as its name and its first bytes have it. Where it cannot be read nothing, as Blender's importer will say what is wrong with it; of a .blend raises InputError.
+    """The references in a file, read as a file of that kind (`.mtl`), or else by its ending and its first bytes. If the file cannot be read, there
+    are none, because Blender's importer will report the error; for a .blend, raises InputError.
 
-    A file is looked through once for as long as it does not change: scenes are checked before they are opened, and hashed afterwards.
+    The result is cached until the file changes: scenes are checked before they are opened, and hashed afterwards.
     """
     with suppress(OSError):
         state = file.stat()
-        if file.suffix.lower() == ".mtlx":  # what it includes is read with it: not before those names were looked at
+        if file.suffix.lower() == ".mtlx":  # its includes are read together with it, so they must be yielded first
             yield from _looked_through(file, kind)
             return
         yield from _kept(file, kind, (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns))
@@ -76,18 +78,18 @@ def _in_blend(file: Path) -> Iterator[Named]:
         if kind == "computed":
             yield Named(place, name, computed=True)
         elif name not in ("", "<builtin>"):
-            yield Named(place, name, kind == "told", kind == "folder", blenders=True)
+            yield Named(place, name, kind == "required", kind == "folder", blenders=True)
     yield Named("disk cache", f"//blendcache_{file.stem}", folder=True, blenders=True)
 
 
 def _in_obj(file: Path) -> Iterator[Named]:
     for line, name in _lines(file, _MTLLIB):
-        yield Named(line, name.strip('"'), told=True, kind=".mtl")
+        yield Named(line, name.strip('"'), report_missing=True, kind=".mtl")
 
 
 def _in_mtl(file: Path) -> Iterator[Named]:
     for line, arguments in _lines(file, _MAP):
-        # `-bm 0.5 my wood.png`: where the options end is for Blender to say, so the name may begin at any word
+        # `-bm 0.5 my wood.png`: only Blender's parser decides where the options end, so the name may begin at any word
         options = re.finditer(r"\S+", arguments) if arguments.startswith("-") else ()
         for start in [0, *(word.start() for word in options)]:
             yield Named(line, arguments[start:])
@@ -117,12 +119,14 @@ def _in_gltf(file: Path) -> Iterator[Named]:
         return
     for place, entry in entries:
         uri = entry.get("uri")
-        if isinstance(uri, str) and not (uri.startswith("data:") and ";base64," in uri):  # others are taken for paths
-            yield Named(place, uri, told=place.startswith("buffers"))
+        if isinstance(uri, str) and not (
+            uri.startswith("data:") and ";base64," in uri
+        ):  # importers treat others as paths
+            yield Named(place, uri, report_missing=place.startswith("buffers"))
 
 
 def _in_fbx(file: Path) -> Iterator[Named]:
-    """Every text of the file: which of them are paths depends on the program that wrote it."""
+    """All texts of the file, because it depends on the program that wrote it which of them are paths."""
     with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content[:18] == b"Kaydara FBX Binary":
             starts = [found.end() for found in _FBX_STRING.finditer(content)]
@@ -136,8 +140,8 @@ def _in_fbx(file: Path) -> Iterator[Named]:
 
 
 def _in_usd(file: Path) -> Iterator[Named]:
-    """Of the layer, and of the layers that are packed into it."""
-    if file.suffix.lower() == ".mtlx":  # its includes are read with it: looked at first
+    """References of the layer, and of the layers that are packed into it."""
+    if file.suffix.lower() == ".mtlx":  # its includes are read together with it, so they are yielded first
         for found in re.findall(rb"[\"']([^\"']{1,4096})[\"']", file.read_bytes()):
             yield Named("a text", html.unescape(found.decode("utf-8", "surrogateescape")))
     pxr = compat.usd_library()
@@ -164,7 +168,7 @@ def _in_usd(file: Path) -> Iterator[Named]:
 
 
 def _in_playlist(file: Path) -> Iterator[Named]:
-    """A film that is a list of other films."""
+    """A video playlist that refers to other videos."""
     for line in file.read_text("utf-8", "surrogateescape").splitlines():
         for name in [line.strip(), *re.findall("[\"']([^\"']+)[\"']", line), line.rpartition(" ")[2]]:
             yield Named("playlist", name)

@@ -1,4 +1,4 @@
-"""Which other files a scene names: none outside its folder is opened unless that is allowed, and all of them count in the scene's hash."""
+"""References of a scene to other files: files outside the scene's folder are refused unless allowed, and all are included in the scene's hash."""
 
 import functools
 import glob
@@ -17,10 +17,10 @@ from ..geometry.scene_axes import SceneReading
 from . import scene_names
 from .scene_names import Named
 
-#: How one name may be spelled; each is applied to the results of those before it.
+#: Variants of a name that importers may use; each function is applied to the results of the previous ones.
 _SPELLINGS = (
     unquote,
-    lambda name: name.partition("\0")[0],  # as far as C reads it
+    lambda name: name.partition("\0")[0],  # C strings end here
     lambda name: name.replace("\\", "/"),
     lambda name: name.replace('"', ""),
     lambda name: re.sub("^file:(//(localhost)?)?", "", name, flags=re.IGNORECASE),
@@ -28,26 +28,28 @@ _SPELLINGS = (
     lambda name: name.lstrip("/") if name.startswith("//") else name,
     lambda name: os.path.normpath(name) if name else name,
 )
-#: Bytes of a path in Blender (FILE_MAX, and a zero).
+#: Maximum length of a path in Blender in bytes (FILE_MAX, without the terminating zero).
 _LONGEST = 1023
-#: In a file's name: where the number of a tile or frame stands.
+#: Placeholders for the number of a tile or frame in a file's name.
 _NUMBER = re.compile(r"<UDIM>|<UVTILE>|(?<=[._])#+(?=\.)")
 
 
 def check(path: Path, reading: SceneReading) -> list[str]:
-    """Before the scene is opened; returns a sentence on what it names that is missing. Raises InputError for a way out of its folder."""
+    """Check the references of a scene before it is opened. Returns a sentence about missing files, if any. Raises InputError for references
+    outside its folder.
+    """
     missing = []
     for file, named, there in _walk(path):
         if named.computed or any(not _allowed(path, target, reading) for target in there):
             _refuse(file, named.place, named.name, reading)
-        if named.told and not there:
+        if named.report_missing and not there:
             missing.append(Path(named.name.replace("\\", "/")).name)
     names = ", ".join(dict.fromkeys(missing))[:160]
-    return [f"files that the scene names are missing ({names}): it is read without them"] if missing else []
+    return [f"files that the scene refers to are missing ({names}): it is read without them"] if missing else []
 
 
 def check_open(path: Path, reading: SceneReading) -> None:
-    """Once it is open: textures, libraries, volumes, caches, fonts and sounds of the session. Raises InputError."""
+    """Check the references of the open scene: textures, libraries, volumes, caches, fonts and sounds. Raises InputError."""
     for block, file in _referenced():
         for target in _frames(block, file):
             if not _allowed(path, target, reading):
@@ -55,7 +57,7 @@ def check_open(path: Path, reading: SceneReading) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Of the file and of every file that it, the open scene, or one of them in turn takes from elsewhere."""
+    """The hash of the file and of every other file that it, the open scene, or one of these files refers to."""
     named = {file for _, _, there in _walk(path) for target in there for file in _files(path, target)}
     beside = named | {target for block, file in _referenced() for target in _frames(block, file)}
     digest = hashlib.sha256(_content_hash(path))
@@ -65,9 +67,9 @@ def sha256(path: Path) -> str:
 
 
 def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
-    """(file, what it names, what is there of that name) of the scene and of all that it names in turn.
+    """(file, reference, existing files) for all references of the scene and, recursively, of the files it refers to.
 
-    A file is opened after it was yielded here.
+    A file is opened only after the reference to it was yielded, so that the caller can refuse it.
     """
     todo, seen, own = [(path, "")], set(), _resolved(path.parent)
 
@@ -91,7 +93,9 @@ def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
 
 
 def _targets(folder: Path, named: Named) -> list[Path]:
-    """Blender's own paths start in the file's folder after `//`, else in the working folder; it cuts those that are too long for it."""
+    """The paths that a name may refer to. In Blender's paths `//` is the file's folder, else they start in the working folder; Blender truncates
+    paths that are too long.
+    """
     own = named.blenders and named.name.startswith("//")
     names = _spelled(named.name[2:]) if own else _spelled(named.name)
     start = "" if named.blenders and not own else folder
@@ -100,7 +104,7 @@ def _targets(folder: Path, named: Named) -> list[Path]:
 
 
 def _last_resorts(folder: Path, named: Named) -> Iterator[Path]:
-    """Where importers look for what is not at its place: the working folder, the name's later parts, spaces for underscores."""
+    """Further paths that importers try for a missing file: the working folder, the last parts of the name, spaces instead of underscores."""
     for name in _spelled(named.name):
         parts = name.split("/")
         yield from (Path(name), folder / name.replace("_", " "))
@@ -115,7 +119,7 @@ def _spelled(name: str) -> list[str]:
 
 
 def _matches(target: Path, folder: bool, links: Callable[[Path], list[Path]]) -> list[Path]:
-    """What is there of that name: a file (or a folder), tiles and frames of a pattern, links beside it that are named alike."""
+    """The existing files of a name: the file (or folder), tiles and frames of a pattern, and symbolic links with similar names next to it."""
     with suppress(OSError, ValueError):
         if _NUMBER.search(target.name):
             return sorted(target.parent.glob(_NUMBER.sub("*", glob.escape(target.name))))
@@ -129,13 +133,13 @@ def _matches(target: Path, folder: bool, links: Callable[[Path], list[Path]]) ->
 def _allowed(path: Path, target: Path, reading: SceneReading) -> bool:
     folders = [path.parent, *([Path(reading.textures).expanduser()] if reading.textures else [])]
     inside = any(_resolved(target).is_relative_to(folder.resolve()) for folder in folders)
-    return reading.allow_outside or (inside and (target.is_file() or target.is_dir()))  # a pipe would be waited for
+    return reading.allow_outside or (inside and (target.is_file() or target.is_dir()))  # reading a pipe would block
 
 
 def _refuse(file: Path, place: str, name: str, reading: SceneReading) -> None:
     if not reading.allow_outside:
-        hint = "moving them there, packing them into the file, {textures} DIR if DIR may be read, or {allow_outside} if all may"
-        expected = "textures and other parts from the scene's own folder"
+        hint = "moving them there, packing them into the file, {textures} DIR to allow the folder DIR, or {allow_outside} to allow all files"
+        expected = "textures and other files in the scene's own folder"
         raise InputError(expected, path=f"{file}: {place}", found=name, hint=hint)
 
 
@@ -147,7 +151,7 @@ def _resolved(target: Path) -> Path:
 
 
 def _referenced() -> Iterator[tuple[bpy.types.ID, Path]]:
-    """(block, absolute path) of every outside file of the open session but scripts, which are never read."""
+    """(block, absolute path) of every external file of the open session, except scripts, which are never read."""
     data = bpy.data
     kinds = (data.images, data.libraries, data.cache_files, data.volumes, data.fonts, data.movieclips, data.sounds)
     for block in (block for blocks in kinds for block in blocks):
@@ -156,7 +160,7 @@ def _referenced() -> Iterator[tuple[bpy.types.ID, Path]]:
 
 
 def _frames(block: bpy.types.ID, file: Path) -> list[Path]:
-    """The file, or those that it stands for: UDIM tiles, the pictures of a sequence; none where nothing is there."""
+    """The existing files of a path: the file itself, UDIM tiles, or the images of a sequence."""
     pattern = glob.escape(file.name)
     if getattr(block, "source", "") == "SEQUENCE" or getattr(block, "is_sequence", False):
         pattern = re.sub(r"\d+(?=\D*$)", "*", pattern)
@@ -166,7 +170,7 @@ def _frames(block: bpy.types.ID, file: Path) -> list[Path]:
 
 
 def _files(path: Path, target: Path) -> list[Path]:
-    """The file; of a folder, all files in it, unless the scene itself lies there."""
+    """The file; for a folder, all files in it, unless the scene itself is in that folder."""
     if target.is_dir():
         inside = path.parent.is_relative_to(_resolved(target))
         return [] if inside else sorted(p for p in target.rglob("*") if p.is_file())

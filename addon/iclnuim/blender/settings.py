@@ -1,4 +1,4 @@
-"""Render settings: everything that decides a pixel is set here, so that nothing of the opened file's own settings leaks in."""
+"""Render settings: everything that determines a pixel is set here, so that the opened file's own settings have no effect."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -9,13 +9,13 @@ from ..errors import WorkError
 from ..job import RenderJob
 from . import compat
 
-#: Of a Principled surface without gloss.
+#: Inputs of a Principled surface without gloss.
 _MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}
-#: Cycles' first ray, from which Z comes, misses the pixel centre by half a step of the filter's table: 8e-5 px with the narrow
-#: filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide whatever its width says.
+#: Cycles' first ray, which gives Z, misses the pixel centre by half a step of the filter's table: 8e-5 px with the narrow
+#: filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide, whatever its width setting is.
 CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
-#: Of every frame. Bounces of a path-traced one: more change these rooms by less than the noise. A fixed seed would hang one noise
-#: pattern over all frames. No path that bounced brings more light than sample_clamp_indirect to a sample: rare bright ones would be specks.
+#: Cycles' settings of every frame. The bounces are those of path tracing: more change these rooms by less than the noise. With a fixed seed all
+#: frames would have the same noise pattern. sample_clamp_indirect limits the light of a path with bounces, to avoid fireflies.
 _CYCLES = {
     "device": "CPU", "shading_system": False, "sample_offset": 0, "use_adaptive_sampling": False, "time_limit": 0.0,
     "use_animated_seed": True, "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8,
@@ -25,7 +25,7 @@ _CYCLES = {
     "use_fast_gi": False, "blur_glossy": 1.0, "light_sampling_threshold": 0.01, "texture_limit_render": "OFF",
     "sampling_pattern": "AUTOMATIC", "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
-#: Of the view layer: files hide surfaces or the sky with these, or give it samples of its own.
+#: Settings of the view layer: files hide surfaces or the sky with these, or set another number of samples.
 _LAYER = {
     "samples": 0,
     "use_solid": True,
@@ -46,9 +46,9 @@ _RENDER = {
 
 
 def apply(job: RenderJob, threads: int | None = None) -> None:
-    """Cycles on the CPU for `job`, linear 32-bit multilayer EXR with Z. Raises WorkError for a denoiser that is not there.
+    """Set up Cycles on the CPU for `job`, with linear 32-bit multilayer EXR with Z. Raises WorkError if a required denoiser is missing.
 
-    Rays go through the pixel centre, or spread over neighbouring pixels with antialias.
+    Rays go through the pixel centre; with antialias they are spread over neighbouring pixels.
     """
     if job.denoise and not compat.has_denoiser():
         hint = "more {samples} without {denoise}, or the bpy package"
@@ -61,13 +61,13 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     assign(scene.render, _RENDER)
     assign(scene.cycles, {**_CYCLES, **own, **(_DENOISER if job.denoise else {})})
     compat.set_multilayer_exr(scene.render.image_settings)
-    # date and times in the header would make equal frames differ
+    # with date and times in the header, files of equal frames would differ
     assign(scene.render, {name: False for name in dir(scene.render) if name.startswith("use_stamp")})
     for other in scene.view_layers:
         other.use = other == layer
     passes = [name for name in dir(layer) if name.startswith("use_pass_")]
     assign(layer, {name: name in ("use_pass_combined", "use_pass_z") for name in passes})
-    layer.pass_alpha_threshold = 0.0  # the pane counts as a surface: Z is that of the first one a ray meets
+    layer.pass_alpha_threshold = 0.0  # a pane of glass counts as a surface: Z is that of the first surface a ray hits
     assign(layer, _LAYER)
     assign(layer.cycles, {"denoising_store_passes": False, "use_denoising": True})
     if threads:
@@ -82,13 +82,13 @@ def assign(thing: object, values: Mapping[str, object]) -> None:
 
 @contextmanager
 def without_volumes() -> Iterator[None]:
-    """Volumes of the open scene are empty for a while: a ray that scatters in one brings no Z."""
+    """Make the volumes of the open scene empty temporarily: a ray that scatters in a volume has no Z."""
     with ExitStack() as stack:
         for thing in (o for o in bpy.data.objects if o.type == "VOLUME"):
             stack.enter_context(compat.temporarily(thing, hide_render=True))
         for output in compat.volume_outputs():
             tree, before = output.id_data, output.inputs["Volume"].links[0].from_socket
-            # of density 0: without any volume, the bounds of one would be a black surface
+            # a volume of density 0: without any volume, its bounds would be a black surface
             empty = tree.nodes.new("ShaderNodeVolumeAbsorption")
             empty.inputs["Density"].default_value = 0.0
             tree.links.new(empty.outputs[0], output.inputs["Volume"])
@@ -98,10 +98,10 @@ def without_volumes() -> Iterator[None]:
 
 
 def remove_gloss() -> None:
-    """Take view-dependent light out of every material of the open scene: what an odometer gains then is what reflections cost it.
+    """Remove view-dependent reflection from every material of the open scene, to measure the effect of reflections on an odometer.
 
-    A mix or sum with a Glossy BSDF becomes its other part; a metal becomes a matt surface of its colour; a Principled surface loses
-    specular, metallic, coat and sheen.
+    A mix or sum with a Glossy BSDF is replaced by its other part; a metal becomes a matt surface of its colour; specular, metallic, coat and
+    sheen of a Principled surface are set to 0.
     """
     for tree in [m.node_tree for m in bpy.data.materials if m.use_nodes and m.node_tree]:
         for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:

@@ -1,4 +1,4 @@
-"""The surfaces that the open scene shows in a render: as triangles in the world, and as mesh objects that may be given light maps."""
+"""The surfaces of the open scene as rendered: as triangles in the world, and as mesh objects that can have light maps."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from ..lightmap.surfaces import Surfaces, join
 from .compat import temporarily
 
 SURFACE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-#: Detail in the viewport and in renders: of subdivision and multiresolution, screws, curves, metaballs, oceans.
+#: Properties for the level of detail in the viewport and in renders: subdivision and multiresolution, screws, curves, metaballs, oceans.
 _LEVELS = (
     ("levels", "render_levels"), ("steps", "render_steps"), ("resolution_u", "render_resolution_u"),
     ("resolution_v", "render_resolution_v"), ("resolution", "render_resolution"), ("viewport_resolution", "resolution"),
@@ -23,8 +23,8 @@ _LEVELS = (
 
 @dataclass(frozen=True)
 class Surface:
-    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names, one per object; held_out (m,):
-    cut out of frames, which have no depth there.
+    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names, one per object; held_out (m,): whether the
+    object is a holdout: frames have no depth there.
     """
 
     vertices: np.ndarray
@@ -36,10 +36,10 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One thing in the render: a mesh of its own as evaluated, where it stands, and what it was made from.
+    """One rendered object or instance: a copy of its evaluated mesh, its matrix, and the object it was made from.
 
-    `origin` is the object to hide when the part takes its place; `single` says that the part is all that this object shows, `shared` that
-    other parts show the same mesh.
+    `origin`: the object to hide when the part replaces it. `single`: the part is everything that this object shows. `shared`: other parts have
+    the same mesh.
     """
 
     name: str
@@ -57,9 +57,9 @@ class Part:
 
 
 def triangles(panes: bool = True) -> Surface:
-    """All surfaces a camera ray can meet: evaluated as for a render (modifiers, instances), without what is hidden from it.
+    """All surfaces that camera rays can hit, evaluated as for a render (modifiers, instances), without hidden objects.
 
-    panes: those of nothing but a Transparent BSDF, too.
+    panes: include surfaces that only have a Transparent BSDF.
     """
     vertices, faces, owners, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)], 0
     names: list[str] = []
@@ -81,7 +81,7 @@ def triangles(panes: bool = True) -> Surface:
 
 
 def triangle_count() -> int:
-    """How many triangles the open scene renders, those of every instance counted; curves and texts left out."""
+    """The number of triangles that the open scene renders, including every instance, without curves and texts."""
     with as_rendered(bpy.context.scene) as depsgraph:
         shown = ((i.object, i.is_instance) for i in depsgraph.object_instances if i.show_self)
         seen = (thing for thing, instanced in shown if thing.visible_camera and (instanced or not thing.hide_render))
@@ -91,8 +91,8 @@ def triangle_count() -> int:
 
 @contextmanager
 def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
-    """The evaluated scene as the renderer would see it: what is hidden only in the viewport is shown, and the reverse; modifiers, curves
-    and metaballs at their levels for rendering; of what is only instanced, too.
+    """The scene evaluated as for rendering: visibility, modifiers, curves and metaballs have their settings for rendering instead of those for the
+    viewport, also for objects that are only instanced.
     """
     with ExitStack() as stack:
 
@@ -113,27 +113,27 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
             hold(thing.data, **_levels(thing.data))
         for tree in (tree for tree in bpy.data.node_groups if tree.bl_idname == "GeometryNodeTree"):
             for node in (node for node in tree.nodes if node.bl_idname == "GeometryNodeIsViewport"):
-                hold(node, mute=True)  # then it says no
+                hold(node, mute=True)  # then its output is False
         depsgraph = bpy.context.evaluated_depsgraph_get()
         depsgraph.update()
         yield depsgraph
 
 
 def _levels(thing: Any) -> dict[str, object]:
-    """Detail of a modifier, curve or metaball in the viewport, and what it is in renders; 0 mostly means the same."""
+    """Viewport properties for the level of detail of a modifier, curve or metaball, and their values in renders. 0 usually means no change."""
     both = [(shown, rendered) for shown, rendered in _LEVELS if hasattr(thing, shown) and hasattr(thing, rendered)]
     levels = {shown: getattr(thing, rendered) for shown, rendered in both}
     return {shown: level for shown, level in levels.items() if level or shown == "levels"}
 
 
 def layers_below(layer: bpy.types.LayerCollection, rendered: bool = False) -> list[bpy.types.LayerCollection]:
-    """All below `layer`, or those that render; the top one is never hidden."""
+    """All layer collections below `layer`, or only those that render. The top one is never hidden."""
     shown = [c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))]
     return [inner for child in shown for inner in (child, *layers_below(child, rendered))]
 
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
-    """Every surface that renders, instances made real, in Blender's own order. The caller removes the meshes."""
+    """Every rendered surface, with instances made real, in Blender's order. The caller must remove the meshes."""
     found: list[Part] = []
     data: list[int] = []
     for instance in depsgraph.object_instances:
@@ -141,7 +141,7 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         hidden = thing.original.hide_render and not instance.is_instance
         if not instance.show_self or thing.type not in SURFACE_TYPES or hidden:
             continue
-        # what Geometry Nodes instance is no object: it has a mesh, and materials, but the object's name
+        # an instance made by Geometry Nodes is not an object: it has a mesh and materials, but the name of the object
         by_nodes = instance.is_instance and instance.parent.original == thing.original
         if by_nodes and isinstance(thing.data, bpy.types.Mesh):
             mesh = thing.data.copy()
@@ -152,13 +152,15 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         mesh.calc_loop_triangles()
         shown = mesh.materials if by_nodes else [slot.material for slot in thing.material_slots]
         for number, material in enumerate(shown):
-            # materials may hang on the object instead of its data; clearing the mesh's would reset the faces' indices
+            # materials may be linked to the object instead of its data; clearing the mesh's materials would reset the faces' indices
             material = material and material.original
             if number < len(mesh.materials):
                 mesh.materials[number] = material
             else:
                 mesh.materials.append(material)
-        if isinstance(thing.data, bpy.types.Mesh):  # generated coordinates span its box before the modifiers
+        if isinstance(
+            thing.data, bpy.types.Mesh
+        ):  # generated coordinates refer to its bounding box before the modifiers
             mesh.use_auto_texspace = False
             mesh.texspace_location, mesh.texspace_size = thing.data.texspace_location, thing.data.texspace_size
         origin = instance.parent.original if instance.is_instance else thing.original
@@ -171,7 +173,7 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
 
 @contextmanager
 def rendered_parts() -> Iterator[tuple[list[Part], bpy.types.Depsgraph]]:
-    """The parts of the open scene, as rendered, for a while."""
+    """The parts of the open scene as rendered. Their meshes are removed at the end of the `with` block."""
     with as_rendered(bpy.context.scene) as depsgraph:
         found = parts(depsgraph)
         try:
@@ -211,7 +213,7 @@ def world_normals(part: Part, found: Any) -> np.ndarray:
 
 
 def _normal_matrix(linear: np.ndarray) -> np.ndarray:
-    """(3, 3): rows of normals times this point the way they do in the world; for a flattened object by the cofactors, up to scale."""
+    """(3, 3): rows of normals times this matrix are normals in the world, up to scale; for a singular matrix it is made from the cofactors."""
     if np.linalg.matrix_rank(linear) == 3:
         return np.linalg.inv(linear)
     x, y, z = linear.T
@@ -219,14 +221,16 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
 
 
 def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The lamps that give light in a render: not hidden themselves, nor by every collection that they are in."""
+    """The lamps that are rendered: not hidden, and in at least one collection that is not hidden."""
     top = bpy.context.view_layer.layer_collection
     shown = {thing for layer in (top, *layers_below(top, rendered=True)) for thing in layer.collection.objects}
     return [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render and thing in shown]
 
 
 def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:
-    """Give an object without a parent its place in the world; the empty that it gets for a parent where the matrix shears, as an object's own cannot."""
+    """Set the world matrix of an object without a parent. An object's own matrix cannot shear: in that case it gets an empty as a parent, which is
+    returned.
+    """
     matrix = matrix.copy()
     thing.matrix_world = matrix
     if np.allclose(np.array(mathutils.Matrix.LocRotScale(*matrix.decompose())), np.array(matrix), atol=1e-5):
@@ -239,7 +243,7 @@ def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Obj
 
 
 def make_lamps_real() -> None:
-    """Lamps that instances show become objects of the scene: a light map is sampled lamp by lamp."""
+    """Make instanced lamps objects of the scene, because a light map is sampled lamp by lamp."""
     with as_rendered(bpy.context.scene) as depsgraph:
         shown = [
             (i.object.original, i.matrix_world.copy(), i.is_instance)
@@ -259,37 +263,37 @@ def make_lamps_real() -> None:
 
 
 def material_of_face(part: Part) -> np.ndarray:
-    """(F,) index into part.mesh.materials, clipped as Blender does; -1 where the mesh has none."""
+    """(F,) index into part.mesh.materials, clipped as in Blender; -1 if the mesh has none."""
     slots = len(part.mesh.materials)
     index = array_of(part.mesh.polygons, "material_index", 1, np.int32).astype(int)
     return np.minimum(index, slots - 1)
 
 
 def solid(part: Part) -> np.ndarray:
-    """(m,) triangles that a camera ray ends at; the bounds of a volume without a surface are none."""
+    """(m,) whether a camera ray ends at the triangle; it does not at the bounds of a volume without a surface."""
     ends = [not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked) for o in _outputs(part)]
     return _of_triangles(part, ends)
 
 
 def _is_pane(part: Part) -> np.ndarray:
-    """(m,) triangles that light passes straight through."""
+    """(m,) whether light passes straight through the triangle."""
     links = [list(o.inputs["Surface"].links) if o else [] for o in _outputs(part)]
     return _of_triangles(part, [any(link.from_node.type == "BSDF_TRANSPARENT" for link in own) for own in links])
 
 
 def _outputs(part: Part) -> list[Any]:
-    """What each material of the part puts out in Cycles; None for one without nodes."""
+    """The Cycles output node of each material of the part; None for a material without nodes."""
     return [m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials] or [None]
 
 
 def _of_triangles(part: Part, of_materials: list[bool]) -> np.ndarray:
-    """(m,) what holds for the material of each triangle."""
+    """(m,) the value of the material of each triangle."""
     of_triangle = array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32)
     return np.array(of_materials)[np.maximum(material_of_face(part), 0)][of_triangle]
 
 
 def array_of(collection: Any, name: str, width: int = 1, kind: type = np.float32) -> np.ndarray:
-    """(n, width), or (n,) for width 1: an attribute of all elements of a mesh's vertices, corners or faces, in Blender's own type."""
+    """(n, width), or (n,) for width 1: an attribute of all vertices, corners or faces of a mesh, in Blender's type."""
     values: np.ndarray = np.empty(len(collection) * width, kind)
     collection.foreach_get(name, values)
     return values.reshape(-1, width) if width > 1 else values

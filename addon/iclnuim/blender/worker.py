@@ -1,6 +1,6 @@
-"""The frame loop: any trajectory through any scene, one EXR a frame, resumable anywhere.
+"""The frame loop: renders any trajectory through any scene, one EXR per frame, and can be resumed at any frame.
 
-A `Session` is the same for the command line, the farm and the panel. It reports through `emit`, see worker_events.py.
+A `Session` is used by the command line, the farm and the panel. It reports events through `emit`, see worker_events.py.
 """
 
 import os
@@ -31,10 +31,10 @@ Emit = Callable[[Event], None]
 
 
 class Session:
-    """A run opened in `out`, its scene built at the first frame and kept; then any frames of it, as often as asked.
+    """Opens a run in `out` and renders any of its frames. The scene is built at the first frame and kept.
 
-    `threads` for Cycles; default: all cores of this process. `asked`: frames that are wanted: a user-provided scene gets a preview of the
-    first, and light "auto" is chosen for so many. Use as a context manager: Blender's chatter goes to a log meanwhile.
+    `threads` for Cycles; default: all cores of this process. `asked`: the requested frames: for a user-provided scene, the first one is
+    rendered as a preview, and light "auto" is chosen for their number. Use it as a context manager: Blender's output goes to a log meanwhile.
     """
 
     def __init__(
@@ -58,8 +58,8 @@ class Session:
         begun, features = read_run(out).recipe.get("machine", {}).get("features"), _features()
         if begun is not None and begun != features:
             processors = f"a processor with {' '.join(begun)}, this one has {' '.join(features)}"
-            expected = "its frames will equal those of one kind by tolerance, not to the byte"
-            emit(events.Note(f"this run was begun on {processors}: {expected}"))
+            expected = "frames of both are equal within a tolerance, not byte by byte"
+            emit(events.Note(f"this run was started on {processors}: {expected}"))
         self.work = _work_folder(self.run)
         self._output = output.blender_output_in(self.work / "blender.log", errors=False)
         self._ready = False
@@ -82,25 +82,27 @@ class Session:
             self.emit(events.Ready())
 
     def bake(self) -> tuple[Path, bool]:
-        """Find the light map or make it, and whether it was made: then the scene is to be built anew, in a process that needs less memory."""
+        """Find or bake the light map. Returns its folder and whether it was baked; in that case the scene must be built again, preferably in a new
+        process, which needs less memory.
+        """
         opened, self._ready, self._opened = self._opened, False, False
         folder, made = bake_light(self.job, self.emit, self.threads, opened)
         self._opened = not made
         return folder, made
 
     def save_blend(self, file: Path) -> None:
-        """A copy of the prepared scene, camera keyed, to be played in Blender."""
+        """Save a copy of the prepared scene with the keyframed camera, to be played in Blender."""
         self.prepare()
         bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=True)
 
-    def render(self, asked: str | Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
-        """Frames of `asked`, a slice as text or numbers, that were missing and are rendered now, and whether all of them are there.
+    def render(self, requested: str | Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
+        """Render the missing frames of those requested, given as a slice or numbers. Returns how many were rendered, and whether none is missing.
 
-        Each frame is closed while Cycles is at the next: at most one is open besides the one in work. Raises InputError for a frame
-        that the trajectory does not have, WorkError.
+        The file of each frame is written while Cycles renders the next: at most one is open in addition to the current one. Raises InputError
+        for a frame that the trajectory does not have, WorkError.
         """
         count = len(self.trajectory)
-        numbers = frame_slice(asked, count) if isinstance(asked, str) else asked
+        numbers = frame_slice(requested, count) if isinstance(requested, str) else requested
         if any(not 0 <= n < count for n in numbers):
             raise InputError(f"frames of 0..{count - 1}", found=f"{min(numbers)}..{max(numbers)}")
         missing = self.run.missing(numbers)
@@ -116,7 +118,7 @@ class Session:
                 begun = time.perf_counter()
                 raw, raw_depth, raw_behind = _render(job, number, self.work / str(rendered % 2))
                 blurred = None
-                if not job.exposure.instant:  # RGB through a shutter that takes its time; Z stays that of the stamp
+                if not job.exposure.instant:  # RGB with motion blur or rolling shutter; Z is still that of the stamp
                     depth_z_m, instant = frames.read(raw_depth, raw_depth)[1], self.work / "instant.exr"
                     blurred = frames.shoot(job, number, self.trajectory, depth_z_m, instant)
                 seconds = time.perf_counter() - begun
@@ -129,7 +131,7 @@ class Session:
         return rendered, rendered == len(missing)
 
     def _build(self) -> dict | None:
-        """Open the scene unless that was done, light it, key the camera, fix every setting. With ground truth, the table of objects."""
+        """Open the scene unless it is open, light it, keyframe the camera, and set all settings. With ground truth, returns the table of objects."""
         job, table = self.job, None
         _set_up(job, self.emit, self.threads, self._opened)
         if job.ground_truth:
@@ -138,12 +140,12 @@ class Session:
         if job.light == "baked":
             folder, _ = light_map.prepare(job, lambda text: self.emit(events.Note(text)))
             cycles = bpy.context.scene.cycles
-            # as path tracing clamps light that bounced; the built-in rooms keep their frames
+            # path tracing clamps indirect light in the same way; not for built-in rooms, so that their frames do not change
             light_map.apply(folder, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect)
             settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
             if (
                 bpy.context.scene.world is not None
-            ):  # reflections find the sky by themselves, at less cost than by aiming at it
+            ):  # only rays of reflections sample the sky, which is faster than importance sampling
                 bpy.context.scene.world.cycles.sampling_method = "NONE"
         if job.ground_truth:
             ground_truth.add_passes()
@@ -159,9 +161,9 @@ class Session:
         blurred: np.ndarray | None,
         cycles_seconds: float,
     ) -> None:
-        """Blender's raw frame -> the finished file, with ground truth if the job has it; told at once, not a frame later."""
+        """Convert Blender's raw frame to the finished file, with ground truth if the job has it, and emit the event immediately."""
         begun = time.perf_counter()
-        if self.run.is_finished(number):  # a worker whose parent was killed ended its last frame meanwhile
+        if self.run.is_finished(number):  # a worker whose parent was killed has finished its last frame meanwhile
             return self.emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
         rgb, depth_z_m = frames.read(raw, raw_depth)
         further = {}
@@ -191,7 +193,7 @@ def recipe(job: RenderJob) -> dict:
 
 
 def _opened(job: RenderJob, emit: Emit) -> RenderJob:
-    """Open a user-provided scene before its run begins: its textures count in the recipe, and what moves decides the light."""
+    """Open a user-provided scene before its run is opened: its textures are part of the recipe, and moving objects affect the choice of light."""
     with output.blender_output_in(Path(os.devnull), errors=False):
         notes = scene.open_scene(job.scene, job.reading)
         job, more = scene.lit_as_it_can_be(job)
@@ -200,9 +202,9 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
 
 
 def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False) -> tuple[Path, bool]:
-    """Open the job's scene, unless it is, and find or make its light map: its folder, and whether it had to be made.
+    """Open the job's scene, unless it is open, and find or bake its light map. Returns its folder, and whether it was baked.
 
-    Raises InputError for a scene that cannot be lit so.
+    Raises InputError for a scene whose light cannot be baked.
     """
     with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
         _set_up(job, emit, threads, opened, must_bake=True)
@@ -210,7 +212,7 @@ def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: b
 
 
 def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False) -> None:
-    """Open the job's scene unless it is, note what is worth telling, fix every setting."""
+    """Open the job's scene unless it is open, emit notes about it, and set all settings."""
     _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
     if must_bake and (hindrance := scene.why_not_baked(bpy.context.scene)):
         wanted = "a scene whose light can be baked"
@@ -227,17 +229,18 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
 
 
 def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path, Path | None]:
-    """Blender's raw files that hold RGB and Z of a frame, mostly one and the same, and Z behind glass where the job asks for it; the
-    caller alternates names while one is being closed.
+    """Render a frame. Returns Blender's raw files with RGB and with Z, usually the same file, and with Z behind glass if the job needs it. The
+    caller alternates names while another frame is being written.
 
-    Z is that of the first sample at any rate, but not with a wide filter nor in a volume; normals are a mean over the samples.
+    A separate render with one sample gives Z if the filter is wide or the scene has volumes, else Z is that of the first sample. It also gives
+    normals, which otherwise are a mean over the samples.
     """
     raw, raw_behind = name.with_suffix(".exr"), None
     raw_depth, scene = raw, bpy.context.scene
     frames.render(number, raw)
-    # one narrow ray a pixel, so that Z is the same bits as without antialiasing
+    # one narrow ray per pixel, so that Z has the same bits as without antialiasing
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
-    volumes = preflight.volume_names(scene) or compat.volume_outputs()  # those that Geometry Nodes fill, too
+    volumes = preflight.volume_names(scene) or compat.volume_outputs()  # including volumes made by Geometry Nodes
     if job.antialias or volumes or (job.ground_truth and job.samples != 1):
         raw_depth = name.with_name(f"{name.name}-depth.exr")
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
@@ -251,9 +254,9 @@ def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path, Path |
 
 
 def _work_folder(run: RunFolder) -> Path:
-    """A folder for Blender's raw frames, named after this process; those of processes that died here are removed.
+    """A folder for Blender's raw frames, named after this process. Folders of processes of this host that have ended are removed.
 
-    It lies in the run folder, or in ICLNUIM_SCRATCH: a node's own disk.
+    It is in the run folder, or in ICLNUIM_SCRATCH, for example a node's local disk.
     """
     host, place = platform.node(), Path(os.environ.get("ICLNUIM_SCRATCH") or run.path)
     for old in place.glob(f".work-{host}-*"):
@@ -268,12 +271,12 @@ def _work_folder(run: RunFolder) -> Path:
 
 
 def _features() -> list[str]:
-    """What decides which of Cycles' kernels runs: equal bytes are promised between processors of equal features only."""
+    """Processor features that select Cycles' kernels: frames are guaranteed to have equal bytes only on processors with equal features."""
     return sorted(set(_cpuinfo("flags").split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"})
 
 
 def _cpuinfo(key: str) -> str:
-    """The first processor's entry; empty where there is none (not Linux, another architecture)."""
+    """An entry of /proc/cpuinfo for the first processor; empty if there is none (not Linux, another architecture)."""
     if sys.platform == "linux":
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith(key):

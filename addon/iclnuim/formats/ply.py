@@ -138,7 +138,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     """Byte order, elements, and the offset of the data."""
     end = data.find(b"end_header", 0, _LONGEST_HEADER)
     if not data.startswith(b"ply") or end < 0:
-        raise InputError("a PLY file", path=path, found="a file without a PLY header")
+        raise InputError("a PLY file", path=path, found="no header of a PLY file")
     order, elements = None, []
     for number, row in enumerate(data[:end].split(b"\n"), 1):
         line = row.decode("latin-1")

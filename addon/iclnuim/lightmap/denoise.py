@@ -1,18 +1,19 @@
-"""Images of a light map: noise taken out without blurring shadows, light carried into texels without any, contrast measured.
+"""Image processing of a light map: denoising that keeps the edges of shadows, filling of empty texels, measurement of contrast.
 
-Edge-avoiding wavelets (Dammertz et al. 2010) steered by the noise itself (Schied et al. 2017): two independent halves of the
-samples tell the variance of each texel; neighbours count as far as their difference can be noise, and only within a chart.
-Each half is smoothed with weights from the other (Rousselle et al. 2012), so that a bright speck cannot vouch for itself.
+The denoiser uses edge-avoiding wavelets (Dammertz et al. 2010) controlled by the estimated noise (Schied et al. 2017): two independent halves
+of the samples give the variance of each texel. The weight of a neighbour depends on whether their difference can be noise; only neighbours in
+the same chart are used. Each half is smoothed with weights from the other (Rousselle et al. 2012), so that a firefly does not increase its own
+weight.
 """
 
 import numpy as np
 
 _LEVELS = 5
-#: Differences up to this many standard deviations are taken for noise.
+#: Differences up to this many standard deviations are treated as noise.
 _SIGMAS = 2.0
 _KERNEL = {-1: 0.25, 0: 0.5, 1: 0.25}
 _NORMAL_POWER = 32
-#: A texel whose halves differ by more than this many times what is usual around it holds a rare bright path in one of them.
+#: A texel is a firefly (a rare bright path in one half) if its halves differ by more than this factor times the median of its neighbours.
 _ODD = 6.0
 _NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
@@ -20,7 +21,7 @@ _NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) !=
 def denoise(
     half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, normals: np.ndarray, usable: np.ndarray
 ) -> np.ndarray:
-    """(h, w, 3) light from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
+    """Denoised light (h, w, 3) from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
     half_a, half_b = _without_fireflies(half_a, half_b, chart, usable)
     variance = _variance(half_a, half_b, chart, usable)
     spread = (variance, variance.copy())
@@ -39,9 +40,9 @@ def luminance(light: np.ndarray) -> np.ndarray:
 def _without_fireflies(
     half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the halves disagree far more than around, both take the darker one. Lit edges agree, and stay.
+    """Where the halves differ far more than their neighbours do, both get the darker value. Edges of light agree in both halves and stay.
 
-    What is cut off is light all the same, found by few paths: it is spread over the neighbourhood, so that nothing is lost.
+    The light that is cut off is correct energy, found by few paths: it is distributed over the neighbourhood, so that none is lost.
     """
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
@@ -55,7 +56,7 @@ def _without_fireflies(
 
 
 def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Light (h, w, 3) shared out among the usable texels of its chart, some 2^_LEVELS texels around it."""
+    """Distribute light (h, w, 3) over the usable texels of its chart, within about 2^_LEVELS texels."""
     share = usable.astype(np.float32)[..., None]
     light = light.astype(np.float32) * share
     for step in [1 << level for level in range(_LEVELS)]:
@@ -71,7 +72,7 @@ def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndar
 
 
 def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Variance of one half's luminance: (a - b)^2 / 2, averaged over the neighbourhood because one difference says little."""
+    """Variance of one half's luminance: (a - b)^2 / 2, averaged over the neighbourhood, because a single difference is a poor estimate."""
     raw = np.where(usable, luminance(half_a - half_b) ** 2 / 2, 0).astype(np.float32)
     total, count = raw, usable.astype(np.float32)
     for step in (1, 2):
@@ -95,7 +96,7 @@ def _wavelet(
     mask: np.ndarray,
     step: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One level: nine neighbours `step` texels apart, weighed by `guide`; returns light and its variance."""
+    """One level of the filter: nine neighbours `step` texels apart, with weights from `guide`. Returns light and its variance."""
     here = np.flatnonzero(mask)
     h, w = mask.shape
     row, column = here // w, here % w
@@ -109,8 +110,8 @@ def _wavelet(
             there = np.clip(y, 0, h - 1) * w + np.clip(x, 0, w - 1)
             same = (part[there] == part[here]) & (y >= 0) & (y < h) & (x >= 0) & (x < w)
             apart = (bright[there] - bright[here]) ** 2 / (_SIGMAS**2 * (spread[there] + spread[here]) + 1e-10)
-            turn = np.maximum(np.einsum("ij,ij->i", facing[there], facing[here]), 0) ** _NORMAL_POWER
-            weight = (same * (wy * wx) * turn * np.exp(-apart)).astype(np.float32)
+            alike = np.maximum(np.einsum("ij,ij->i", facing[there], facing[here]), 0) ** _NORMAL_POWER
+            weight = (same * (wy * wx) * alike * np.exp(-apart)).astype(np.float32)
             total += weight[:, None] * flat[there]
             noise += weight**2 * spread[there]
             weights += weight
@@ -132,7 +133,7 @@ def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.nda
 
 
 def beside_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Flat places of unknown texels inside charts that have a known one of their chart beside them, and of the nearest such."""
+    """Flat indices of unknown texels that have a known neighbour in the same chart, and flat indices of the nearest such neighbour."""
     place = np.arange(known.size).reshape(known.shape)
     nearest = np.full(known.shape, -1)
     for dy, dx in sorted(_NEIGHBOURS, key=lambda step: abs(step[0]) + abs(step[1])):
@@ -143,10 +144,10 @@ def beside_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Unknown texels get the mean of their known neighbours in the same chart, `steps` rings deep.
+    """Fill unknown texels with the mean of their known neighbours in the same chart, `steps` times.
 
-    light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: such texels take light from any chart.
-    Returns the new light and what is known then.
+    light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: these texels use neighbours of any chart.
+    Returns the new light and the new mask of known texels.
     """
     light, known = light.copy(), known.copy()
     for _ in range(steps):
@@ -172,10 +173,10 @@ def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) ->
 
 
 def contrast(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> np.ndarray:
-    """(h, w) squared steps of brightness to the next texels of a chart, by two independent halves (h, w, 3) of the light.
+    """(h, w) squared differences of brightness to the neighbouring texels of a chart, from two independent halves (h, w, 3) of the light.
 
-    Brightness is the root of light, near to what a picture shows. The product of both halves' steps is free of their noise in
-    the mean; single values may be negative. chart (h, w), -1 outside.
+    Brightness is the square root of light, similar to the values of an image. The product of both halves' differences has no bias from their
+    noise; single values may be negative. chart (h, w), -1 outside.
     """
     a, b = (np.sqrt(np.maximum(luminance(half), 0)) for half in (half_a, half_b))
     total = np.zeros(chart.shape)

@@ -1,8 +1,9 @@
-"""The layout of a light map: surfaces cut into charts, charts placed in one square map, how densely, and which sides get texels.
+"""The layout of a light map: surfaces are cut into charts, and the charts are packed into one square map; their texel density, and which sides
+get texels.
 
-A chart is connected faces that look roughly one way, laid flat by parallel projection: it stretches nothing by more than
-1 / cos(LIMIT), keeps straight what is straight, and shows flat walls undistorted. Texel density is found by bisection, charts lie in
-rows of falling height. They get more texels where faces are narrow: along bevels, folds and mouldings, where light changes fast.
+A chart consists of connected faces with similar normals, flattened by parallel projection: lengths are foreshortened by at most cos(LIMIT),
+straight lines stay straight, and flat walls are not distorted. Texel density is found by bisection; charts are placed in rows of decreasing
+height. Narrow faces get more texels: bevels, folds and mouldings, where light changes fast.
 """
 
 from dataclasses import dataclass
@@ -12,24 +13,24 @@ import numpy as np
 from ..errors import InputError
 from .surfaces import BACK, FRONT, Sides, Surfaces, Texels, cross, select, texels
 
-#: A face joins a chart when its normal is within this angle of the chart's axis.
+#: A face belongs to a chart if its normal is within this angle of the chart's axis.
 LIMIT_DEG = 50.0
-#: Turns tried for each chart, besides that of its longest edge, to find a small rectangle around it.
-_TURNS = 12
-#: Empty texels between charts; filled with their neighbours' light afterwards.
+#: Number of rotations tried for each chart, starting with that of its longest edge, to find a small bounding rectangle.
+_ROTATIONS = 12
+#: Empty texels between charts; they are filled with their neighbours' light afterwards.
 GUTTER = 1
 _BISECTIONS = 14
-#: A stretch of a chart narrower than a texel is widened towards one texel, at most by this factor.
+#: A part of a chart that is narrower than a texel is widened towards one texel, by at most this factor.
 _MAX_STRETCH = 3.0
-#: Texels per metre may differ between charts by these factors from the usual.
+#: Limits of a chart's factor on texels per metre because of its visibility, relative to the median.
 SPARSEST, DENSEST = 0.3, 1.6
-#: And by these where light is even, or changes fast.
+#: Limits of the factor because of its contrast: even light, or light that changes fast.
 EVENEST, SHARPEST = 0.6, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Charts:
-    """chart (F,) of each face, flat_m (C, 2) corners laid flat in metres from (0, 0), size_m (K, 2) of each chart's rectangle."""
+    """chart (F,): number of each face's chart; flat_m (C, 2): flattened corners in metres from (0, 0); size_m (K, 2) of each chart's rectangle."""
 
     chart: np.ndarray
     flat_m: np.ndarray
@@ -37,7 +38,7 @@ class Charts:
 
 
 def chart(surfaces: Surfaces) -> Charts:
-    """Faces that hang together over edges and look along the same axis, laid flat; numbered in the order of their first face."""
+    """Cut the surfaces into charts of faces that are connected by edges and have the same axis; charts are numbered by their first face."""
     vectors = surfaces.area_vectors()
     axis, face, vertex = _axes(vectors, surfaces.face_object), surfaces.face_of_corner, surfaces.vertex
     low, high = (choose(vertex, vertex[surfaces.following]) for choose in (np.minimum, np.maximum))
@@ -51,7 +52,7 @@ def chart(surfaces: Surfaces) -> Charts:
 
 
 def _axes(vectors: np.ndarray, face_object: np.ndarray) -> np.ndarray:
-    """(F,): which axis of its object each face looks along; numbers differ between objects."""
+    """(F,): the number of the axis of each face; different objects have different numbers."""
     label = np.zeros(len(vectors), int)
     order = np.argsort(face_object, kind="stable")
     bounds = np.flatnonzero(np.diff(face_object[order], prepend=-1, append=-1))
@@ -65,7 +66,7 @@ def _axes(vectors: np.ndarray, face_object: np.ndarray) -> np.ndarray:
 
 
 def _object_axes(vectors: np.ndarray) -> np.ndarray:
-    """Directions (A, 3) so that every face is near one: always the one that most area looks along is taken next."""
+    """Axes (A, 3) so that every face is near one of them. Greedy: the next axis is always the direction with the largest remaining area."""
     area = np.linalg.norm(vectors, axis=1)
     normals = vectors / np.maximum(area, 1e-20)[:, None]
     cells = np.unique(np.round(normals * 6).astype(int), axis=0, return_inverse=True)[1].reshape(-1)
@@ -81,7 +82,7 @@ def _object_axes(vectors: np.ndarray) -> np.ndarray:
 
 
 def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(count,): the lowest member of each one's component, when a[i] and b[i] hang together."""
+    """(count,): the lowest member of each element's connected component, where a[i] and b[i] are connected."""
     label = np.arange(count)
     while True:
         low = np.minimum(label[a], label[b])
@@ -95,7 +96,9 @@ def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _flatten(surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Project each chart along its mean normal, turned so that its rectangle is small; first along the longest edge in the projection."""
+    """Project each chart along its mean normal, and rotate it so that its bounding rectangle is small; the first rotation aligns it with its
+    longest projected edge.
+    """
     count = int(number.max(initial=-1)) + 1
     axis = np.stack([np.bincount(number, vectors[:, k], count) for k in range(3)], -1)
     length = np.linalg.norm(axis, axis=1, keepdims=True)
@@ -119,23 +122,23 @@ def _smallest_rectangle(base: np.ndarray, of_corner: np.ndarray, count: int) -> 
     starts = np.searchsorted(of_corner[order], np.arange(count))
     best = np.full(count, np.inf)
     flat, size = np.zeros_like(base), np.zeros((count, 2))
-    for turn in range(_TURNS):
-        c, s = np.cos(np.pi / 2 * turn / _TURNS), np.sin(np.pi / 2 * turn / _TURNS)
-        turned = base @ np.array([[c, -s], [s, c]])
-        low = np.minimum.reduceat(turned[order], starts)
-        extent = np.maximum.reduceat(turned[order], starts) - low
+    for step in range(_ROTATIONS):
+        c, s = np.cos(np.pi / 2 * step / _ROTATIONS), np.sin(np.pi / 2 * step / _ROTATIONS)
+        rotated = base @ np.array([[c, -s], [s, c]])
+        low = np.minimum.reduceat(rotated[order], starts)
+        extent = np.maximum.reduceat(rotated[order], starts) - low
         area = (extent[:, 0] + 1e-3) * (extent[:, 1] + 1e-3)
         better = area < best * 0.98
         best[better], size[better] = area[better], extent[better]
-        flat = np.where(better[of_corner, None], turned - low[of_corner], flat)
+        flat = np.where(better[of_corner, None], rotated - low[of_corner], flat)
     return flat, size
 
 
 def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where charts lie in a map of size x size texels at the highest density at which all fit; `weight` (K,) multiplies it chart by chart.
+    """Pack the charts into a map of size x size texels at the highest density at which all fit; `weight` (K,) is a factor for each chart.
 
-    Returns corners (C, 2), the centre of texel i at i + 0.5, and texels per metre. A chart's rectangle reaches from its first texel's
-    centre to its last one's. Raises InputError where even the smallest charts, 2 x 2 texels each, do not fit.
+    Returns corners (C, 2), with the centre of texel i at i + 0.5, and texels per metre. A chart's rectangle extends from its first texel's
+    centre to its last texel's centre. Raises InputError if even the smallest charts, 2 x 2 texels each, do not fit.
     """
     ruler = Ruler(charts, of_corner := charts.chart[surfaces.face_of_corner])
     plain = np.zeros(len(weight), bool)
@@ -150,29 +153,31 @@ def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray) -> t
                 low, best = density, placed
         best = best or _place(np.zeros_like(charts.size_m), size)
         if best is None:
-            expected = f"a light map that holds {len(weight)} charts"
+            expected = f"a light map large enough for {len(weight)} charts"
             raise InputError(expected, found=f"{size} texels", hint="a larger map size")
         coordinates, extent = ruler.measure(low * weight, plain)
         broken = folded(surfaces, charts, coordinates) & ~plain
         if not broken.any():
             break
         plain |= broken
-    origin, turned = best
+    origin, rotated = best
     step = np.where(extent > 1e-9, (_texels(extent) - 1) / np.maximum(extent, 1e-9), 0.0)
     placed = coordinates * step[of_corner]
-    return np.where(turned[of_corner, None], placed[:, ::-1], placed) + origin[of_corner] + 0.5, low
+    return np.where(rotated[of_corner, None], placed[:, ::-1], placed) + origin[of_corner] + 0.5, low
 
 
 def _texels(extent: np.ndarray) -> np.ndarray:
-    """Columns and rows (K, 2): at least two, so that interpolation has something on both sides."""
+    """Columns and rows (K, 2): at least two, so that interpolation has texels on both sides."""
     return np.maximum(np.ceil(extent - 1e-6).astype(int), 1) + 1
 
 
 def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Charts in rows of falling height, lying on their longer side; None where they do not fit."""
+    """Place charts in rows of decreasing height, with their longer side horizontal. Returns their origins and whether they were rotated by 90
+    degrees; None if they do not fit.
+    """
     cells = _texels(extent) + GUTTER
-    turned = cells[:, 1] > cells[:, 0]
-    cells = np.where(turned[:, None], cells[:, ::-1], cells)
+    rotated = cells[:, 1] > cells[:, 0]
+    cells = np.where(rotated[:, None], cells[:, ::-1], cells)
     if len(cells) and (cells[:, 0].max() > size or cells.prod(1).sum() > size * size):
         return None
     origin = np.zeros_like(cells)
@@ -184,11 +189,11 @@ def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | Non
         if y + h > size:
             return None
         origin[k], x, row = (x, y), x + w, max(row, h)
-    return origin, turned
+    return origin, rotated
 
 
 class Ruler:
-    """Widths of charts at any density. Along each axis of a chart, the corners' coordinates cut it into intervals."""
+    """Computes the sizes of charts at any density. Along each axis of a chart, the corners' coordinates divide it into intervals."""
 
     def __init__(self, charts: Charts, chart_of_corner: np.ndarray) -> None:
         self.chart_of_corner, self.count = chart_of_corner, len(charts.size_m)
@@ -200,15 +205,15 @@ class Ruler:
             gaps[self.first] = 0.0
 
     def measure(self, density: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(C, 2) coordinates in texels from each chart's first one, (K, 2) extents; density (K,) texels per metre.
+        """(C, 2) coordinates in texels from each chart's first texel, and (K, 2) extents; density (K,) in texels per metre.
 
-        Charts that are `plain` (K,) keep their proportions.
+        Narrow intervals of charts that are `plain` (K,) are not widened.
         """
         coordinates, extent = np.zeros((len(self.chart_of_corner), 2)), np.zeros((self.count, 2))
-        most = np.where(plain, 1.0, _MAX_STRETCH)[self.sorted_chart]
+        factor = np.where(plain, 1.0, _MAX_STRETCH)[self.sorted_chart]
         for axis, (order, gaps) in enumerate(zip(self.orders, self.gaps, strict=True)):
             width = gaps * density[self.sorted_chart]
-            width = np.maximum(width, np.minimum(1.0, most * width))
+            width = np.maximum(width, np.minimum(1.0, factor * width))
             along = np.cumsum(width)
             along -= along[self.first][self.sorted_chart]
             coordinates[order, axis] = along
@@ -217,20 +222,22 @@ class Ruler:
 
 
 def folded(surfaces: Surfaces, charts: Charts, coordinates: np.ndarray) -> np.ndarray:
-    """(K,) charts in which stretching has turned a triangle over."""
+    """(K,) whether widening has flipped a triangle of the chart."""
     areas = []
     for flat in (charts.flat_m, coordinates):
         a, b, c = (flat[surfaces.triangles[:, k]] for k in range(3))
         areas.append(cross(b - a, c - a))
-    turned = areas[0] * areas[1] < 0
+    flipped = areas[0] * areas[1] < 0
     result = np.zeros(len(charts.size_m), bool)
-    result[charts.chart[surfaces.triangle_face[turned]]] = True
+    result[charts.chart[surfaces.triangle_face[flipped]]] = True
     return result
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Charts of the sides of `surfaces` that have texels, packed into a square map; corners (C', 2) of the sides in texels; texels per metre."""
+    """The charts of the sides of `surfaces` that have texels, packed into a square map. corners (C', 2) of the sides, in texels; density in texels
+    per metre.
+    """
 
     surfaces: Surfaces
     sides: Sides
@@ -241,15 +248,15 @@ class Layout:
 
     @property
     def face_of_texel(self) -> np.ndarray:
-        """(N,)."""
+        """(N,) number of the face of each texel."""
         return self.sides.face[self.sides.surfaces.triangle_face[self.texels.triangle]]
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 3) points in metres and (N, 3) unit normals, one a texel."""
+        """(N, 3) points in metres and (N, 3) unit normals, one per texel."""
         return self.texels.points(self.sides.surfaces)
 
     def uv(self) -> tuple[np.ndarray, np.ndarray]:
-        """For the corners (C,) of all surfaces: (2, C, 2) place in the map, 0..1, of front and back; (2, C) whether there is one."""
+        """For the corners (C,) of all surfaces: (2, C, 2) position in the map, 0..1, of front and back; (2, C) whether the side has texels."""
         count = len(self.surfaces.corners_m)
         uv, has = np.zeros((2, count, 2)), np.zeros((2, count), bool)
         side = self.sides.side[self.sides.surfaces.face_of_corner]
@@ -260,7 +267,7 @@ class Layout:
         return uv, has
 
     def per_side(self, values: np.ndarray) -> np.ndarray:
-        """(F, 2): the mean of texel values (N,) over the chart of each side; 0 for sides without texels."""
+        """(F, 2): mean of the texel values (N,) over the chart of each side; 0 for sides without texels."""
         chart, count = self.texels.chart, len(self.charts.size_m)
         mean = np.bincount(chart, values, count) / np.maximum(np.bincount(chart, minlength=count), 1)
         result = np.zeros((self.surfaces.faces, 2))
@@ -268,7 +275,7 @@ class Layout:
         return result
 
     def summary(self) -> str:
-        """One line for people."""
+        """One line for messages."""
         count, size = len(self.texels.index), self.texels.size
         return f"{len(self.charts.size_m)} charts, {count} texels ({count / size**2:.0%} of {size} x {size}), {1000 / self.density:.1f} mm"
 
@@ -280,10 +287,10 @@ def lay_out(
     exposure: np.ndarray | None = None,
     contrast: np.ndarray | None = None,
 ) -> Layout:
-    """A map of size x size texels for the sides `wanted` (F, 2).
+    """The layout of a map of size x size texels for the sides `wanted` (F, 2).
 
-    `exposure` (F, 2) says how much of a camera's image a square metre of each side may fill; texels are laid in proportion.
-    `contrast` (F, 2) says how much light changes there from place to place, squared: shadows' edges get more texels.
+    `exposure` (F, 2): how much of a camera's image a square metre of each side may fill; the number of texels is proportional to it.
+    `contrast` (F, 2): squared change of light between neighbouring texels; edges of shadows get more texels.
     """
     sides = select(surfaces, wanted)
     charts = chart(sides.surfaces)
@@ -294,13 +301,13 @@ def lay_out(
         return np.bincount(charts.chart, area * values[sides.face, sides.side], len(total)) / total
 
     weight = np.ones(len(total))
-    if exposure is not None:  # the root of a chart's mean exposure, against the usual: the median by area
+    if exposure is not None:  # the square root of a chart's mean exposure, relative to the median by area
         seen = mean(exposure)
         order = np.argsort(seen)
         place = np.searchsorted(np.cumsum(total[order]), total.sum() / 2)
         usual = max(float(seen[order[min(place, len(order) - 1)]]), 1e-12)
         weight *= np.clip(np.sqrt(seen / usual), SPARSEST, DENSEST)
-    if contrast is not None:  # an edge's error grows with texel size: the cube root makes the sum of errors least
+    if contrast is not None:  # an edge's error grows with texel size: the cube root minimises the sum of errors
         changes = mean(contrast)
         usual = max(float(np.average(changes, weights=total)), 1e-12)
         weight *= np.clip(np.cbrt(np.maximum(changes, 0) / usual), EVENEST, SHARPEST)

@@ -1,6 +1,7 @@
-"""The surfaces of a scene as plain arrays, in world coordinates, and the point of a surface behind each texel of a light map.
+"""The surfaces of a scene as arrays in world coordinates, and the surface point of each texel of a light map.
 
-Texels that hold part of a chart lie inside it; the ones that interpolation reaches beyond its rim take the rim's nearest point.
+A texel whose centre is inside a chart has the point at its centre. A texel outside, which interpolation reaches, has the nearest point on the
+chart's boundary.
 """
 
 from dataclasses import dataclass
@@ -8,17 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 
 FRONT, BACK = 0, 1
-#: Points on a rim move inwards by this much of a texel, so that they do not lie in the surface that meets them there.
+#: Points on a boundary are moved inwards by this share of a texel, so that they are not inside an adjacent surface.
 _INWARDS = 0.1
 _PAIRS_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Polygons of all objects, corners of a face one after another, counter-clockwise seen from the front.
+    """Polygons of all objects. The corners of a face are consecutive, counter-clockwise seen from the front.
 
-    corners_m (C, 3) and normals (C, 3), the unit shading normals, in the world; vertex (C,): equal where corners of one object
-    meet; face_start (F+1,): the corners of face f are face_start[f]:face_start[f+1]; triangles (T, 3) corner indices and
+    corners_m (C, 3) and normals (C, 3), the unit shading normals, in the world; vertex (C,): equal for corners of one object at the same
+    position; face_start (F+1,): the corners of face f are face_start[f]:face_start[f+1]; triangles (T, 3) corner indices and
     triangle_face (T,); face_object (F,).
     """
 
@@ -36,7 +37,7 @@ class Surfaces:
 
     @property
     def face_of_corner(self) -> np.ndarray:
-        """(C,)."""
+        """(C,): the face of each corner."""
         return np.repeat(np.arange(self.faces), np.diff(self.face_start))
 
     @property
@@ -55,9 +56,9 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Sides of faces that get texels, as surfaces of their own: the back of a face has flipped normals, the same corners.
+    """Sides of faces that get texels, as separate surfaces: the back of a face has flipped normals and the same corners.
 
-    face (S,) and side (S,) say which; corner (C',) leads from the corners of `surfaces` to those they were taken from.
+    face (S,) and side (S,): face and side that each was made from; corner (C',): original index of each corner of `surfaces`.
     """
 
     surfaces: Surfaces
@@ -67,7 +68,7 @@ class Sides:
 
 
 def join(parts: list[Surfaces]) -> Surfaces:
-    """Several objects' surfaces as one; objects are numbered in the order of the list."""
+    """Join the surfaces of several objects; objects are numbered in the order of the list."""
     corners = np.cumsum([0] + [len(p.corners_m) for p in parts])
     faces = np.cumsum([0] + [p.faces for p in parts])
     vertices = np.cumsum([0] + [int(p.vertex.max(initial=-1)) + 1 for p in parts])
@@ -85,7 +86,7 @@ def join(parts: list[Surfaces]) -> Surfaces:
 
 
 def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
-    """The sides (F, 2) asked for, front ones first. Corners of a side keep the order they have on the face; triangles of backs are turned over."""
+    """The sides `wanted` (F, 2), fronts first. Corners of a side keep the order they have on the face; triangles of backs are reversed."""
     sides = [np.flatnonzero(wanted[:, side]) for side in (FRONT, BACK)]
     face = np.concatenate(sides)
     side = np.repeat([FRONT, BACK], [len(s) for s in sides])
@@ -115,13 +116,13 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(...,) of vectors (..., 2) in the plane: twice the area of the triangle between them, with its sign."""
+    """Cross product (...,) of vectors (..., 2) in the plane: twice the signed area of their triangle."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """index (N,) = row * size + column, rising; triangle (N,) and weights (N, 3) say which point of the surfaces; chart (N,)."""
+    """index (N,) = row * size + column, increasing; triangle (N,) and barycentric weights (N, 3) of each texel's surface point; chart (N,)."""
 
     size: int
     index: np.ndarray
@@ -137,20 +138,20 @@ class Texels:
         return points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
     def image(self, values: np.ndarray, empty: float = 0.0) -> np.ndarray:
-        """(size, size, ...) with values (N, ...) in their texels."""
+        """An image (size, size, ...) of values (N, ...) of the texels."""
         image = np.full((self.size * self.size, *values.shape[1:]), empty, values.dtype)
         image[self.index] = values
         return image.reshape(self.size, self.size, *values.shape[1:])
 
 
 def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size: int) -> Texels:
-    """All texels that interpolation between texel centres can reach. chart (F,), corners_map (C, 2) in texels."""
+    """All texels that are used by interpolation between texel centres. chart (F,), corners_map (C, 2) in texels."""
     triangles = corners_map[surfaces.triangles] - 0.5
     rim = _rims(surfaces, chart)
     low = np.clip(np.floor(triangles.min(1)).astype(int), 0, size - 1)
     high = np.clip(np.floor(triangles.max(1)).astype(int) + 1, 0, size - 1)
     counts = (high - low + 1).prod(1)
-    group = np.cumsum(counts) // _PAIRS_AT_ONCE  # as many as fit in memory
+    group = np.cumsum(counts) // _PAIRS_AT_ONCE  # batches limit the memory
     batches = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(group)) + 1)
     found = [_nearest(triangles, rows, low, high, size) for rows in batches]
     index, triangle, weights, distance = (np.concatenate([f[k] for f in found]) for k in range(4))
@@ -162,7 +163,7 @@ def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size:
 
 
 def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
-    """(T, 3) bool: whether the edge opposite each corner of a triangle is a rim of its chart, not shared within it."""
+    """(T, 3) bool: whether the edge opposite each corner of a triangle is a boundary of its chart."""
     vertex = surfaces.vertex[surfaces.triangles]
     ends = np.stack([np.roll(vertex, -1, 1), np.roll(vertex, -2, 1)], -1)
     ends.sort(-1)
@@ -173,7 +174,7 @@ def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
 
 
 def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
-    """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, distance in texels."""
+    """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, and distance in texels."""
     span = high[rows] - low[rows] + 1
     counts = span.prod(1)
     triangle = np.repeat(rows, counts)
@@ -191,7 +192,7 @@ def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.
 
 
 def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2), one below 0 outside; all below 0 for a flat triangle."""
+    """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2). Outside, one is below 0; for a degenerate triangle, all are."""
     a, b, c = corners[:, 0] - p, corners[:, 1] - p, corners[:, 2] - p
     parts = np.stack([cross(b, c), cross(c, a), cross(a, b)], -1)
     area = parts.sum(1, keepdims=True)
@@ -214,11 +215,11 @@ def _on_rim(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Weights (n, 3) of points nearer than _INWARDS to a rim edge, moved straight away from it to that distance.
+    """Weights (n, 3) of points closer than _INWARDS to a boundary edge are changed: the points are moved perpendicular to it, to that distance.
 
-    Where the triangle is narrow this may lead just beyond another, inner edge: the same plane goes on there.
+    In a narrow triangle a point may cross another, inner edge; the neighbouring triangle continues there in nearly the same plane.
     """
-    edge = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)  # edge k lies opposite corner k
+    edge = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)  # edge k is opposite corner k
     squared = np.maximum((edge**2).sum(2), 1e-12)
     area = np.abs(cross(edge[:, 0], edge[:, 1]))
     height = area[:, None] / np.sqrt(squared)
@@ -227,7 +228,7 @@ def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.nd
         shift = np.where(rim[:, k] & (height[:, k] > 1e-6), np.maximum(wanted - weights[:, k] * height[:, k], 0), 0)
         gain = shift / np.maximum(height[:, k], 1e-6)
         step = np.zeros_like(weights)
-        for j in ((k + 1) % 3, (k + 2) % 3):  # weights fall in proportion to the edges' projections on edge k
+        for j in ((k + 1) % 3, (k + 2) % 3):  # weights change in proportion to the edges' projections on edge k
             step[:, j] = (edge[:, j] * edge[:, k]).sum(1) / squared[:, k] * gain
         step[:, k] = gain
         weights = weights + step
