@@ -1,4 +1,4 @@
-"""Meshes with their smallest features taken away: chamfers become edges, thin bars lose their rounding. Numpy only; metres."""
+"""Removes the smallest features of meshes: chamfers become edges, thin bars lose their rounding. Numpy only; metres."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ _HOLD = 1e-3
 
 
 def feature_m(detail: float) -> float:
-    """The size of features that go at this level of detail: metres, 0 from full detail on."""
+    """The size in metres of the features that are removed at this level of detail; 0 at full detail and above."""
     return max(0.0, FEATURE_M * (1 / detail - 1))
 
 
 def coarser(mesh: Mesh, within_m: float) -> Mesh:
-    """As `_merged`, the smallest features first: they would else chain larger ones together."""
+    """Like `_merged`, with the smallest features first: otherwise they would connect larger ones."""
     for halvings in (3, 2, 1, 0):
         mesh = _merged(mesh, within_m / 2**halvings)
     return mesh
 
 
 def _merged(mesh: Mesh, within_m: float) -> Mesh:
-    """`mesh` with corners that lie within `within_m` of each other, along edges, made one, where the planes of the faces that remain meet.
+    """`mesh` with vertices merged that are connected by edges and within `within_m` of each other; the new vertex is where the planes of the
+    remaining faces meet.
 
-    So a chamfered box becomes the box about it, not one that is smaller. What is round stays round: a group that goes round a wire, or is
-    wider than twice `within_m`, is left as it is, and so are the two sides of a sheet.
+    So a chamfered box becomes its bounding box, not a smaller box. Round shapes stay round: a group around a wire, or wider than twice
+    `within_m`, is not merged, and neither are the two sides of a sheet.
     """
     group = _groups(mesh, within_m)
     if within_m <= 0 or len(np.unique(group)) == len(mesh.verts):
@@ -47,7 +48,7 @@ def _merged(mesh: Mesh, within_m: float) -> Mesh:
 
 
 def _groups(mesh: Mesh, within_m: float) -> np.ndarray:
-    """(N,) the least index of the vertices that become one with each."""
+    """(N,) the lowest index of the vertices that each vertex is merged with."""
     a, b = _edges(mesh.faces)
     normal = _vertex_normals(mesh)
     near = np.linalg.norm(mesh.verts[a] - mesh.verts[b], axis=1) <= within_m + _TIE_M
@@ -64,7 +65,7 @@ def _groups(mesh: Mesh, within_m: float) -> np.ndarray:
 
 
 def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (E,), (E,) of all edges, each once."""
+    """The ends (E,), (E,) of all edges, each edge once."""
     after = np.roll(faces, -1, axis=1)
     is_tri = faces[:, 3] < 0
     after[is_tri, 2] = faces[is_tri, 0]
@@ -74,7 +75,7 @@ def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(count,) the least index that each vertex is linked to."""
+    """(count,) the lowest index that each vertex is connected to."""
     group = np.arange(count)
     while True:
         least = np.minimum(group[a], group[b])
@@ -88,14 +89,14 @@ def _components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _area_normals(mesh: Mesh) -> np.ndarray:
-    """(F, 3) face normals as long as the faces are large."""
+    """(F, 3) face normals whose length is the area of the face."""
     a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
     d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 0], mesh.faces[:, 3])]
     return cross(c - a, d - b) / 2
 
 
 def _vertex_normals(mesh: Mesh) -> np.ndarray:
-    """(N, 3), unit, larger faces counting more."""
+    """(N, 3) unit vertex normals, weighted by area."""
     total = np.zeros_like(mesh.verts)
     area = _area_normals(mesh)
     for k in range(4):
@@ -105,7 +106,7 @@ def _vertex_normals(mesh: Mesh) -> np.ndarray:
 
 
 def _placed(mesh: Mesh, group: np.ndarray, kept: np.ndarray, within_m: float) -> np.ndarray:
-    """(N, 3): each group's corner where the planes of the faces that are kept come nearest, weighed by area (quadric error).
+    """(N, 3): the position of each group's vertex, nearest to the planes of the remaining faces, weighted by area (quadric error).
 
     Garland and Heckbert, Surface simplification using quadric error metrics, SIGGRAPH 1997, section 4.
     """

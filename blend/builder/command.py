@@ -1,4 +1,4 @@
-"""`iclnuim scene`: build a scene's .blend by code; set our rooms beside the official frames."""
+"""`iclnuim scene`: build a scene's .blend by code; compare our rooms with the official frames."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="folder for the pictures; default: scene_compare",
     )
     compare.add_argument(
-        "--samples", type=int, default=128, metavar="N", help="path-traced samples a pixel; default: 128"
+        "--samples", type=int, default=128, metavar="N", help="path-traced samples per pixel; default: 128"
     )
 
 
@@ -80,8 +80,8 @@ def _build(args: argparse.Namespace, console: Console) -> int:
         raise InputError("--detail of 0.15..3", found=f"{args.detail:g}")
     out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
     if not out.parent.is_dir():
-        raise InputError("a folder to write into", path=out.parent, found="nothing of that name", hint="--out FILE")
-    with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
+        raise InputError("a folder to write into", path=out.parent, found="no such folder", hint="--out FILE")
+    with output.blender_output_in(Path(os.devnull)):  # the import of bpy may print
         _blender_room("scene").open_empty()
         build_scene(args.name, seed=args.seed, detail=args.detail)
         from . import stage

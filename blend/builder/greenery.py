@@ -69,8 +69,8 @@ def pot(rng: np.random.Generator, radius: float, height: float, detail: float) -
 
 
 def shrub(rng: np.random.Generator, size: tuple[float, float, float], detail: float) -> Mesh:
-    """A leafy bush filling a box of `size` (x, y, z) above the origin: small folded leaves turned outwards, some left out at low detail."""
-    parts, leaves = [], 420  # always drawn, so that what is drawn after them stays as it is
+    """A leafy bush in a box of `size` (x, y, z) above the origin: small folded leaves that face outwards, some left out at low detail."""
+    parts, leaves = [], 420  # always drawn from the seed, so that later draws do not change
     d = rng.normal(size=(leaves, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     r = rng.uniform(0.45, 1.0, (leaves, 1)) ** 0.6

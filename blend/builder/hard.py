@@ -17,7 +17,7 @@ def board(
     turn: bool = False,
     arcs: int = 1,
 ) -> Mesh:
-    """A planed board with eased edges; grain along x, or along the other axis with turn."""
+    """A planed board with rounded edges; grain along x, or along the other axis if `turn` is set."""
     shift = (0.37 * centre[0] + 0.21 * centre[2], 0.61 * centre[1] + 0.13 * centre[2])
     return rounded_box(size, radius, arcs).box_mapped(WOOD_TILE, shift, turn).moved(*centre)
 

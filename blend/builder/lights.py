@@ -45,13 +45,13 @@ def lamp(name: str, location: Place, power: float, colour: Place, radius: float)
 
 
 def _unseen(light: bpy.types.Object) -> bpy.types.Object:
-    """What is seen of it, also in floors and screens, is the fitting's own glow."""
+    """A spot lamp that is not visible itself: the emission of the fitting is visible, also in reflections in floors and screens."""
     light.visible_camera = light.visible_glossy = False
     return light
 
 
 def portal(name: str, location: Place, towards: Place, width: float, height: float) -> bpy.types.Object:
-    """An opening through which the sky is sampled; gives no light of its own."""
+    """A portal: an opening through which the sky is sampled. It emits no light."""
     data = bpy.data.lights.new(name, "AREA")
     data.shape, data.size, data.size_y = "RECTANGLE", width, height
     data.cycles.is_portal = True
@@ -61,8 +61,8 @@ def portal(name: str, location: Place, towards: Place, width: float, height: flo
 def daylight(
     name: str, location: Place, towards: Place, width: float, height: float, power: float, colour: Place
 ) -> bpy.types.Object:
-    """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not give;
-    unseen by the camera.
+    """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not emit;
+    invisible to the camera.
     """
     data = bpy.data.lights.new(name, "AREA")
     data.shape, data.size, data.size_y = "RECTANGLE", width, height

@@ -1,6 +1,6 @@
-"""The living room: where everything stands. Lengths in metres in our world (z up), measured on the original.
+"""The living room: the positions of all objects. Lengths in metres in our world (z up), measured on the original.
 
-p_world = (-x, -z, y) of the POV world, so the floor lies at z = 0.133, the sofa wall at y = +1.929, the window wall
+p_world = (-x, -z, y) of the POV world, so the floor is at z = 0.133, the sofa wall at y = +1.929, the window wall
 near y = -3.09.
 """
 
@@ -23,7 +23,7 @@ from .wallpieces import casing, door, picture, plane, rail, skirting, spot, wind
 
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
-    """Fill the current, emptied Blender scene. The same seed and detail give the same bytes of geometry."""
+    """Build the room in the current, empty Blender scene. The same seed and detail give the same bytes of geometry."""
     stage = Stage(seed, palette(seed, detail), detail)
     for part, fill in enumerate((_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 11, part])), detail)
@@ -80,7 +80,7 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("picture_coast", "picture", art.moved(X1 - 0.002, -0.785, 1.695), "frame wood", "mat", "coast")
     for k, (x, y) in enumerate(SPOTS, 1):
         fitting = stage.add(f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens")
-        fitting.visible_diffuse = False  # its light is the spot's; what glows is for the eye
+        fitting.visible_diffuse = False  # the spot lamp gives the light; the emission is only visible
     frame, panes = window(*WINDOW, detail)
     stage.add("window_frame", "window", frame.moved(0, Y0 - 0.025, 0), "white paint", "steel")
     stage.add("window_pane", "window", panes.moved(0, Y0 - 0.025, 0), "glass")
@@ -154,7 +154,7 @@ def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         stage.add(f"lamp_shade_{name}", "lamp", shade.moved(x, y, Z0), "shade", "steel")
         shining = stage.add(f"lamp_bulb_{name}", "lamp", bulb.moved(x, y, Z0), "bulb")
         shining.visible_shadow = shining.visible_diffuse = (
-            False  # the light stands inside it; what glows is for the eye
+            False  # the lamp inside gives the light; the emission is only visible
         )
 
 

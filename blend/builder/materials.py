@@ -1,5 +1,5 @@
-"""Blender materials in the few forms that light baking understands: diffuse under a Fresnel or constant gloss, metal,
-pane, thin cloth, glow.
+"""Blender materials of the few kinds that light baking supports: diffuse under a Fresnel or constant gloss, metal,
+pane, thin cloth, emission.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
         encoded = path.read_bytes()
     bpy.data.images.remove(made)
     packed = bpy.data.images.new(name, 1, 1)
-    # packed from memory, so that no temporary folder is named in the saved file
+    # packed from memory, so that the saved file contains no path of a temporary folder
     packed.pack(data=encoded, data_len=len(encoded))
     packed.source = "FILE"
     packed.filepath_raw = "//" + path.name
@@ -40,7 +40,7 @@ def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
 
 def _new(name: str) -> tuple[bpy.types.Material, bpy.types.NodeTree]:
     material = bpy.data.materials.new(name)
-    if material.node_tree is None:  # from 5.0 on a material has its tree from the start
+    if material.node_tree is None:  # from 5.0 on a new material has a node tree
         material.use_nodes = True
     material.node_tree.nodes.clear()
     return material, material.node_tree
@@ -69,7 +69,7 @@ def _shader(
 
 
 def _mirror(tree: bpy.types.NodeTree, colour: Colour = (1.0, 1.0, 1.0)) -> bpy.types.NodeSocket:
-    """All gloss of the rooms: a mirrored ray shows without grain at one ray a pixel, where a rough surface's would be noise."""
+    """All gloss of the rooms is a perfect mirror: it has no noise at one ray per pixel, unlike a rough surface."""
     return _shader(tree, "ShaderNodeBsdfGlossy", colour, 0.0)
 
 
@@ -80,7 +80,7 @@ def _mix(
     share: float | None = None,
     ior: float | None = None,
 ) -> bpy.types.NodeSocket:
-    """below and above mixed by a constant share, or by Fresnel reflection."""
+    """A mix of `below` and `above` by a constant share, or by Fresnel reflection."""
     mix = tree.nodes.new("ShaderNodeMixShader")
     if ior is not None:
         fresnel = tree.nodes.new("ShaderNodeFresnel")
@@ -100,7 +100,7 @@ def _finish(material: bpy.types.Material, surface: bpy.types.NodeSocket) -> bpy.
 
 
 def matte(name: str, colour: Colour) -> bpy.types.Material:
-    """Diffuse alone; constant colours are linear, images sRGB."""
+    """Only diffuse; constant colours are linear, images sRGB."""
     material, tree = _new(name)
     return _finish(material, _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0))
 
@@ -113,7 +113,7 @@ def glossy(name: str, colour: Colour, ior: float = 1.45) -> bpy.types.Material:
 
 
 def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
-    """Diffuse that mirrors the same share of light at every angle, as polished aluminium profiles do."""
+    """Diffuse with a mirror reflection of the same share at every angle, like polished aluminium profiles."""
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
     return _finish(material, _mix(tree, below, _mirror(tree), share=share))
@@ -125,13 +125,13 @@ def metal(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
 
 
 def pane(name: str) -> bpy.types.Material:
-    """Window glass as a single sheet, slightly green. By day what it reflects drowns in what shines through it."""
+    """Window glass as a single sheet, slightly green. By day its reflection is negligible compared with the transmitted light."""
     material, tree = _new(name)
     return _finish(material, _shader(tree, "ShaderNodeBsdfTransparent", (0.92, 0.94, 0.93)))
 
 
 def thin_cloth(name: str, colour: Colour, translucency: float) -> bpy.types.Material:
-    """Shades and curtains: part of the light passes."""
+    """Shades and curtains, which transmit part of the light."""
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
     return _finish(material, _mix(tree, below, _shader(tree, "ShaderNodeBsdfTranslucent", colour), share=translucency))

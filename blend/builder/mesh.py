@@ -1,5 +1,5 @@
-"""Meshes as plain numpy arrays: what furniture is made of before it becomes a Blender object. No bpy here, so the
-same bytes everywhere.
+"""Meshes as plain numpy arrays, from which Blender objects are made. This module does not use bpy, so the bytes are the same for every
+Blender.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-WELD = 1e-6  # metres; points nearer than this become one vertex
+WELD = 1e-6  # metres; points closer than this are merged to one vertex
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Mesh:
         return replace(self, material=np.full(len(self.faces), slot))
 
     def flipped(self) -> Mesh:
-        """Turn every face over (its first corner stays first)."""
+        """Flip every face (its first corner stays first)."""
         order = np.where((self.faces[:, 3:] < 0), [[0, 2, 1, 3]], [[0, 3, 2, 1]])
         return replace(
             self,
@@ -54,7 +54,7 @@ class Mesh:
         return replace(self, verts=self.verts * scale).flipped()
 
     def without(self, drop: Callable[[np.ndarray], np.ndarray]) -> Mesh:
-        """Leave out faces for which drop(face normals (F,3)) holds: hidden bottoms and backs."""
+        """Remove faces for which drop(face normals (F,3)) is true: hidden bottoms and backs."""
         keep = ~drop(face_normals(self))
         return _compact(replace(self, faces=self.faces[keep], uv=self.uv[keep], material=self.material[keep]))
 
@@ -100,7 +100,7 @@ def join(parts: Iterable[Mesh]) -> Mesh:
 
 
 def welded(mesh: Mesh) -> Mesh:
-    """Merge vertices at one place; quads that lose a corner become triangles, faces without area disappear."""
+    """Merge vertices at the same position; quads that lose a corner become triangles, faces without area are removed."""
     first, index = _places(np.round(mesh.verts / WELD).astype(np.int64))
     faces = np.where(mesh.faces < 0, -1, index[mesh.faces])
     faces, uv, kept = _drop_repeated_corners(faces, mesh.uv)
@@ -108,7 +108,7 @@ def welded(mesh: Mesh) -> Mesh:
 
 
 def _places(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first index of each different row of keys (N,3), in the rows' order, and (N,) which of these each row is."""
+    """The first index of each distinct row of keys (N,3), in the order of the rows, and (N,) the number of each row among them."""
     order = np.lexsort(keys.T[::-1])
     ranked = keys[order]
     new = np.concatenate([[True], (ranked[1:] != ranked[:-1]).any(1)])
@@ -140,7 +140,7 @@ def _compact(mesh: Mesh) -> Mesh:
 
 
 def outward(mesh: Mesh) -> Mesh:
-    """Turn a closed mesh so that its normals point out of it."""
+    """Flip the faces of a closed mesh if needed, so that its normals point outwards."""
     a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
     d = mesh.verts[np.where(mesh.faces[:, 3] < 0, mesh.faces[:, 2], mesh.faces[:, 3])]
     volume = np.einsum("ij,ij->", a, cross(b, c)) + np.einsum("ij,ij->", a, cross(c, d))
@@ -148,7 +148,7 @@ def outward(mesh: Mesh) -> Mesh:
 
 
 def facing(mesh: Mesh, z: float) -> Mesh:
-    """Turn an open mesh over if need be, so that its normals point up (z = 1) or down (z = -1) on the whole."""
+    """Flip an open mesh if needed, so that its mean normal points up (z = 1) or down (z = -1)."""
     return mesh if float(face_normals(mesh)[:, 2].sum()) * z > 0 else mesh.flipped()
 
 

@@ -1,4 +1,4 @@
-"""The office: where everything stands. Lengths in metres in our world (z up), measured on the original where it shows.
+"""The office: the positions of all objects. Lengths in metres in our world (z up), measured on the original where it is visible.
 
 p_world = (-x, -z, y)/100 of the POV world: floor z = 3.0, the filing cabinets at the end y = -3.7, the bare wall x = -2.5.
 """
@@ -33,7 +33,7 @@ from .wallpieces import casing, door, plane, skirting
 
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
-    """Fill the current, emptied Blender scene. The same seed and detail give the same bytes of geometry."""
+    """Build the room in the current, empty Blender scene. The same seed and detail give the same bytes of geometry."""
     stage = Stage(seed, palette(seed, detail), detail)
     parts = (_shell, _ceiling, _wall_pieces, _desks, _storage, _floor_things, dress_a, dress_b, dress_c, dress_d)
     for part, fill in enumerate(parts):
@@ -60,7 +60,7 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     for k, (x, y) in enumerate(LUMINAIRES, 1):
         skins = ("white metal", "tube light", "louver", "louver across")
         fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), *skins)
-        fitting.visible_diffuse = False  # its light is the rectangle's beneath it; what glows is for the eye
+        fitting.visible_diffuse = False  # the rectangle beneath it gives the light; the emission is only visible
     for k, (x, y) in enumerate(VENTS, 1):
         stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1 - 0.003), "vent", "dark")
 

@@ -1,4 +1,4 @@
-"""What stands and lies on each desk of the office, cables and towers included. World frame."""
+"""The objects on each desk of the office, including cables and computer towers. World frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _computer(
     board: tuple,
     screen: str = "screen",
 ) -> None:
-    """Monitor at (x, y), turned so that its user sits at -y before turning; keyboard at `board` (x, y, turn) with a mouse."""
+    """Monitor at (x, y), rotated; before the rotation its user sits at -y. Keyboard at `board` (x, y, rotation) with a mouse."""
     stage.add(
         f"monitor_{key}", "monitor", monitor(detail).turned("z", turn).moved(at[0], at[1], TOP), "cream", screen, "slot"
     )
@@ -54,7 +54,7 @@ def _tower(stage: Stage, key: str, detail: float, x: float, y: float, turn: floa
 
 
 def _papers(stage: Stage, rng: np.random.Generator, key: str, spots: tuple) -> None:
-    """Loose sheets and wads at (x, y, turn, wads)."""
+    """Loose sheets and stacks of paper at (x, y, rotation, number of stacks)."""
     parts: list[Mesh] = []
     for x, y, turn, wads in spots:
         heap = page(rng) if wads == 0 else paper_pile(rng, wads, 0.004)
@@ -63,7 +63,7 @@ def _papers(stage: Stage, rng: np.random.Generator, key: str, spots: tuple) -> N
 
 
 def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    """Desk A as the original shows it: trays, keyboard, a monitor with its back to the room and cables in front."""
+    """Desk A as in the original: trays, keyboard, a monitor with its back to the room and cables in front."""
     _computer(stage, "a", detail, rng, (-2.09, -1.985), -16, (-1.82, -2.36, 8))
     stage.add("trays_blue", "tray", tray(2).moved(-1.10, -2.06, TOP), "blue plastic")
     stage.add("trays_black", "tray", tray(3).moved(-1.35, -1.965, TOP), "black")

@@ -8,11 +8,11 @@ import numpy as np
 from .office_measures import LUMINAIRES, Z1
 
 POWER_W = 15.5  # of a luminaire's pair of panels
-SPREAD_DEG = 172.0  # the louvers keep light from the very top of the walls
+SPREAD_DEG = 172.0  # the louvers block light to the top of the walls
 
 
 def light() -> None:
-    """One rectangle beneath each luminaire; unseen by the camera and by reflections, which show the glowing panels instead."""
+    """One rectangle beneath each luminaire, invisible to the camera and in reflections, which show the emitting panels instead."""
     for k, (x, y) in enumerate(LUMINAIRES, 1):
         data = bpy.data.lights.new(f"luminaire_light_{k}", "AREA")
         data.shape, data.size, data.size_y = "RECTANGLE", 0.94, 0.44

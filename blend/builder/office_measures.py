@@ -1,4 +1,4 @@
-"""Measures of the office in our world (metres, z up), read off the original's depth images."""
+"""Dimensions of the office in our world (metres, z up), measured in the original's depth images."""
 
 X0, X1 = -2.5, 2.5
 Y0, Y1 = -3.7, 3.7

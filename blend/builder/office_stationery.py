@@ -1,4 +1,4 @@
-"""What lies on desks: papers, trays, phone, lamp, jar, folders, stapler. Local frames: z up from what they stand on."""
+"""Objects on desks: papers, trays, phone, lamp, jar, folders, stapler. Local frames: z up from the surface below them."""
 
 from __future__ import annotations
 

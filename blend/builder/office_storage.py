@@ -1,4 +1,4 @@
-"""Filing cabinet, bookcase, rows of books and binders. Local frames: z up from what they stand on, front towards -y."""
+"""Filing cabinet, bookcase, rows of books and binders. Local frames: z up from the surface below them, front towards -y."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
 
 
 def bookcase(width: float, height: float, shelves: int) -> tuple[Mesh, list[float]]:
-    """An open bookcase 0.32 m deep; returns it and the heights of what one can put things on."""
+    """An open bookcase 0.32 m deep. Returns it and the heights of its shelves."""
     t, depth = 0.022, 0.30
     side = [board((t, depth, height), (s * (width / 2 - t / 2), 0, height / 2), 0.002, turn=True) for s in (-1, 1)]
     levels = np.linspace(0.07, height - t / 2, shelves + 1)

@@ -1,4 +1,4 @@
-"""What belongs to the office's shell: suspended ceiling, luminaires, vents, wall pieces, coat stand. Rooms look inwards."""
+"""The shell of the office: suspended ceiling, luminaires, vents, wall pieces, coat stand. Normals of the walls point inwards."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def luminaire() -> Mesh:
         edge, lip = PANEL - 0.024, RIM - 0.012
         parts.append(frame(edge, edge, [(0, 0.0), (0, 0.0015), (lip, 0.0015)]).turned("x", 90).moved(x))
         inside = frame(edge, edge, [(lip, 0.0015), (lip, -deep)]).turned("x", 90).moved(x)
-        parts.append(inside.painted(2))  # glows like the blades: what light falls there comes from above
+        parts.append(inside.painted(2))  # it emits like the blades, because it is lit from above
         parts.append(plane((x - w / 2, -w / 2, deep), (0, w, 0), (w, 0, 0), w).painted(1))
         for k in range(1, 5):
             at = -w / 2 + w * k / 5

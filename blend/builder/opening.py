@@ -1,4 +1,4 @@
-"""What a scene's file opens with: render settings, and a camera of the paper's kind."""
+"""Initial state of a scene's file: render settings, and a camera with the paper's intrinsics."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FARTHEST_M = 200.0
 
 
 def open_with(place_m: tuple[float, float, float], down_deg: float, turn_deg: float) -> None:
-    """A camera at `place_m`, looking `down_deg` up from straight down and turned by `turn_deg` about z."""
+    """A camera at `place_m`, tilted `down_deg` up from straight down and rotated by `turn_deg` about z."""
     scene = bpy.context.scene
     scene.render.engine, scene.render.filepath = "CYCLES", "//"
     scene.view_settings.view_transform = "Standard"

@@ -104,7 +104,7 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
 
 
 def skyline(seed: int, count: int) -> np.ndarray:
-    """Height (count,) of the farthest hills in the balcony's view, as a share of its picture: there the surface ends
+    """Height (count,) of the farthest hills in the balcony's view, as a share of its image: the surface ends there,
     and the sky begins.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 55]))
@@ -115,7 +115,7 @@ def skyline(seed: int, count: int) -> np.ndarray:
 
 
 def view(rng: np.random.Generator, size: tuple[int, int], seed: int) -> np.ndarray:
-    """What the balcony looks out on: hazy hills up to the skyline, fields, a small town, gardens with trees."""
+    """The view from the balcony: hazy hills up to the skyline, fields, a small town, gardens with trees."""
     h, w = size
     y = np.arange(h)[:, None] / h + np.zeros((1, w))
     far = skyline(seed, w)

@@ -24,7 +24,7 @@ def cloud(
 
 @functools.lru_cache(maxsize=4)
 def _gain(shape: tuple[int, int], slope: float, low: float, high: float, stretch: tuple[float, float]) -> np.ndarray:
-    """Of each frequency of `cloud`; boards and threads ask for the same a few times."""
+    """The amplitude of each frequency of `cloud`; cached, because boards and threads use the same ones."""
     fy = np.fft.fftfreq(shape[0], 1 / shape[0])[:, None] * stretch[0]
     fx = np.fft.rfftfreq(shape[1], 1 / shape[1])[None, :] * stretch[1]
     f = np.hypot(fy, fx)

@@ -75,7 +75,7 @@ def smooth_profile(points: ArrayLike, count: int) -> np.ndarray:
 
 
 def _frames_along(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two normals (k,3) across a path, carried along without twist."""
+    """Two normals (k,3) perpendicular to a path, transported along it without twist."""
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     n = np.cross(tangent[0], [0.0, 0.0, 1.0] if abs(tangent[0, 2]) < 0.9 else [1.0, 0.0, 0.0])

@@ -10,11 +10,11 @@ import numpy as np
 from .coarsening import coarser, feature_m
 from .mesh import Mesh, face_normals
 
-SHARP_DEG = 38.0  # edges that turn more than this are drawn sharp
+SHARP_DEG = 38.0  # edges with a larger angle between their faces are sharp
 
 
 class Stage:
-    """Adds things to the current scene; instance ids count up from 1 in the order of adding. Below full detail small features go."""
+    """Adds objects to the current scene; instance ids count up from 1 in this order. Below full detail, small features are removed."""
 
     def __init__(self, seed: int, materials: dict[str, bpy.types.Material], detail: float = 1.0) -> None:
         self.seed, self.materials, self.feature_m = seed, materials, feature_m(detail)
@@ -35,7 +35,7 @@ class Stage:
 
 
 def to_blender(name: str, mesh: Mesh) -> bpy.types.Mesh:
-    """Vertices are rounded to a micrometre, so that every numpy and Blender version gives the same bytes."""
+    """Make a Blender mesh. Vertices are rounded to a micrometre, so that every numpy and Blender version gives the same bytes."""
     is_tri = mesh.faces[:, 3] < 0
     sizes = np.where(is_tri, 3, 4)
     corners = mesh.faces.reshape(-1)

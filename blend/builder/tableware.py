@@ -1,4 +1,4 @@
-"""Small things on tables: crockery, fruit, twigs, books. Local frames: z up from what they stand on."""
+"""Small objects on tables: crockery, fruit, twigs, books. Local frames: z up from the surface below them."""
 
 from __future__ import annotations
 

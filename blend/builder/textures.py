@@ -64,8 +64,8 @@ def cloth(
 
 
 def boucle(rng: np.random.Generator, size: int, loops: int, tone: Colour, depth: float = 0.4) -> np.ndarray:
-    """Coarse looped upholstery: short bright yarns with dark gaps between, in rows that wander by more than their
-    distance. Even rows would beat with the rows of pixels (moire), and an image moved by one would match itself.
+    """Coarse looped upholstery: short bright yarns with dark gaps between, in irregular rows that deviate by more than their
+    distance. Regular rows would cause moire with the rows of pixels, and an image shifted by one row would match itself.
     """
     shape = (size, size)
     y, x = np.mgrid[0:size, 0:size] / size

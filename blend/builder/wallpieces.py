@@ -1,4 +1,4 @@
-"""What belongs to the walls: planes with openings, skirting, door, window, pictures, spots. World frame; rooms look
+"""Parts of the walls: planes with openings, skirting, door, window, pictures, spots. World frame; normals of the walls point
 inwards.
 """
 
