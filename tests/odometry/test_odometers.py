@@ -145,22 +145,22 @@ def test_the_step_solves_the_equations_as_numpy_does():
     np.testing.assert_allclose((SE3.exp(np.zeros(6)) @ SE3.identity()).matrix, np.eye(4), atol=1e-15)
 
 
-def test_a_turn_in_front_of_a_bare_wall_is_not_held_as_a_motion_along_it():
+def test_a_rotation_in_front_of_a_bare_wall_is_not_estimated_as_a_motion_along_it():
     rng = np.random.default_rng(6)
     wall = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, 2.0)]
-    J = np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3  # known to a millimetre
-    turn = np.r_[0, 0, 0.01, 0.02, -0.03, 0]
+    J = np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3  # certain to a millimetre
+    rotation = np.r_[0, 0, 0.01, 0.02, -0.03, 0]
     for camera_m in (np.zeros(3), np.array([0.2, -0.1, 0.3])):
-        about = np.r_[np.cross(camera_m, turn[3:]), np.zeros(3)] + turn  # the camera itself moves along z only
-        system = System(J.T @ J, J.T @ (J @ about), 1.0, 200, wall.mean(axis=0), 0.8, informed=True)
-        twist, held = system.step(np.zeros(6), 0.03, camera_m)
-        assert held == 3
+        about = np.r_[np.cross(camera_m, rotation[3:]), np.zeros(3)] + rotation  # the camera itself moves along z only
+        system = System(J.T @ J, J.T @ (J @ about), 1.0, 200, wall.mean(axis=0), 0.8, is_information=True)
+        twist, under_constrained = system.step(np.zeros(6), 0.03, camera_m)
+        assert under_constrained == 3
         moved_m = twist[:3] + np.cross(twist[3:], camera_m)
         np.testing.assert_allclose(moved_m[:2], 0, atol=1e-5)
-        np.testing.assert_allclose(twist[3:5], turn[3:5], atol=1e-5)
+        np.testing.assert_allclose(twist[3:5], rotation[3:5], atol=1e-5)
 
 
-def test_equations_without_scale_say_nothing_of_a_longer_motion_and_all_of_the_rest():
+def test_equations_without_scale_have_no_information_on_the_length_of_the_motion_and_keep_the_rest():
     rng = np.random.default_rng(4)
     J, r, t = rng.normal(size=(50, 6)), rng.normal(size=50), np.array([0.3, -0.1, 0.2])
     along = np.r_[t, 0, 0, 0]
@@ -169,11 +169,11 @@ def test_equations_without_scale_say_nothing_of_a_longer_motion_and_all_of_the_r
     # the joint problem, the factor solved for as well
     joint = np.linalg.lstsq(np.c_[J, J @ along], r, rcond=None)[0]
     np.testing.assert_allclose(free.A @ joint[:6], free.b, atol=1e-6)
-    believed = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).without_scale(t, 1e-9)
-    np.testing.assert_allclose(believed.A, J.T @ J, atol=1e-9)
+    fixed_scale = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).without_scale(t, 1e-9)
+    np.testing.assert_allclose(fixed_scale.A, J.T @ J, atol=1e-9)
 
 
-def test_a_turn_is_the_rotation_that_least_squares_finds():
+def test_the_rotation_step_is_the_least_squares_solution():
     rng = np.random.default_rng(5)
     J, r = rng.normal(size=(50, 6)), rng.normal(size=50)
     twist = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).rotation_step()
@@ -183,9 +183,9 @@ def test_a_turn_is_the_rotation_that_least_squares_finds():
 
 @pytest.mark.parametrize("name", ["icp", "icp_rgbd"])
 def test_a_first_guess_ten_degrees_off_ends_where_a_good_one_does(name):
-    method, turn = odometer(name), SE3.exp(np.array([0, 0, 0, 0.1, -0.12, 0.08]))
+    method, rotation = odometer(name), SE3.exp(np.array([0, 0, 0, 0.1, -0.12, 0.08]))
     one, other = (method.prepare(seen(T), CAMERA) for T in path(2))
-    good, off = (method.align(one, other, guess) for guess in (SE3.identity(), turn))
+    good, off = (method.align(one, other, guess) for guess in (SE3.identity(), rotation))
     assert off.status is Status.OK
     assert np.abs(off.T_reference_camera.matrix - good.T_reference_camera.matrix).max() < 1e-4
 

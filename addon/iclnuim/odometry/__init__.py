@@ -1,1 +1,1 @@
-"""Camera motion from colour and depth: odometers behind one protocol, and adapters to third-party ones."""
+"""RGB-D visual odometry: the built-in odometers, and adapters to third-party ones, behind one protocol."""

@@ -1,4 +1,4 @@
-"""Third-party odometers behind our protocol: OpenCV's (contrib) and Open3D's, with their packages' defaults."""
+"""Adapters to third-party odometers: OpenCV's (contrib) and Open3D's, with the default settings of their packages."""
 
 from typing import Any
 
@@ -11,19 +11,19 @@ from .protocol import Frame, Result, failure
 
 
 class Baseline:
-    """No guess is used: an alignment starts from no motion, or where `start` says."""
+    """The guess is not used: an alignment starts from `start`, by default no motion."""
 
     reference = "frame"
     start = SE3.identity()
 
 
 class OpencvOdometer(Baseline):
-    """cv2.rgbd; a frame's pyramids are kept for the two pairs that it is in."""
+    """cv2.rgbd. The pyramids of a frame are computed once and used for both pairs that contain it."""
 
     def __init__(self, name: str, method: str) -> None:
         import cv2
 
-        self.name, self._rgbd = name, cv2.rgbd  # a module of opencv-contrib alone
+        self.name, self._rgbd = name, cv2.rgbd  # only opencv-contrib has this module
         self._create: Any = getattr(self._rgbd, method).create
         self._odometry: Any = None
         self._camera: PinholeCamera | None = None
@@ -43,7 +43,7 @@ class OpencvOdometer(Baseline):
 
 
 class Open3dOdometer(Baseline):
-    """The multi-scale RGB-D odometer of Open3D's tensor pipelines."""
+    """The multi-scale RGB-D odometry of Open3D's tensor pipelines."""
 
     def __init__(self, name: str, method: str) -> None:
         import open3d
@@ -71,11 +71,11 @@ class Open3dOdometer(Baseline):
 
 
 def _result(T: np.ndarray, residual: float = float("nan"), inliers: float = 0.0) -> Result:
-    """Of a (4, 4) matrix that may be no rigid motion: a solver that diverged says so nowhere else."""
+    """Result from a (4, 4) matrix. A matrix that is not a rigid motion is a failure: a solver that diverged reports it in no other way."""
     try:
         return Result(SE3.from_matrix(T), residual=residual, inliers=inliers)
     except InputError:
-        return failure("baseline: what was found is no rigid motion")
+        return failure("baseline: the estimated matrix is not a rigid motion")
 
 
 def _bytes(grey: np.ndarray) -> np.ndarray:

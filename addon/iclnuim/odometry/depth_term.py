@@ -1,4 +1,4 @@
-"""What depth says of a motion, at little cost: which parts of an image can be believed, and whether a motion can be."""
+"""The geometric term of the photometric and feature odometers: it finds the inlier parts of an image, and checks the estimated motion."""
 
 import math
 from dataclasses import replace
@@ -11,96 +11,101 @@ from .certainty import disagreement
 from .protocol import Result, Status
 from .solver import MAX_SIGMA_M, Level, System, small_twist
 
-#: Every so many rows and columns are looked at.
+#: Distance in pixels between the rows and columns that are used.
 STRIDE = 4
-#: Farther apart, or with normals that differ by more, two points are no match (KinectFusion's distance).
+#: Two points that are farther apart, or whose normals differ by more, do not match (the distance is KinectFusion's).
 MAX_DISTANCE_M, MIN_COSINE = 0.10, math.cos(math.radians(30.0))
-#: Degrees of freedom of Student's t, and its first scale.
+#: Degrees of freedom of Student's t, and its initial scale.
 NU, SIGMA_M = 10.0, 0.005
-#: With a smaller share of the points matched, depth shows another place and says nothing.
+#: If a smaller share of the points is matched, the two depth images show different places, and depth is not used.
 MIN_MATCHED = 0.2
-#: Off by 2 cm a motion is wrong; where depth calls for one that is a third of this away, it is reported.
-MAX_OFF_M = 0.02 / 3
-#: Information (6, 6) of a motion found by depth alone about the one that it is to judge: 30 mm, where depth does not know.
+#: A motion with an error of 2 cm counts as wrong. A frame is reported where depth disagrees with the motion by more than a third of this.
+MAX_DISAGREEMENT_M = 0.02 / 3
+#: Information (6, 6) of the prior of the depth-only motion: 30 mm about the motion to check, in directions that depth does not observe.
 PRIOR = np.eye(6) / 0.03**2
-#: While the points move by less than this, their equations are taken along.
-MAX_TAKEN_M = 0.002
-#: Standard deviations of the factor between a part's inverse depth and the sensor's: loose at first, firm where depth holds.
+#: While the points move by less than this, their equations are reused.
+MAX_REUSE_M = 0.002
+#: Standard deviations of the factor between the inverse depth of an image part and the sensor's: loose at first, firm for inliers.
 LOOSE, FIRM = 1.0, 0.05
-#: Equations that say nothing.
-NOTHING = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
+#: Equations without information.
+NO_EQUATIONS = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
 
 
-def length_unknown(geometry: System, t_m: np.ndarray) -> float:
-    """How far the length of a motion t_m (3,) is not known by `geometry` (information): the share, 0..1, of a factor common to all
-    parts of the image that nothing but these decide."""
+def scale_ambiguity(geometry: System, t_m: np.ndarray) -> float:
+    """Scale ambiguity, 0..1, of a translation t_m (3,) given `geometry` (information): 0 where geometry determines its length,
+    1 where only the parts of the image do, through a factor common to all of them."""
     along = np.concatenate([t_m, np.zeros(3)]) / max(float(t_m @ t_m), 1e-12)
     variance = float(along @ np.linalg.solve(geometry.A + 1e-3 * np.eye(6), along))
     return variance / (variance + FIRM**2)
 
 
-def believed(factor: np.ndarray, variance: np.ndarray, unknown: float) -> np.ndarray:
-    """(n,) 0..1: whether a part's factor, known to `variance`, is 1 (Geman, McClure 1987), or as far as the length of the motion is
-    unknown, that of most parts: one camera without depth knows no scale, and all can share one factor.
+def inlier_weights(factor: np.ndarray, variance: np.ndarray, ambiguity: float) -> np.ndarray:
+    """Weights (n,), 0..1, of parts of the image (Geman, McClure 1987): near 1 where the factor, with its `variance`, is near the
+    expected one.
+
+    The expected factor is 1 and, as far as the scale is ambiguous, the median of the parts with a small variance: a monocular camera does
+    not observe scale, and all parts can have one common factor.
     """
-    informed = variance < LOOSE**2
-    most = float(np.median(factor[informed])) if informed.any() else 1.0
-    off = factor / max(1.0 + (most - 1.0) * unknown, FIRM) - 1.0
-    return 1.0 / (1.0 + off**2 / (FIRM**2 + variance)) ** 2
+    observed = variance < LOOSE**2
+    median = float(np.median(factor[observed])) if observed.any() else 1.0
+    deviation = factor / max(1.0 + (median - 1.0) * ambiguity, FIRM) - 1.0
+    return 1.0 / (1.0 + deviation**2 / (FIRM**2 + variance)) ** 2
 
 
-def _alone(geometry: System) -> np.ndarray:
-    """The twist (6,) that depth alone calls for, held by PRIOR where it does not know."""
+def _depth_only_twist(geometry: System) -> np.ndarray:
+    """The twist (6,) that minimizes the geometric error alone; PRIOR keeps it near 0 in unobservable directions."""
     return np.linalg.solve(geometry.A + PRIOR, geometry.b)
 
 
-def _surprise(geometry: System, information: np.ndarray) -> float:
-    """Squared distance, by its variance and its 6 degrees of freedom, of the motion that depth alone calls for from one known to
-    `information` (6, 6)."""
-    alone = _alone(geometry)
+def _mahalanobis(geometry: System, information: np.ndarray) -> float:
+    """Squared Mahalanobis distance per degree of freedom (6) between the depth-only motion and one with `information` (6, 6)."""
+    depth_only = _depth_only_twist(geometry)
     variance = np.linalg.inv(geometry.A + PRIOR) + np.linalg.inv(information + 1e-3 * np.eye(6))
-    return float(alone @ np.linalg.solve(variance, alone)) / 6
+    return float(depth_only @ np.linalg.solve(variance, depth_only)) / 6
 
 
 class DepthTerm:
-    """Point-to-plane equations of one level, as information. Products of the residuals along both images' normals, whose noise is
-    independent, less what the normals disagree about: a bare wall says nothing of the motions along it (docs/odometry.md).
+    """Point-to-plane equations of one level, as information.
+
+    They are products of the residuals along the normals of both images, whose noise is independent, minus the information that
+    the disagreement of these normals explains: a bare wall gives none about motions along it (docs/odometry.md).
     """
 
     def __init__(self, reference: Level, current: Level) -> None:
         self.reference = reference
         self.points, self.normals = kernels.depth_points(current.camera.intrinsics, current.depth_z_m, STRIDE)
         self.residual, self.cosine = np.empty((2, len(self.points)), np.float32)
-        self.sigma, self.noise, self.looks = SIGMA_M, 0.0, 0
-        self.system, self.T = NOTHING, SE3.identity()
+        self.sigma, self.noise, self.evaluations = SIGMA_M, 0.0, 0
+        self.system, self.T = NO_EQUATIONS, SE3.identity()
 
     def at(self, T: SE3) -> System:
-        """Equations at T_reference_current, from those of the last look."""
-        return self.system.moved(small_twist(self.T, T))
+        """Equations at T_reference_current, linearised at the last evaluation."""
+        return self.system.after_step(small_twist(self.T, T))
 
-    def look(self, T: SE3) -> System:
-        """Equations at T_reference_current, looked up anew where the points moved."""
-        if not self.looks or self.system.length_of(small_twist(self.T, T)) > MAX_TAKEN_M:
-            self.system, self.looks, self.T = self._look(T), self.looks + 1, T
+    def evaluate(self, T: SE3) -> System:
+        """Equations at T_reference_current; the points are associated again if they moved by more than MAX_REUSE_M."""
+        if not self.evaluations or self.system.length_of(small_twist(self.T, T)) > MAX_REUSE_M:
+            self.system, self.evaluations, self.T = self._evaluate(T), self.evaluations + 1, T
         return self.at(T)
 
-    def judged(self, result: Result) -> Result:
-        """The result, as certain as it is by depth; where depth calls for another motion, the one that agrees with both best.
+    def checked(self, result: Result) -> Result:
+        """The result with the uncertainty that follows from depth. If depth disagrees by more than MAX_DISAGREEMENT_M, its motion is
+        the joint optimum of both.
 
-        Both are not to be relied on where they are further off than MAX_OFF_M, or their deviation is larger than MAX_SIGMA_M.
+        The result is DEGENERATE if depth disagrees by more than MAX_DISAGREEMENT_M, or the standard deviation is above MAX_SIGMA_M.
         """
-        if result.status is Status.FAILED or not self.looks:
+        if result.status is Status.FAILED or not self.evaluations:
             return result
         T = result.T_reference_camera
-        self.look(SE3.exp(_alone(self.at(T))) @ T)
+        self.evaluate(SE3.exp(_depth_only_twist(self.at(T))) @ T)
         geometry = self.at(T)
-        ratio = max(_surprise(geometry, result.information), 1.0)
+        ratio = max(_mahalanobis(geometry, result.information), 1.0)
         sigma_m, information = result.largest_sigma_m * math.sqrt(ratio), result.information / ratio
         twist, _ = replace(geometry, A=geometry.A + information).step(np.zeros(6))
-        off_m, status, reason = geometry.length_of(twist), result.status, result.reason
-        if off_m > MAX_OFF_M:
-            T, reason = SE3.exp(twist) @ T, f"depth: calls for a motion {off_m * 1e3:.0f} mm away"
-        if off_m > MAX_OFF_M or sigma_m > MAX_SIGMA_M:
+        disagreement_m, status, reason = geometry.length_of(twist), result.status, result.reason
+        if disagreement_m > MAX_DISAGREEMENT_M:
+            T, reason = SE3.exp(twist) @ T, f"depth: disagrees with the motion by {disagreement_m * 1e3:.0f} mm"
+        if disagreement_m > MAX_DISAGREEMENT_M or sigma_m > MAX_SIGMA_M:
             status = Status.DEGENERATE
         return replace(
             result,
@@ -111,20 +116,20 @@ class DepthTerm:
             reason=reason,
         )
 
-    def _look(self, T: SE3) -> System:
+    def _evaluate(self, T: SE3) -> System:
         level, found = self.reference, (self.residual, self.cosine)
         rule = (MAX_DISTANCE_M, MIN_COSINE, self.sigma, NU)
         sums = kernels.depth_sums(
             T.matrix, level.camera.intrinsics, self.points, self.normals, level.depth_z_m, *rule, *found
         )
         if sums[29] < max(6, MIN_MATCHED * len(self.points)):
-            return NOTHING
+            return NO_EQUATIONS
         self.sigma = max(kernels.student_scale(self.residual, NU, self.sigma, 10), 1e-5)
-        if self.looks == 0:
+        if self.evaluations == 0:
             self.noise = disagreement(self.cosine[np.isfinite(self.residual)])
         system = System.of_sums(sums)
         known = system.less_noise(self.noise * system.weight)
-        twist = _alone(known.as_information(1.0))
+        twist = _depth_only_twist(known.as_information(1.0))
         gain = float(twist @ (2 * system.b - system.A @ twist)) / system.weight
-        # their error is what is left at the motion that they call for
+        # the error that remains at the depth-only motion
         return replace(known, error=max(system.error - gain, 1e-2 * system.error)).as_information(1.0)

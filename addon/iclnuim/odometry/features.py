@@ -1,7 +1,7 @@
-"""Corners with depth, and which corner of one frame is which of another: the front end of FOVIS.
+"""Corner detection and matching with depth: the front end of FOVIS.
 
 A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011, sections 3.1 to 3.4.
-Pyramid levels are halved by a 5x5 Gaussian whose centre is an even pixel, so that (u, v) on level n is (u, v) 2^n in the image.
+Each pyramid level is a 5x5 Gaussian of the even pixels of the level before, so (u, v) on level n is (u, v) 2^n in the image.
 """
 
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ from .kernels import halve_depth
 from .protocol import Frame
 from .solver import MIN_SIDE, Level
 
-#: Pixels to either side of a corner that describe it.
+#: Radius in pixels of the patch that describes a corner.
 REACH = 4
-#: Brightness of a description in the mean.
+#: Mean grey value of a description.
 MID_GREY = 128.0
-#: Of the structure tensor of a corner (slopes a pixel of an image in 0..1, squared): two grey levels.
+#: Minimum eigenvalue of a corner's structure tensor (gradients per pixel of an image in 0..1, squared): two grey levels.
 MIN_EIGENVALUE = (2 / 255) ** 2
-#: A mean of two over 7x7 of products of Sobel's sums of 4 x 255.
+#: Scale of the structure tensor: half the 7x7 mean of products of Sobel sums, which are up to 4 x 255.
 SOBEL_SQUARES = np.float32(1 / (2 * 49 * 1020.0**2))
 #: Lowest and highest threshold of FAST, in grey levels.
 MIN_FAST, MAX_FAST = 5, 70
-#: Corners kept in each square of so many pixels, the strongest.
+#: Side in pixels of a bucket, and the maximum number of corners in it; the strongest are used.
 BUCKET_PX, PER_BUCKET = 80, 25
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Of one frame. images: grey (h, w) uint8, fine to coarse; uv (n, 2): in the image, pixels; level (n,); points_m (n, 3):
-    in the camera's frame; descriptions (n, 81) uint8. In order of level, then row.
+    """Corners of one frame, sorted by level, then row. images: grey (h, w) uint8, fine to coarse; uv (n, 2): pixels of the full
+    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8.
     """
 
     images: list[np.ndarray]
@@ -46,13 +46,13 @@ class Features:
 
     @cached_property
     def half(self) -> Level:
-        """Of half the size, for what depth says (its grey is not read)."""
+        """The half-size level for the geometric term, which does not use its grey values."""
         return Level(self.images[-1], halve_depth(self.depth_z_m), self.camera.halved())
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Of corners seen in both frames: pixels uv (n, 2), points_m (n, 3) of both, the pyramid level and a weight (n,) of their residuals."""
+    """Matched corners: pixels uv (n, 2) and points_m (n, 3) in both frames, the pyramid level (n,) and a weight (n,) of their residuals."""
 
     uv0: np.ndarray
     points0_m: np.ndarray
@@ -65,12 +65,12 @@ class Matches:
         return len(self.level)
 
     def chosen(self, which: np.ndarray) -> "Matches":
-        """Those of a mask or of indices."""
+        """The matches selected by a mask or by indices."""
         return Matches(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
 
 def features(frame: Frame, camera: PinholeCamera, levels: int, count: int, detector: str) -> Features:
-    """About `count` corners with depth over all levels, at most PER_BUCKET a square; detector: of DETECTORS."""
+    """About `count` corners with depth over all levels, at most PER_BUCKET per bucket; detector: a key of DETECTORS."""
     detect, *thresholds = DETECTORS[detector]
     images: list[np.ndarray] = [cv2.convertScaleAbs(frame.grey)]
     while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
@@ -96,13 +96,13 @@ def _points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarra
 
 
 def fast_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) and scores (n,) of FAST at its lowest threshold; the score is the highest at which it is a corner."""
+    """Pixels (n, 2) and scores (n,) of FAST at its lowest threshold; the score is the highest threshold at which it is still a corner."""
     corners = cv2.FastFeatureDetector.create(MIN_FAST, True).detect(image)
     return np.array([c.pt for c in corners], np.int64).reshape(-1, 2), np.array([c.response for c in corners])
 
 
 def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) and scores (n,): where the structure tensor's smaller eigenvalue is greatest (Shi, Tomasi 1994)."""
+    """Pixels (n, 2) and scores (n,) of local maxima of the structure tensor's smaller eigenvalue (Shi, Tomasi 1994)."""
     scores = smaller_eigenvalues(image)
     peaks = (scores == cv2.dilate(scores, np.ones((7, 7), np.uint8))) & (scores > MIN_EIGENVALUE)
     v, u = np.divmod(np.flatnonzero(peaks), image.shape[1])
@@ -111,9 +111,10 @@ def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True, fastmath=True)
 def smaller_eigenvalues(image):
-    """(h, w) float32: of the structure tensor, the mean over 7x7 of products of Sobel's slopes a pixel of an image in 0..1.
+    """(h, w) float32: smaller eigenvalue of the structure tensor, the 7x7 mean of products of Sobel gradients per pixel of an image
+    in 0..1.
 
-    As cv2.cornerMinEigenVal(image, 7) in less than half the time; 0 within 4 pixels of the border.
+    Same as cv2.cornerMinEigenVal(image, 7) in less than half the time; 0 within 4 pixels of the border.
     """
     h, w = image.shape
     out = np.zeros((h, w), np.float32)
@@ -150,21 +151,21 @@ DETECTORS = {"fast": (fast_corners, MIN_FAST, MAX_FAST), "eigenvalue": (eigenval
 
 
 def _inside(found: tuple[np.ndarray, np.ndarray], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Those whose surroundings lie within the image."""
+    """The corners whose patch is inside the image."""
     uv, scores = found
     inside = ((uv > REACH) & (uv < (shape[1] - REACH - 2, shape[0] - REACH - 2))).all(axis=1)
     return uv[inside], scores[inside]
 
 
 def _threshold(scores: np.ndarray, count: int, low: float, high: float) -> float:
-    """The threshold within its limits that leaves about `count` corners."""
+    """The threshold, within its limits, that about `count` corners exceed."""
     if len(scores) <= count:
         return low
     return float(np.clip(np.partition(scores, len(scores) - count)[len(scores) - count], low, high))
 
 
 def _strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
-    """The PER_BUCKET strongest of each square; equals in the order in which they were found."""
+    """The PER_BUCKET strongest corners of each bucket; ties are in the order of detection."""
     bucket = uv[:, 1] // BUCKET_PX * -(-width // BUCKET_PX) + uv[:, 0] // BUCKET_PX
     order = np.lexsort((-scores, bucket))
     first = np.searchsorted(bucket[order], bucket[order])
@@ -173,7 +174,7 @@ def _strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
 
 @njit(cache=True)
 def describe(image, uv):
-    """(n, 81) uint8: the pixels about each of uv (n, 2), their mean brought to mid-grey."""
+    """(n, 81) uint8: the patch around each of uv (n, 2), shifted to a mean of mid-grey."""
     side = 2 * REACH + 1
     out = np.empty((len(uv), side * side), np.uint8)
     for n in range(len(uv)):
@@ -191,10 +192,10 @@ def describe(image, uv):
 def match(
     reference: Features, current: Features, expected_uv: np.ndarray, search_px: float, precision_px: float, strict: bool
 ) -> Matches:
-    """Corners that are each other's best (sum of absolute differences) within search_px of where they are expected.
+    """Mutual best matches (sum of absolute differences) within search_px of the expected positions.
 
-    expected_uv (n, 2): of the reference's corners in the current image. Places are refined below a pixel until a step is
-    shorter than precision_px (0: not at all); depth is interpolated there.
+    expected_uv (n, 2): positions of the reference's corners in the current image. Positions are refined to subpixel accuracy until
+    a step is shorter than precision_px (0: no refinement); depth is interpolated there.
     """
     pairs = mutual_best(
         reference.descriptions, current.descriptions, reference.level, current.level, expected_uv, current.uv, search_px
@@ -215,7 +216,8 @@ def match(
 
 @njit(cache=True)
 def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, search_px):
-    """(n0,): the index in 1 of each one's partner, -1 where it has none. On the same level only; 1 lies in order of level, then row."""
+    """(n0,): index of the match in image 1 of each corner of image 0, -1 without a match. Only corners of the same level match; those of
+    image 1 are sorted by level, then row."""
     n0, n1 = len(level0), len(level1)
     best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
     of0, of1 = np.full(n0, -1), np.full(n1, -1)
@@ -242,10 +244,10 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
 
 @njit(cache=True)
 def _difference(one, other, limit):
-    """The sum of absolute differences of two descriptions; any number that reaches the limit where the sum does."""
+    """The sum of absolute differences of two descriptions. If it reaches the limit, the result is any number that does."""
     score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
     for begin in range(0, size, at_once):
-        part = np.int32(0)  # int() of a byte has no sign in compiled code
+        part = np.int32(0)  # int() of a byte is unsigned in compiled code
         for k in range(begin, min(begin + at_once, size)):
             part += abs(np.int32(one[k]) - np.int32(other[k]))
         score += int(part)
@@ -256,7 +258,7 @@ def _difference(one, other, limit):
 
 @njit(cache=True)
 def _window(image, u, v, across, out):
-    """out (n, n): the image about (u, v), bilinear, a pixel apart; across (n + 1, n) is worked in."""
+    """out (n, n): the image around (u, v), bilinear, at steps of a pixel; across (n + 1, n) is a work array."""
     n = len(out)
     j, i = int(u), int(v)
     s, t = u - j, v - i
@@ -272,10 +274,10 @@ def _window(image, u, v, across, out):
 
 @njit(cache=True)
 def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
-    """Moves uv1[at] (pixels of the full image, `scale` of image1's) to where image1 looks like image0 around uv0.
+    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of image1 matches that of image0 around uv0.
 
-    Efficient second-order minimization (Benhimane, Malis 2004) of the squared difference less its mean; at most 6 steps and
-    1.5 pixels, and only while the difference falls.
+    Efficient second-order minimization (Benhimane, Malis 2004) of the squared difference after subtracting its mean; at most 6
+    steps and 1.5 pixels, and only while the difference decreases.
     """
     h, w = image1.shape
     size = 2 * REACH + 1
@@ -293,7 +295,7 @@ def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
             for i in range(1, size + 1):
                 for j in range(1, size + 1):
                     r = seen0[i, j] - seen1[i, j]
-                    # the mean of both images' slopes
+                    # the mean gradient of both images
                     x_slope = (seen0[i, j + 1] - seen0[i, j - 1] + seen1[i, j + 1] - seen1[i, j - 1]) / 4
                     y_slope = (seen0[i + 1, j] - seen0[i - 1, j] + seen1[i + 1, j] - seen1[i - 1, j]) / 4
                     a += x_slope * x_slope
@@ -331,7 +333,7 @@ def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
 
 @njit(cache=True)
 def depth_at(depth_z_m, uv):
-    """(n,) metres, interpolated; 0 where one of the four pixels has none."""
+    """(n,) depth in metres, interpolated; 0 if one of the four pixels has none."""
     out = np.zeros(len(uv))
     for n in range(len(uv)):
         j, i = int(uv[n, 0]), int(uv[n, 1])

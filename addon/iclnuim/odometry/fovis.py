@@ -1,7 +1,7 @@
 """FOVIS: A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011.
 
-Corners are matched by their looks, kept where their distances agree, and the motion is where both frames' corners fall on
-each other's (section 3.5).
+Corners are matched by appearance. Matches with consistent distances are inliers, and the motion minimizes their reprojection
+error in both images (section 3.5).
 """
 
 import math
@@ -16,45 +16,45 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .certainty import ACROSS, DOWN, informed
-from .depth_term import LOOSE, DepthTerm, believed, length_unknown
+from .certainty import ACROSS, DOWN, jackknife_information
+from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .features import Features, Matches, consistent, features, match
 from .protocol import Frame, Result, Status, failure
 from .solver import Limits, Pass, Stop, System, solve
 
-#: The first rotation is found on images of so many rows, in so many iterations, blurred by so wide a Gaussian.
+#: The initial rotation is estimated on small images: their rows, the iterations, and the size of the Gaussian blur.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
-#: A motion that others only start from is found until a step is shorter (metres, radians; half a pixel).
-ROUGH = 1e-3
-#: Depth is looked up so many times at most.
-LOOKS = 3
-#: Where a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), the prediction may have
-#: missed a sudden turn: small images are asked.
-FEW = 0.25
-#: Where a larger share agrees close to the prediction (noisy frames: 0.42 and more), corners farther off are not asked.
-SURE = 0.35
+#: A preliminary motion is iterated until a step is shorter than this (metres, radians; half a pixel).
+ROUGH_STEP = 1e-3
+#: Maximum number of evaluations of the geometric term.
+MAX_EVALUATIONS = 3
+#: If a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), there may have been a sudden
+#: rotation, which is then estimated from small images.
+LOW_AGREEMENT = 0.25
+#: If a larger share agrees near the prediction (noisy frames: 0.42 and more), the wide search is skipped.
+HIGH_AGREEMENT = 0.35
 
 
 @dataclass(frozen=True)
 class FovisSettings:
-    """The defaults are the authors' own (fovis 1.2)."""
+    """The defaults are those of the authors' program (fovis 1.2)."""
 
     levels: int = 3
     detector: str = "fast"
-    count: int = 1229  # corners a frame: the authors' one in 250 pixels of 640x480
-    searches_px: tuple[float, ...] = (25.0,)  # about where the motion found so far puts a corner
-    precision_px: float = 0.1  # a corner's place is refined until a step is shorter
-    strict: bool = False  # a corner whose place cannot be refined is dropped
-    max_distance_m: float = 0.1  # between two distances that agree
-    max_error_px: float = 1.5  # of an inlier
-    min_agreement: float = 0.1  # share of the matches within it; of unrelated images up to 0.07
+    count: int = 1229  # corners per frame: the authors use one per 250 pixels of 640x480
+    searches_px: tuple[float, ...] = (25.0,)  # search radii around the position predicted by the current motion
+    precision_px: float = 0.1  # a corner's position is refined until a step is shorter
+    strict: bool = False  # a corner whose position cannot be refined is dropped
+    max_distance_m: float = 0.1  # maximum difference of two consistent distances
+    max_error_px: float = 1.5  # maximum error of an inlier
+    min_agreement: float = 0.1  # minimum share of inliers; unrelated images have up to 0.07
     min_inliers: int = 10
-    nu: float = 0.0  # degrees of freedom of Student's t, which are information; 0: least squares
+    nu: float = 0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
     iterations: int = 6
     limits: Limits = Limits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
-    depth: bool = False  # which corners count is found with the help of depth, which judges the motion
-    level_weights: bool = False  # a coarse level's pixel counts as what it is in the image
+    depth: bool = False  # the geometric term selects the corners and checks the motion
+    level_weights: bool = False  # residuals are weighted by the pixel size of their level
     reference: str = "matches"
 
 
@@ -87,72 +87,76 @@ class Fovis:
             return failure("features: too few corners with depth")
         far, near = s.searches_px[0], s.searches_px[-1]
         depth = DepthTerm(reference.half, current.half) if s.depth else None
-        found = self._around(reference, current, guess, near, depth)
-        if far > near and found.share < SURE:
-            found = self._around(reference, current, guess, far, depth)
-        if found.share < FEW:
-            again = self._around(reference, current, _turned(reference, current, guess), far, depth)
+        found = self._search(reference, current, guess, near, depth)
+        if far > near and found.share < HIGH_AGREEMENT:
+            found = self._search(reference, current, guess, far, depth)
+        if found.share < LOW_AGREEMENT:
+            again = self._search(reference, current, _estimate_rotation(reference, current, guess), far, depth)
             found = again if len(again.inliers) > len(found.inliers) else found
         if far > near and found.search_px == far and not found.reason:
-            found = self._around(reference, current, found.T, near, depth)
+            found = self._search(reference, current, found.T, near, depth)
         if found.reason:
             return failure(found.reason)
-        result = self._motion(found, reference.camera)
-        return depth.judged(result) if depth else result
+        result = self._refine(found, reference.camera)
+        return depth.checked(result) if depth else result
 
-    def _around(
+    def _search(
         self, reference: Features, current: Features, start: SE3, search_px: float, depth: DepthTerm | None
-    ) -> "Found":
-        """With corners within `search_px` of where `start` puts them; their places are refined in the last search."""
+    ) -> "Candidate":
+        """Match corners within `search_px` of the positions predicted by `start`; only the last search refines them fully."""
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
         last = search_px == s.searches_px[-1]
         found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5, s.strict)
         agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
         if len(agreeing) < s.min_inliers:
-            reason = f"features: {len(agreeing)} agree, fewer than {s.min_inliers}"
-            return Found(start, agreeing, 0.0, search_px, reason)
+            reason = f"features: {len(agreeing)} consistent matches, fewer than {s.min_inliers}"
+            return Candidate(start, agreeing, 0.0, search_px, reason)
         T = start
         if depth:
             term = ReprojectionTerm(agreeing, camera, s, loose=True)
-            T = self._rough(term, T, depth)
-            agreeing = replace(agreeing, weight=term.believed(depth.at(T), T))
-        T = self._rough(ReprojectionTerm(agreeing, camera, s), T)
+            T = self._estimate(term, T, depth)
+            agreeing = replace(agreeing, weight=term.inlier_weights(depth.at(T), T))
+        T = self._estimate(ReprojectionTerm(agreeing, camera, s), T)
         errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
         few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
-        reason = f"features: {len(inliers)} of {len(found)} agree about a motion" if few else ""
-        return Found(T, inliers, len(inliers) / len(found), search_px, reason)
+        reason = f"features: {len(inliers)} of {len(found)} matches are inliers" if few else ""
+        return Candidate(T, inliers, len(inliers) / len(found), search_px, reason)
 
-    def _rough(self, term: "ReprojectionTerm", T: SE3, depth: DepthTerm | None = None, min_step: float = ROUGH) -> SE3:
-        """The motion without its certainty, from T on, until a step is shorter than min_step. With what depth says, looked up again
-        where it has moved the points."""
-        s, gone = self.settings, np.zeros(6)
+    def _estimate(
+        self, term: "ReprojectionTerm", T: SE3, depth: DepthTerm | None = None, min_step: float = ROUGH_STEP
+    ) -> SE3:
+        """The motion without its uncertainty, iterated from T until a step is shorter than min_step. With `depth`, the geometric term
+        is added, and evaluated again after the points have moved."""
+        s, total_twist = self.settings, np.zeros(6)
         prior = np.full(6, s.limits.prior_m**-2 if s.limits.prior_m else 1e-9)
-        for _ in range(LOOKS if depth else 1):
-            A, b = np.diag(prior), -prior * gone
+        for _ in range(MAX_EVALUATIONS if depth else 1):
+            A, b = np.diag(prior), -prior * total_twist
             if depth:
-                geometry = depth.look(T)
+                geometry = depth.evaluate(T)
                 A, b = A + geometry.A, b + geometry.b
             T, step = term.solved(T, A, b, min_step)
-            gone += step
-            if np.abs(step).max() < ROUGH:
+            total_twist += step
+            if np.abs(step).max() < ROUGH_STEP:
                 break
         return T
 
-    def _motion(self, found: "Found", camera: PinholeCamera) -> Result:
-        """Of the inliers, with its certainty."""
+    def _refine(self, found: "Candidate", camera: PinholeCamera) -> Result:
+        """The motion from the inliers, with its uncertainty."""
         s, count = self.settings, len(found.inliers)
         term = ReprojectionTerm(found.inliers, camera, s)
-        T = self._rough(term, found.T, min_step=s.stop.min_step) if s.nu else found.T  # certainty only once it is there
+        T = (
+            self._estimate(term, found.T, min_step=s.stop.min_step) if s.nu else found.T
+        )  # the uncertainty is computed only at the optimum
         result = solve([Pass(term, s.iterations, 4 * count, s.stop)], T, s.limits)
         if result.status is Status.FAILED:
             return result
         return replace(result, matches=count, inliers=found.share)
 
 
-class Found(NamedTuple):
-    """A rough motion, the matches that agree about it, and their share of all; the reason why there is none."""
+class Candidate(NamedTuple):
+    """A preliminary motion, its inliers, and their share of all matches; reason: why there is no motion."""
 
     T: SE3
     inliers: Matches
@@ -162,10 +166,10 @@ class Found(NamedTuple):
 
 
 class ReprojectionTerm:
-    """Equations in pixels: where each frame's points fall in the other image, against the corner there.
+    """Equations in pixels: the reprojection errors of each frame's points in the other image.
 
-    loose: the inverse depth of each match may be wrong by a factor, a further unknown that is eliminated (as of the tiles of
-    `photometric`): a corner in a mirror or behind glass tells the motion without it.
+    loose: the inverse depth of each match has an unknown factor, which is eliminated (as for the tiles of `photometric`). A corner
+    in a mirror or behind glass then still constrains the motion.
     """
 
     def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings, loose: bool = False) -> None:
@@ -181,29 +185,30 @@ class ReprojectionTerm:
             self.sigma = max(kernels.student_scale(residual, s.nu, self.sigma, 10), 1e-3)
         kernels.block_sums(arms, J, residual, J, residual, self.sigma, s.nu, self.blocks, self.sums)
         system = System.of_sums(self.sums.sum(axis=0))
-        return informed(system, self.sums, s.nu) if s.nu else system
+        return jackknife_information(system, self.sums, s.nu) if s.nu else system
 
     def solved(self, T: SE3, A: np.ndarray, b: np.ndarray, min_step: float) -> tuple[SE3, np.ndarray]:
-        """The pose and the twist (6,) there from T; of that twist x, A x = b is known besides, as information."""
+        """The optimal pose and the twist (6,) from T to it. A x = b are further equations (information) for this twist x."""
         s = self.settings
         rule = (self.loose, s.nu, self.sigma, A, b, s.iterations, min_step)
-        found, gone, self.sigma = least_squares(T.matrix, self.seen, *rule)
-        return SE3(found[:3, :3], found[:3, 3]), gone
+        found, total_twist, self.sigma = least_squares(T.matrix, self.seen, *rule)
+        return SE3(found[:3, :3], found[:3, 3]), total_twist
 
-    def believed(self, geometry: System, T: SE3) -> np.ndarray:
-        """Weights (n,), 0..1, of residuals: small where depth is not that of what is seen, by its equations at T and loose ones solved."""
+    def inlier_weights(self, geometry: System, T: SE3) -> np.ndarray:
+        """Weights (n,), 0..1, of the residuals, at the solution T of the loose equations: small where depth is an outlier."""
         _, residual, J = reprojections(T.matrix, *self.seen)
         factor, stiff = free_depth(T.translation, J, residual, (self.sigma / LOOSE) ** 2)
-        unknown = length_unknown(geometry, T.translation)
-        kept = believed(factor, self.sigma**2 / np.maximum(stiff, 1e-12), unknown)
-        return np.sqrt(kept + (1.0 - kept) * unknown)
+        ambiguity = scale_ambiguity(geometry, T.translation)
+        kept = inlier_weights(factor, self.sigma**2 / np.maximum(stiff, 1e-12), ambiguity)
+        return np.sqrt(kept + (1.0 - kept) * ambiguity)
 
 
 @njit(cache=True)
 def reprojections(T, k, points0, uv0, points1, uv1, weight):
-    """(arms (4 n, 3), residuals (4 n,), slopes (4 n, 6) by a twist): u and v in the reference's image, u and v in the other's.
+    """(arms (4 n, 3), residuals (4 n,), Jacobian (4 n, 6) by a twist), per match: u and v in the reference's image, u and v in the
+    current one.
 
-    T (4, 4) is T_reference_current.
+    T (4, 4) is T_reference_current; arms are the points in the reference's frame.
     """
     n = len(weight)
     arms, residual, J = np.empty((4 * n, 3)), np.empty(4 * n), np.empty((4 * n, 6))
@@ -227,7 +232,7 @@ def reprojections(T, k, points0, uv0, points1, uv1, weight):
         slope[1 - along_v], slope[along_v], slope[2] = 0.0, w * f / p[2], -w * f * p[along_v] / p[2] ** 2
         for a in range(3):
             J[i, a] = slope[a]
-            if back:  # the other camera moves the other way
+            if back:  # the motion of the other camera has the opposite sign
                 J[i, a] = -(T[a, 0] * slope[0] + T[a, 1] * slope[1] + T[a, 2] * slope[2])
         x, y, z = arms[i]
         J[i, 3], J[i, 4] = y * J[i, 2] - z * J[i, 1], z * J[i, 0] - x * J[i, 2]
@@ -237,9 +242,9 @@ def reprojections(T, k, points0, uv0, points1, uv1, weight):
 
 @njit(cache=True)
 def least_squares(T, seen, loose, nu, sigma, A, b, iterations, min_step):
-    """(T, the twist (6,) there, Student's scale), by Gauss-Newton from T (4, 4) on; A x = b is known of that twist besides.
+    """(T, the twist (6,) to it, scale of Student's t), by Gauss-Newton from T (4, 4); A x = b are further equations for that twist.
 
-    seen: what reprojections() takes besides the pose. Units are those of the residuals' mean square.
+    seen: the arguments of reprojections() after the pose. Units are those of the residuals' mean square.
     """
     gone = np.zeros(6)
     for _ in range(iterations):
@@ -266,7 +271,7 @@ def least_squares(T, seen, loose, nu, sigma, A, b, iterations, min_step):
 
 @njit(cache=True)
 def moved(T, twist):
-    """(4, 4): exp(twist) T (as SE3.exp, for steps of less than half a turn)."""
+    """(4, 4): exp(twist) T (as SE3.exp, for rotations of less than 180 degrees)."""
     x, y, z = twist[3:]
     angle = np.sqrt(x * x + y * y + z * z)
     a, b, c = 1.0, 0.5, 1.0 / 6.0
@@ -282,8 +287,10 @@ def moved(T, twist):
 
 @njit(cache=True)
 def free_depth(t, J, residual, prior):
-    """(factor (n,) of each match's inverse depth, g^T g (n,)) by the slopes g of its 4 residuals by that factor; makes J and
-    residual such that their squares are those of the equations without it (Schur complement). t (3,): of T_reference_current.
+    """(factor (n,) of each match's inverse depth, g^T g (n,)), where g is the derivative of the match's 4 residuals by that factor.
+
+    Modifies J and residual so that their squares are the equations with the factor eliminated (Schur complement). t (3,) is the
+    translation of T_reference_current.
     """
     n, g = len(residual) // 4, np.empty(4)
     factor, stiff = np.empty(n), np.empty(n)
@@ -307,8 +314,8 @@ def free_depth(t, J, residual, prior):
     return factor, stiff
 
 
-def _turned(reference: Features, current: Features, guess: SE3) -> SE3:
-    """The guess with the rotation that small images of both still show (section 3.2); the guess itself where they do not fit."""
+def _estimate_rotation(reference: Features, current: Features, guess: SE3) -> SE3:
+    """The guess with a rotation estimated from small images (section 3.2); the guess itself if the estimation fails."""
     camera, rows = reference.camera, min(SMALL_ROWS, reference.camera.height)
     scale = rows / camera.height
     small0, small1 = (
@@ -323,16 +330,16 @@ def _turned(reference: Features, current: Features, guess: SE3) -> SE3:
     except cv2.error:
         return guess
     centre = (np.array([camera.cx, camera.cy]) + 0.5) * scale - 0.5
-    turn = found[:, :2] @ expected[:, :2].T  # of what was expected into what is seen
-    shift = (turn @ (centre - expected[:, 2]) + found[:, 2] - centre) / (np.array([camera.fx, camera.fy]) * scale)
-    return guess @ SE3(so3.exp(-np.array([-shift[1], shift[0], math.atan2(turn[1, 0], turn[0, 0])])), np.zeros(3))
+    roll = found[:, :2] @ expected[:, :2].T  # from the expected image to the current one
+    shift = (roll @ (centre - expected[:, 2]) + found[:, 2] - centre) / (np.array([camera.fx, camera.fy]) * scale)
+    return guess @ SE3(so3.exp(-np.array([-shift[1], shift[0], math.atan2(roll[1, 0], roll[0, 0])])), np.zeros(3))
 
 
 def _rigid_warp(uv0: np.ndarray, uv1: np.ndarray, scale: float) -> np.ndarray:
-    """(2, 3): the turn and shift of the image by which uv0 (n, 2) fall nearest uv1, in an image of `scale`."""
+    """(2, 3): in-plane rotation and shift that map uv0 (n, 2) to uv1, in an image of `scale`."""
     uv0, uv1 = ((uv + 0.5) * scale - 0.5 for uv in (uv0, uv1))
     mean0, mean1 = np.median(uv0, axis=0), np.median(uv1, axis=0)
     (x0, y0), (x1, y1) = (uv0 - mean0).T, (uv1 - mean1).T
     angle = math.atan2(x0 @ y1 - y0 @ x1, x0 @ x1 + y0 @ y1)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    return np.c_[turn, mean1 - turn @ mean0]
+    roll = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    return np.c_[roll, mean1 - roll @ mean0]

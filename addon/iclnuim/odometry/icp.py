@@ -15,7 +15,7 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .certainty import ACROSS, DOWN, disagreement, informed
+from .certainty import ACROSS, DOWN, disagreement, jackknife_information
 from .depth_term import MAX_DISTANCE_M
 from .photometric import PhotometricSettings, Rgbd, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
@@ -32,48 +32,46 @@ from .solver import (
     solve,
 )
 
-#: Root mean square between surfaces at the first guess from which on it is poor (a prediction has 0.5 to 12 mm, clean and
-#: noisy; 5 degrees off 20 mm and more). A rotation alone is then found first, with every match on a coarse level that is
-#: not out of the question.
+#: A guess is poor if the RMS distance between the surfaces there is at least this (a prediction has 0.5 to 12 mm, clean and
+#: noisy; a guess with an error of 5 degrees has 20 mm and more). A rotation is then estimated first, on a coarse level and
+#: with wide gates for distance and angle.
 POOR_M = 0.015
 WIDE_DISTANCE_M, WIDE_ANGLE_DEG, WIDE_NU, WIDE_LEVEL, WIDE_STRIDE, WIDE_ITERATIONS = 1.0, 60.0, 2.0, 2, 2, 20
 WIDE_STOP, WIDE_LIMITS = Stop(min_step=1e-3), Limits(min_inliers=0.01)
-#: 1 - cosine of normals, in the median: `released` noise has 0.006, clean frames below 1e-4.
+#: Median of 1 - cosine of normals: `released` noise has 0.006, clean frames below 1e-4.
 MAX_ROUGHNESS = 1e-3
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
-#: Of the photometric term, where its equations are no information (Whelan 2013).
+#: Weight of the photometric term where its equations are not information (Whelan 2013).
 WEIGHT_RGBD = 0.1
-#: Of a sensor's frames: standard deviation of the motion's length as a share, as depth is biased (`released` noise by
-#: 0.16 % a metre, and so 0.6 % of a motion seen from 2 m); of the motion about its prediction, as where the image alone
-#: holds the motion.
+#: For noisy frames. ROUGH_SCALE: relative standard deviation of the length of the motion, because depth is biased (`released`
+#: noise: by 0.16 % a metre, hence 0.6 % of a motion seen from 2 m). ROUGH_PRIOR_M: standard deviation of the motion about its
+#: prediction, for frames where the image alone constrains the motion.
 ROUGH_SCALE, ROUGH_PRIOR_M = 0.1, 0.01
 
 
 @dataclass(frozen=True)
 class IcpSettings:
-    """Of the term and of the odometer. Tuples run from fine to coarse. The defaults are Kintinuous' (KinectFusion).
+    """Settings of the geometric term and of the odometer. Tuples run from fine to coarse. The defaults are Kintinuous' (KinectFusion).
 
-    A frame whose normals three pixels apart differ by more than MAX_ROUGHNESS is a sensor's: its normals are taken over
-    rough_step pixels, all within ROUGH_ANGLE_DEG match, none is outweighed, and ROUGH_NOISE of what normals disagree about
-    counts as noise.
+    A frame is noisy (from a sensor) if its normals three pixels apart differ by more than MAX_ROUGHNESS. Its normals are then
+    computed over rough_step pixels, all points within ROUGH_ANGLE_DEG match with equal weights, and the share ROUGH_NOISE of
+    the disagreement of normals counts as noise.
     """
 
-    iterations: tuple[int, ...] = (10, 5, 4)  # at most, on each level; 0: not used
-    strides: tuple[int, ...] = (1, 1, 1)  # every so many rows and columns
+    iterations: tuple[int, ...] = (10, 5, 4)  # maximum on each level; 0: level not used
+    strides: tuple[int, ...] = (1, 1, 1)  # distance between the rows and columns that are used
     bilateral: bool = True  # depth filter, 13 x 13, 4.5 px, 30 mm
     max_angle_deg: float = 20.0
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
-    two_normals: bool = (
-        False  # information, of products of the residuals along both images' normals, not squares along one
-    )
-    rough_step: int = 0  # pixels; 0: no frame is taken for a sensor's
+    two_normals: bool = False  # products of the residuals along the normals of both images, as information; not squares along one normal
+    rough_step: int = 0  # pixels; 0: no frame counts as noisy
     stop: Stop = Stop()
     limits: Limits = Limits(min_eigenvalue=MIN_EIGENVALUE)
     reference: str = "frame"
 
 
 class PlaneTerm:
-    """Point-to-plane equations in metres on level n; noise_share of what two normals disagree about counts as noise."""
+    """Point-to-plane equations in metres on level n. noise_share: share of the disagreement of two normals that counts as noise."""
 
     def __init__(
         self,
@@ -119,12 +117,14 @@ class PlaneTerm:
         if s.two_normals:
             if iteration == 0:
                 self.disagreement = self._disagreement()
-            # What two normals of one place disagree about is noise; a sensor's steps may let them agree on as much again.
-            system = informed(system.less_noise(self.noise_share * self.disagreement * system.weight), self.sums, s.nu)
+            # The disagreement of two corresponding normals is noise. With the depth steps of a sensor, as much noise again can be common to both.
+            system = jackknife_information(
+                system.less_noise(self.noise_share * self.disagreement * system.weight), self.sums, s.nu
+            )
         return system
 
     def _disagreement(self) -> float:
-        """Of some 2000 pairs of normals."""
+        """disagreement() of about 2000 pairs of normals."""
         step = len(self.residual) // 2000 + 1
         some = np.isfinite(self.residual[::step])
         return disagreement(np.sum(self.J[::step, :3][some] * self.J1[::step, :3][some], axis=1))
@@ -150,7 +150,7 @@ class Icp(PyramidOdometer):
     def prepare(self, frame: Frame, camera: PinholeCamera) -> list[Level]:
         s = self.settings
         if s.bilateral:
-            # what is missing lies too far off to weigh, and stays missing
+            # missing depth (0) is too far from any other for a weight, and stays missing
             smooth = cv2.bilateralFilter(frame.depth_z_m, 13, 0.03, 4.5)
             frame = replace(frame, depth_z_m=np.where(frame.depth_z_m > 0, smooth, np.float32(0)))
         levels = pyramid(frame, camera, len(s.iterations))
@@ -159,19 +159,19 @@ class Icp(PyramidOdometer):
         return levels
 
     def rough(self, levels: list[Level]) -> bool:
-        """Whether prepare() took the frame for a sensor's."""
+        """Whether prepare() classified the frame as noisy."""
         return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
-        """In `best` a second time where the guess is poor, from the rotation that all matches give; what matches more is kept."""
-        result, off_m = self._from(reference, current, guess)
-        if off_m < POOR_M or not self.settings.two_normals:
+        """The alignment from the guess. In `best`, if the guess is poor, also from an estimated rotation; the one with more inliers is returned."""
+        result, distance_m = self._align_from(reference, current, guess)
+        if distance_m < POOR_M or not self.settings.two_normals:
             return result
-        again, _ = self._from(reference, current, turned(reference, current, self.settings, guess))
-        return again if again.inliers > result.inliers else result
+        second, _ = self._align_from(reference, current, estimate_rotation(reference, current, self.settings, guess))
+        return second if second.inliers > result.inliers else result
 
-    def _from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
-        """The alignment from a guess, and how far apart (metres, root mean square) the surfaces are there."""
+    def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
+        """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
         s, noise_share, schedule = self.settings, 1.0, self.schedule(reference)
         if self.rough(current):
             s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0), ROUGH_NOISE
@@ -180,8 +180,8 @@ class Icp(PyramidOdometer):
         return solve(passes, guess, s.limits), terms[0].first_m
 
 
-def turned(reference: list[Level], current: list[Level], settings: IcpSettings, guess: SE3) -> SE3:
-    """The guess, turned about the camera to where surfaces meet."""
+def estimate_rotation(reference: list[Level], current: list[Level], settings: IcpSettings, guess: SE3) -> SE3:
+    """The guess, rotated about the camera to the minimum of the point-to-plane error."""
     n = min(WIDE_LEVEL, len(reference) - 1)
     strides = (WIDE_STRIDE,) * len(reference)
     wide = replace(settings, strides=strides, max_angle_deg=WIDE_ANGLE_DEG, nu=WIDE_NU, two_normals=False)
@@ -191,7 +191,7 @@ def turned(reference: list[Level], current: list[Level], settings: IcpSettings, 
 
 
 def roughness(level: Level) -> float:
-    """1 - cosine of normals three pixels apart, which share no depth, in the median."""
+    """Median of 1 - cosine of normals three pixels apart, which have no depth pixel in common."""
     normals = level.normals[::4]
     one, other = normals[:, :-3:4], normals[:, 3::4]
     both = (one[..., 2] != 0) & (other[..., 2] != 0)
@@ -199,14 +199,14 @@ def roughness(level: Level) -> float:
 
 
 class IcpRgbd(Icp):
-    """Settings: of the planes, whose iterations, stop and limits are taken, of the photometric term, and its weight on the
-    right-hand side.
+    """Settings: of the geometric term, whose iterations, stop and limits are used; of the photometric term; and the weight of the
+    photometric term on the right-hand side.
     """
 
     name, reads_grey = "icp_rgbd", True
     PRESETS = {
         "paper": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD**2),
-        # a slip of the code that the paper ran: the matrix is weighted by w^2, the right-hand side by w
+        # a mistake in the code that the paper used: the matrix is weighted by w^2, the right-hand side by w
         "kintinuous2013": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD),
         "best": (
             replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1), reference="keyframe"),
@@ -219,12 +219,12 @@ class IcpRgbd(Icp):
         super().__init__(settings[0])
         _, self.photometric, self.weight_b = settings
 
-    def _from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
-        """By geometry alone where the images hold nothing to align, or are unrelated. Where both terms are information, each
-        counts by its own variance, independent of units.
+    def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
+        """The geometric term alone is used where the images have no contrast or are unrelated. Where both terms are information,
+        each is weighted by its own variance, independent of units.
         """
         if no_contrast(reference, current):
-            return super()._from(reference, current, guess)
+            return super()._align_from(reference, current, guess)
         icp, rough, schedule = self.settings, self.rough(current), self.schedule(reference)
         limits = replace(icp.limits, min_eigenvalue=0.0)
         if rough:
@@ -238,11 +238,11 @@ class IcpRgbd(Icp):
         ]
         result = solve(joint, guess, limits)
         if result.status is not Status.FAILED and finest.unrelated():
-            return super()._from(reference, current, guess)
+            return super()._align_from(reference, current, guess)
         return result, planes[schedule[0][0]].first_m
 
     def _joint(self, plane: PlaneTerm, photometric: Linearise, rough: bool, T: SE3, iteration: int) -> System:
         geometry, image = plane(T, iteration), photometric(T, iteration)
         if rough:
             geometry = geometry.without_scale(T.translation, ROUGH_SCALE)
-        return geometry.plus(image, 1.0 if image.informed else WEIGHT_RGBD**2, self.weight_b)
+        return geometry.plus(image, 1.0 if image.is_information else WEIGHT_RGBD**2, self.weight_b)

@@ -1,9 +1,11 @@
-"""The compiled loops over pixels. One thread on purpose: a row pass takes half a millisecond, which the
-barriers of a thread pool on a busy machine exceed many times, and so no number of threads can change a bit.
+"""The compiled loops over pixels.
 
-Pixels worth a look are gathered into lists once a frame; an iteration only walks the lists. Residuals come first,
-normal equations after, so that a scale can be estimated in between. Twists are (translation, rotation) applied from the
-left in the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
+They use one thread: a pass takes half a millisecond, and the barriers of a thread pool on a busy machine take many times as
+long. The results therefore do not depend on a number of threads.
+
+The pixels to use are collected in lists once per frame; an iteration only loops over the lists. Residuals are computed before
+the normal equations, so that a scale can be estimated in between. Twists are (translation, rotation), applied from the left in
+the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
 """
 
 import math
@@ -26,9 +28,9 @@ def halve_grey(grey):
 
 @njit(cache=True)
 def halve_depth(z):
-    """2x2 mean in inverse depth (exact on planes) where the four belong together, else their nearest; 0 = missing.
+    """2x2 mean of inverse depth (exact on planes) if the four differ by less than 5 %, else the nearest depth; 0 = missing.
 
-    Where some are missing, the mean of a diagonal, which lies in the middle as well.
+    If some are missing, the mean of a diagonal, which has the same centre.
     """
     out = np.zeros((z.shape[0] // 2, z.shape[1] // 2), np.float32)
     for v in range(out.shape[0]):
@@ -47,7 +49,7 @@ def halve_depth(z):
 
 @njit(cache=True)
 def halve_depth_median(z):
-    """Of every second pixel the median of its 3x3, of those that have depth; 0 where that is fewer than half of them."""
+    """Median of the 3x3 neighbourhood of every second pixel, of the pixels with depth; 0 if fewer than half have depth."""
     h, w = z.shape
     out, seen = np.zeros((h // 2, w // 2), np.float32), np.empty(9, np.float32)
     for v in range(out.shape[0]):
@@ -70,7 +72,7 @@ def halve_depth_median(z):
 
 @njit(cache=True)
 def _facing(k, v, u, left, right, above, below, e, r, a, b):
-    """Unit normal at (v, u) of the surface through depths e, r (in columns left, right) and a, b (in rows above, below); 0 without one."""
+    """Unit normal at (v, u) of the surface through depths e, r (in columns left, right) and a, b (in rows above, below); 0 if undefined."""
     fx, fy, cx, cy = k
     x1, y1, z1 = ((right - cx) * r - (left - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
     x2, y2, z2 = (u - cx) * (b - a) / fx, ((below - cy) * b - (above - cy) * a) / fy, b - a
@@ -81,7 +83,7 @@ def _facing(k, v, u, left, right, above, below, e, r, a, b):
 
 @njit(cache=True)
 def normals(z, k, s):
-    """Unit normals (h, w, 3) by differences over +-s pixels, to one side where the other is missing; 0 where depth jumps."""
+    """Unit normals (h, w, 3) by differences over +-s pixels, one-sided where a neighbour is missing; 0 at depth edges."""
     h, w = z.shape
     out = np.zeros((h, w, 3), np.float32)
     for v in range(s, h - s):
@@ -107,10 +109,10 @@ def normals(z, k, s):
 
 @njit(cache=True)
 def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse):
-    """Lists of the pixels with slope (central differences) and depth: point (n, 3), grey level, J (n, 6) of the inverse
-    compositional residual, and which of across x down tiles, row by row.
+    """Lists of the pixels with a gradient (central differences) and depth: point (n, 3), grey value, Jacobian (n, 6) of the inverse
+    compositional residual, and the index among across x down tiles, row by row.
 
-    Edges at jumps of depth are kept: without them a plain room leaves too little (ATE 2 to 15 times as large).
+    Depth edges are included: without them a plain room has too few pixels (ATE 2 to 15 times as large).
     """
     h, w = z.shape
     fx, fy, cx, cy = k
@@ -136,10 +138,11 @@ def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse):
 
 @njit(cache=True)
 def grey_residuals(T, k, points, greys, grey, z, max_dz, residual, J, mean, tiles, factor, parallax):
-    """residual = grey(warped) - greys, bilinear; NaN outside, without depth, or behind another surface.
+    """residual = grey(warped) - greys, bilinear; NaN outside the image, without depth, or if occluded.
 
-    T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, a tile's inverse depth is that
-    many times what depth says, and parallax (n,) the residual's slope by it; with `mean`, J there is of both images.
+    T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, the inverse depth of a tile is multiplied
+    by its factor, and parallax (n,) is the derivative of the residual by it. With `mean`, the mean Jacobian of both images is
+    written there.
     """
     h, w = grey.shape
     fx, fy, cx, cy = k
@@ -185,8 +188,8 @@ def grey_residuals(T, k, points, greys, grey, z, max_dz, residual, J, mean, tile
 
 @njit(cache=True)
 def flat_points(k, z, normals, stride, across, down):
-    """Of every stride-th row and column: how many pixels, and where there is a normal, lists of point (n, 3), normal (n, 3)
-    and which of across x down blocks of the image, row by row.
+    """The number of pixels in every stride-th row and column, and lists of those with a normal: point (n, 3), normal (n, 3) and
+    the index among across x down blocks of the image, row by row.
     """
     h, w = z.shape
     fx, fy, cx, cy = k
@@ -210,14 +213,14 @@ def flat_points(k, z, normals, stride, across, down):
 
 @njit(cache=True)
 def _plane_row(J, x, y, z, nx, ny, nz):
-    """Of the distance of (x, y, z) along a normal, by a twist from the left."""
+    """J (6,): derivative of the distance of (x, y, z) along a normal, by a twist from the left."""
     J[0], J[1], J[2] = nx, ny, nz
     J[3], J[4], J[5] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
 
 
 @njit(cache=True)
 def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosine, residual, J, residual1, J1):
-    """Projective association: residual = n . (p0 - T p1) in metres, NaN without a partner; T is T_reference_current.
+    """Projective association: residual = n . (p0 - T p1) in metres, NaN without a match; T is T_reference_current.
 
     z and normals are the reference's.
     """
@@ -257,7 +260,7 @@ def plane_residuals(T, k, points, directions, z, normals, max_distance, min_cosi
 
 @njit(cache=True)
 def _add_point(o, r, weight, x, y, z):
-    """One pixel's share of what follows the equations in the sums o (34,) that block_sums() describes."""
+    """Add one pixel to elements 27 to 33 of the sums o (34,) that block_sums() describes."""
     o[27] += weight * r * r
     o[28] += weight
     o[29] += 1
@@ -269,7 +272,7 @@ def _add_point(o, r, weight, x, y, z):
 
 @njit(cache=True)
 def _add_pair(o, J, r, J1, q, weight, x, y, z):
-    """One pixel's share of the sums o (34,) that block_sums() describes."""
+    """Add one pixel to the sums o (34,) that block_sums() describes."""
     half, n = 0.5 * weight, 0
     for a in range(6):
         for b in range(a, 6):
@@ -281,11 +284,11 @@ def _add_pair(o, J, r, J1, q, weight, x, y, z):
 
 @njit(cache=True)
 def block_sums(points, J, residual, J1, residual1, sigma, nu, blocks, out):
-    """out (blocks, 34), of each block: 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both made symmetric, w r^2, w,
+    """out (blocks, 34), sums per block: 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both symmetrized, w r^2, w,
     count, w p, w |p|^2.
 
-    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J: the usual squares. J1 of the other
-    image: products, whose noise is independent, where squares would draw the motion to nothing and fake constraint.
+    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J gives the usual squares. With J1 of the other
+    image they are products of independent noise; squares of noise would bias the motion to zero and add false information.
     """
     out[:] = 0
     for i in range(len(residual)):
@@ -306,7 +309,7 @@ def sums(points, J, residual, J1, residual1, sigma, nu):
 
 @njit(cache=True)
 def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
-    """out (tiles, 42): each tile's sums() of squares, then J^T w g (6), g^T w g and g^T w r of its parallax g."""
+    """out (tiles, 42): sums() of squares per tile, then J^T w g (6), g^T w g and g^T w r of its parallax g."""
     out[:] = 0
     for i in range(len(residual)):
         r = residual[i]
@@ -329,7 +332,7 @@ def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
 
 @njit(cache=True)
 def _normal(z, v, u, k):
-    """Unit normal by differences over a pixel to each side; its z is 0 where depth jumps or is missing."""
+    """Unit normal by differences over a pixel to each side; its z is 0 at depth edges and where depth is missing."""
     d, e, r, a, b = z[v, u], z[v, u - 1], z[v, u + 1], z[v - 1, u], z[v + 1, u]
     if not (d > 0 and e > 0 and r > 0 and a > 0 and b > 0):
         return 0.0, 0.0, 0.0
@@ -340,7 +343,7 @@ def _normal(z, v, u, k):
 
 @njit(cache=True)
 def depth_points(k, z, stride):
-    """Of every stride-th row and column, lists of point (n, 3) and normal (n, 3) where there is one."""
+    """Lists of point (n, 3) and normal (n, 3) of the pixels with a normal in every stride-th row and column."""
     fx, fy, cx, cy = k
     size, n = -(-z.shape[0] // stride) * -(-z.shape[1] // stride), 0
     points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
@@ -358,9 +361,9 @@ def depth_points(k, z, stride):
 
 @njit(cache=True)
 def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu, residual, cosine):
-    """sums() of point-to-plane products, and residual = n . (p0 - T p1) in metres (NaN without a partner) and cosine of the normals.
+    """sums() of point-to-plane products; writes residual = n . (p0 - T p1) in metres (NaN without a match) and cosine of the normals.
 
-    Projective association; T is T_reference_current, z (h, w) the reference's, whose normals are made where they are needed.
+    Projective association; T is T_reference_current, z (h, w) the reference's, whose normals are computed only where needed.
     """
     h, w = z.shape
     fx, fy, cx, cy = k
@@ -400,7 +403,7 @@ def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu,
 
 @njit(cache=True)
 def student_scale(residual, nu, start, rounds):
-    """Sigma of Student's t by fixed-point iteration (Kerl 2013, eq. 13), on some 5000 of the residuals."""
+    """Scale of Student's t by fixed-point iteration (Kerl 2013, eq. 13), on some 5000 of the residuals."""
     step = max(1, len(residual) // 5000) | 1
     sigma = start
     for _ in range(rounds):
@@ -420,8 +423,8 @@ def student_scale(residual, nu, start, rounds):
 
 @njit(cache=True)
 def take_brightness(residual, greys, nu, sigma, rounds):
-    """(sigma, gain): takes a gain (beyond 1) and an offset of `greys` off the residual (n,), found with Student-t weights on
-    some 5000 as its scale is (student_scale)."""
+    """(sigma, gain): subtracts a gain (minus 1) and an offset of `greys` from the residual (n,). They are estimated with Student-t
+    weights on some 5000 residuals, like the scale (student_scale)."""
     step = max(1, len(residual) // 5000) | 1
     gain, offset, before = 0.0, 0.0, sigma
     for _ in range(rounds):
@@ -437,7 +440,9 @@ def take_brightness(residual, greys, nu, sigma, rounds):
         if n == 0 or s <= 0:
             break
         spread = xx - x * x / s
-        gain = (xy - x * y / s) / (spread + s)  # a standard deviation of one grey level says nothing of a gain
+        gain = (xy - x * y / s) / (
+            spread + s
+        )  # regularized: a standard deviation of one grey level does not determine a gain
         offset = (y - gain * x) / s
         before, sigma = sigma, max(math.sqrt(total / n), 1e-3)
         if abs(sigma - before) < 1e-2 * sigma:

@@ -4,15 +4,16 @@ RGB-D: F. Steinbruecker, J. Sturm, D. Cremers, "Real-time visual odometry from d
 squares, as Kintinuous runs it. DVO: C. Kerl, J. Sturm, D. Cremers, "Robust odometry estimation for RGB-D cameras", ICRA
 2013, inverse compositional, Student-t weights (section III), coarse to fine on levels 3 to 1.
 
-Glass and mirrors have depth, and what is seen in them lies elsewhere: its parallax biases a photometric odometer (a window
-that fills a third of the view halves the motion found). So every tile's inverse depth is a second unknown, a factor near 1,
-eliminated from the equations of motion (Schur complement). At first its prior is loose, and the motion is that of a
-monocular camera, whose scale and weak directions a few points to planes decide (`depth_term`). Then the prior is firm in tiles
-where the factor came out near 1, and the others count no longer (Geman, McClure 1987): intensities alone decide the motion,
-and depth only which of them. Where depth does not know the length of the motion, the factor of most tiles stands for 1.
+Glass and mirrors have depth, but the image in them has another parallax, which biases a photometric odometer (a window that
+fills a third of the view halves the estimated motion). Each tile therefore has a factor of its inverse depth, near 1, as a
+further unknown. It is eliminated from the equations of motion (Schur complement). At first its prior is loose, and the motion
+is that of a monocular camera; a few point-to-plane equations determine its scale and its degenerate directions (`depth_term`).
+Then the prior is firm in tiles whose factor is near 1, and the other tiles are outliers (Geman, McClure 1987): intensities
+alone determine the motion, and depth only selects the tiles. Where depth does not determine the length of the motion, the
+median factor replaces 1.
 
 The brightness of two images differs by a gain and an offset (S. Klose, P. Heise, A. Knoll, "Efficient compositional approaches
-for real-time robust direct visual odometry from RGB-D data", IROS 2013), found with the residuals' scale before each step.
+for real-time robust direct visual odometry from RGB-D data", IROS 2013), estimated with the residuals' scale before each step.
 """
 
 import math
@@ -26,54 +27,60 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .depth_term import FIRM, LOOSE, DepthTerm, believed, length_unknown
+from .depth_term import FIRM, LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .protocol import Frame, Result, Status, failure
 from .solver import Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, small_twist, solve
 
 NONE = np.empty(0)
-#: Grey levels (standard deviation) below which an image is black, white or covered.
+#: An image with a smaller standard deviation (grey levels) is black, white or covered.
 MIN_CONTRAST = 1.0
-#: Of the warped image with the reference. Unrelated images have 0.00 to 0.04 after alignment (smooth ones to 0.2), the
-#: official frames 0.99.
+#: Minimum correlation of the warped image with the reference. After alignment, unrelated images have 0.00 to 0.04 (smooth ones
+#: up to 0.2), the official frames 0.99.
 MIN_CORRELATION = 0.25
-#: Of the coarsest images at the guess: 0.94 and more on clean frames, at most 0.9 from some 5 degrees off; so many times the
-#: iterations from a turn that images show by themselves, which is a few degrees off.
-MIN_FIT, TURNED = 0.9, 4
-#: With fewer pixels a correlation tells nothing.
+#: MIN_FIT: minimum correlation of the coarsest images at the guess (clean frames have 0.94 and more; a guess with an error of
+#: some 5 degrees has at most 0.9). ITERATIONS_FACTOR: multiplies the iterations if they start from a rotation estimated from
+#: the images, which has an error of a few degrees.
+MIN_FIT, ITERATIONS_FACTOR = 0.9, 4
+#: A correlation of fewer pixels is not significant.
 MIN_PIXELS = 30
-#: Tiles of the image.
+#: Tiles of the image (columns, rows).
 ACROSS, DOWN = 16, 12
-#: So many of a tile's pixels share one error.
+#: Number of pixels of a tile that share one error.
 TILE_SPREAD = 25.0
-#: A factor changes by no more than this in an iteration.
+#: Maximum change of a factor in an iteration.
 MAX_CHANGE = 0.5
-#: Mean square (grey levels) that gradients and interpolation leave at least.
+#: Minimum mean square (grey levels): the error of gradients and interpolation.
 MIN_ERROR = 16.0
-#: Mean square (grey levels) of the difference of two images that are rounded to whole levels.
+#: Mean square (grey levels) of the difference of two images that are rounded to integers.
 ROUNDED = 1 / 6
 
 
 def no_contrast(*frames: list[Level]) -> bool:
-    """Whether one of the pyramids holds nothing to align by intensity."""
+    """Whether one of the images has too little contrast for photometric alignment."""
     return any(float(levels[-1].grey.std()) < MIN_CONTRAST for levels in frames)
 
 
 @dataclass(frozen=True)
 class PhotometricSettings:
-    """Of the term and of an odometer that has nothing else. Tuples run from fine to coarse; gradients in grey levels a pixel.
+    """Settings of the photometric term, and of an odometer with no other term. Tuples run from fine to coarse; gradients are in
+    grey levels per pixel.
 
-    The defaults are Steinbruecker 2011 as Kintinuous runs it; what differs in `best`, and why, is in docs/odometry.md.
+    The defaults are Steinbruecker 2011 as Kintinuous runs it; docs/odometry.md explains what differs in `best`.
     """
 
-    iterations: tuple[int, ...] = (10, 7, 7, 7)  # at most, on each level; 0: not used
+    iterations: tuple[int, ...] = (10, 7, 7, 7)  # maximum on each level; 0: level not used
     min_gradients: tuple[float, ...] = (12, 5, 3, 1)
     max_depth_m: float = 6.0
-    max_dz_m: float = 0.07  # between warped and measured depth: an occlusion above
+    max_dz_m: float = 0.07  # between warped and measured depth; more is an occlusion
     nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
-    scale_once: bool = False  # Student's scale: once on all levels but the coarsest (Kerl 2013); not with tiles
+    scale_once: bool = (
+        False  # scale of Student's t: estimated once per level, except the coarsest (Kerl 2013); not with tiles
+    )
     mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
-    spread: float = 0.0  # so many pixels share one error (fitted on kt2 and office kt0); 0: no noise model
-    tiles: bool = False  # a depth factor a tile, gain and offset a pair; coarse levels then find the rotation alone
+    spread: float = 0.0  # number of pixels that share one error (fitted on kt2 and office kt0); 0: no noise model
+    tiles: bool = (
+        False  # a depth factor per tile, gain and offset per pair; coarse levels then estimate only the rotation
+    )
     median_depth: bool = False  # depth pyramid by 3x3 median (Kerl 2013) instead of means
     stop: Stop = Stop()
     limits: Limits = Limits(min_inliers=0.001)
@@ -81,46 +88,51 @@ class PhotometricSettings:
 
 
 class Tiles:
-    """factor (ACROSS * DOWN,) of inverse depth, row by row, in one alignment on one level."""
+    """Factors (ACROSS * DOWN,) of the tiles' inverse depth, row by row, in one alignment on one level."""
 
     def __init__(self) -> None:
         self.factor = np.ones(ACROSS * DOWN)
-        self.free = 1.0  # share of a factor common to all that nothing but the tiles decides
+        self.scale_ambiguity = 1.0  # scale_ambiguity() of the motion
         self._equations: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._T, self._error = SE3.identity(), 0.0
 
-    def follow(self, T: SE3) -> None:
-        """Update the factors, now that the pose went from that of the last equations to T."""
+    def update(self, T: SE3) -> None:
+        """Update the factors after the pose has changed from that of the last equations to T."""
         if self._equations is not None:
-            slopes, stiff, rest = self._equations
-            change = (rest - slopes @ small_twist(self._T, T)) / stiff
+            slopes, tile_information, tile_rhs = self._equations
+            change = (tile_rhs - slopes @ small_twist(self._T, T)) / tile_information
             self.factor = np.clip(self.factor + np.clip(change, -MAX_CHANGE, MAX_CHANGE), 0.0, 2.5)
         self._T = T
 
     def eliminated(self, sums: np.ndarray, firm: bool) -> System:
-        """Equations of motion alone, from kernels.tile_sums() (tiles, 42). Their count: pixels whose depth is an inlier.
+        """Equations of the motion, from kernels.tile_sums() (tiles, 42), with the factors eliminated. Their count is that of the
+        pixels whose depth is an inlier.
 
-        firm: tiles that do not agree with depth count as far as the length of the motion is not known without them.
+        firm: tiles whose depth is an outlier are weighted by the scale ambiguity.
         """
-        slopes, own, right = sums[:, 34:40], sums[:, 40], sums[:, 41]
+        slopes, tile_squares, rhs = sums[:, 34:40], sums[:, 40], sums[:, 41]
         if not firm:
             self._error = float(sums[:, 27].sum() / max(sums[:, 28].sum(), 1e-30))
-        off, unit = self.factor - 1.0, TILE_SPREAD * max(self._error, MIN_ERROR)
-        weights = believed(self.factor, unit / np.maximum(own, 1e-12), self.free) if firm else np.ones(len(off))
+        deviation, unit = self.factor - 1.0, TILE_SPREAD * max(self._error, MIN_ERROR)
+        weights = (
+            inlier_weights(self.factor, unit / np.maximum(tile_squares, 1e-12), self.scale_ambiguity)
+            if firm
+            else np.ones(len(deviation))
+        )
         prior = weights * (unit * (FIRM if firm else LOOSE) ** -2)
-        stiff, rest = own + prior + 1e-12, right - prior * off
-        self._equations = slopes, stiff, rest
-        kept = weights + (1.0 - weights) * self.free
-        share = slopes * (kept / stiff)[:, None]
-        system = System.of_sums(kept @ sums[:, :34])
+        tile_information, tile_rhs = tile_squares + prior + 1e-12, rhs - prior * deviation
+        self._equations = slopes, tile_information, tile_rhs
+        scales = weights + (1.0 - weights) * self.scale_ambiguity
+        share = slopes * (scales / tile_information)[:, None]
+        system = System.of_sums(scales @ sums[:, :34])
         self._error, count = system.error, float(weights @ sums[:, 29])
-        return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ rest, count=count)
+        return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ tile_rhs, count=count)
 
 
 class PhotometricTerm:
-    """Equations in grey levels on level n. sigma is kept between calls; scale_once: the first one estimates it.
+    """Equations in grey levels on level n. sigma is kept between calls; scale_once: only the first call estimates it.
 
-    With tiles: every second pixel, as on the black fields of a chessboard; neighbours share their error anyway.
+    With tiles, every second pixel is used, in a chessboard pattern, because neighbours share their error.
     """
 
     def __init__(
@@ -146,14 +158,14 @@ class PhotometricTerm:
         self.sums = np.empty((ACROSS * DOWN, 42))
 
     def __call__(self, T: SE3, iteration: int, firm: bool = False) -> System:
-        """firm: with a firm prior on depth in the tiles whose intensities agree with it; before, depth's own equations, if any, help."""
+        """firm: the prior on depth is firm in inlier tiles. Otherwise it is loose, and the equations of the geometric term, if any, are added."""
         level, nu = self.current, self.settings.nu
         if self.tiles:
-            self.tiles.follow(T)
+            self.tiles.update(T)
         factor = self.tiles.factor if self.tiles else NONE
-        seen = (self.points, self.greys, level.grey, level.depth_z_m, self.settings.max_dz_m)
+        inputs = (self.points, self.greys, level.grey, level.depth_z_m, self.settings.max_dz_m)
         found = (self.residual, self.J, self.mean, self.tile, factor, self.parallax)
-        kernels.grey_residuals(T.inverse().matrix, level.camera.intrinsics, *seen, *found)
+        kernels.grey_residuals(T.inverse().matrix, level.camera.intrinsics, *inputs, *found)
         if self.settings.tiles:
             self.sigma, self.gain = kernels.take_brightness(self.residual, self.greys, nu, self.sigma, 5)
         elif nu > 0 and (iteration == 0 or not self.scale_once):
@@ -166,31 +178,31 @@ class PhotometricTerm:
             system = System.of_sums(kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, nu))
         system = system.as_information(self.settings.spread, ROUNDED)
         if self.depth and self.tiles and not firm:
-            geometry = self.depth.look(T)
-            self.tiles.free = length_unknown(geometry, T.translation)
+            geometry = self.depth.evaluate(T)
+            self.tiles.scale_ambiguity = scale_ambiguity(geometry, T.translation)
             system = system.plus(geometry, 1.0, 1.0)
         return system
 
     def fit(self, T: SE3) -> tuple[float, float]:
-        """correlation() at T_reference_current, 0 where there are too few pixels, and the share of the pixels that are seen."""
+        """correlation() at T_reference_current (0 if there are too few pixels), and the share of the pixels that are visible."""
         self(T, 0)
-        seen = np.count_nonzero(np.isfinite(self.residual)) / max(len(self.residual), 1)
-        return float(np.nan_to_num(self.correlation())), seen
+        visible = np.count_nonzero(np.isfinite(self.residual)) / max(len(self.residual), 1)
+        return float(np.nan_to_num(self.correlation())), visible
 
     def correlation(self) -> float:
-        """Of the images as the last call saw them, from some 5000 pixels; NaN where there are too few."""
+        """Correlation of the images as aligned at the last call, from some 5000 pixels; NaN if there are too few."""
         step = len(self.residual) // 5000 + 1
         residual, grey = self.residual[::step], self.greys[::step]
-        seen = np.isfinite(residual)
-        if np.count_nonzero(seen) < MIN_PIXELS:
+        visible = np.isfinite(residual)
+        if np.count_nonzero(visible) < MIN_PIXELS:
             return float("nan")
         with np.errstate(invalid="ignore", divide="ignore"):
-            return float(np.corrcoef(grey[seen], (1 + self.gain) * grey[seen] + residual[seen])[0, 1])
+            return float(np.corrcoef(grey[visible], (1 + self.gain) * grey[visible] + residual[visible])[0, 1])
 
     def unrelated(self) -> str:
-        """Why these cannot be two images of one place, after the last call; empty where they can.
+        """The reason why these cannot be two images of one place, after the last call; empty if they can be.
 
-        Unrelated images too have a least residual, and a motion that leads there.
+        This check is necessary because an alignment converges for unrelated images, too.
         """
         found = self.correlation()
         return "" if not found < MIN_CORRELATION else f"image: unrelated to the reference, correlation {found:.2f}"
@@ -203,16 +215,16 @@ def photometric_passes(
     schedule: list[tuple[int, int]],
     depth: DepthTerm | None = None,
 ) -> tuple[list[Pass], PhotometricTerm]:
-    """What solve() does on the levels of `schedule`, (level, iterations) from coarse to fine, and the finest term.
+    """The passes for solve() on the levels of `schedule`, (level, iterations) from coarse to fine, and the finest term.
 
-    With `settings.tiles` the coarse levels find the rotation, which all layers of a view share, and the finest has two
-    passes: with the tiles' depth loose and `depth` to help, then firm.
+    With `settings.tiles` the coarse levels estimate only the rotation, which does not depend on depth. The finest level has two
+    passes: first with a loose prior on the tiles' depth and the equations of `depth`, then with a firm prior.
     """
     s, passes = settings, []
     for n, iterations in schedule:
         if s.tiles and n == schedule[-1][0]:
             term = PhotometricTerm(reference[n], current[n], s, n, tiles=Tiles(), depth=depth)
-            # factors that settle, and then their prior, may raise the error for a step
+            # the error may increase for a step while the factors converge, and when their prior changes
             stop = Stop(s.stop.min_step)
             passes.append(Pass(term, iterations, term.pixels, stop))
             passes.append(Pass(partial(term, firm=True), iterations, term.pixels, stop, centre=depth is not None))
@@ -222,11 +234,11 @@ def photometric_passes(
     return passes, term
 
 
-def turned(reference: Level, current: Level, guess: SE3) -> SE3:
-    """The guess with the rotation that half-size images of both show by themselves; the guess where they do not show any.
+def estimate_rotation(reference: Level, current: Level, guess: SE3) -> SE3:
+    """The guess with a rotation estimated from the half-size images alone; the guess itself if the estimation fails.
 
-    A shift by phase correlation, then shift and turn by the largest correlation (G. Evangelidis, E. Psarakis, "Parametric image
-    alignment using enhanced correlation coefficient maximization", PAMI 2008).
+    Phase correlation gives an image shift; the maximum of the correlation over shift and in-plane rotation refines it
+    (G. Evangelidis, E. Psarakis, "Parametric image alignment using enhanced correlation coefficient maximization", PAMI 2008).
     """
     one, other = (kernels.halve_grey(level.grey) for level in (reference, current))
     camera = reference.camera.halved()
@@ -244,7 +256,7 @@ def turned(reference: Level, current: Level, guess: SE3) -> SE3:
 
 
 class Rgbd(PyramidOdometer):
-    """By intensities alone, in grey levels."""
+    """The photometric term alone; residuals are in grey levels."""
 
     name, reads_grey = "rgbd", True
     PRESETS = {
@@ -269,35 +281,37 @@ class Rgbd(PyramidOdometer):
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
         if no_contrast(reference, current):
             return failure("image: no contrast")
-        guess, schedule = self._begun(reference, current, guess)
+        guess, schedule = self._initialise(reference, current, guess)
         n = schedule[-1][0]
         depth = DepthTerm(reference[n], current[n]) if self.settings.tiles else None
         passes, finest = photometric_passes(reference, current, self.settings, schedule, depth)
         result = solve(passes, guess, self.settings.limits)
         if result.status is not Status.FAILED and (reason := finest.unrelated()):
             return failure(reason)
-        return depth.judged(result) if depth else result
+        return depth.checked(result) if depth else result
 
-    def _begun(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[SE3, list[tuple[int, int]]]:
-        """Guess and schedule. Where the coarsest images do not fit at the guess, it may have missed a sudden turn: then the turn
-        that these show by themselves, if they fit better there, and more iterations.
+    def _initialise(
+        self, reference: list[Level], current: list[Level], guess: SE3
+    ) -> tuple[SE3, list[tuple[int, int]]]:
+        """Guess and schedule. If the coarsest images do not fit at the guess, there may have been a sudden rotation, which is then
+        estimated from these images. If they fit better there, it replaces that of the guess, and coarse levels get more iterations.
         """
         schedule = self.schedule(reference)
         if not self.settings.tiles:
             return guess, schedule
         n = schedule[0][0]
         term = PhotometricTerm(reference[n], current[n], self.settings, n)
-        correlation, seen = term.fit(guess)
+        correlation, visible = term.fit(guess)
         if correlation >= MIN_FIT:
             return guess, schedule
-        other = turned(reference[n], current[n], guess)
-        if math.prod(term.fit(other)) <= correlation * seen:
+        rotated = estimate_rotation(reference[n], current[n], guess)
+        if math.prod(term.fit(rotated)) <= correlation * visible:
             return guess, schedule
-        return other, [(m, TURNED * count) for m, count in schedule[:-1]] + schedule[-1:]
+        return rotated, [(m, ITERATIONS_FACTOR * count) for m, count in schedule[:-1]] + schedule[-1:]
 
 
 class Dvo(Rgbd):
-    """The same with other settings."""
+    """`Rgbd` with other settings."""
 
     name = "dvo"
     PRESETS = {

@@ -1,4 +1,4 @@
-"""What an odometer takes and returns: the protocol that the built-in odometers, the baselines and anyone's own share."""
+"""The protocol of all odometers (built-in, third-party and user-provided): their arguments and results."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -12,13 +12,14 @@ from ..geometry.se3 import SE3
 
 #: A frame with depth in less than this share of its pixels is not tracked.
 MIN_DEPTH_SHARE = 0.02
-#: Depth that spans less than this (noise of 0.1 mm spans 0.9) has no shape; across a wall 2 m away it is a tilt of 0.02 degrees.
+#: Depth whose range is less than this counts as one value (noise of 0.1 mm has a range of 0.9). On a wall 2 m away this range is a tilt
+#: of 0.02 degrees.
 FLAT_M = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar metres with 0 = missing, and the time stamp."""
+    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar depth in metres with 0 = missing, and the time stamp."""
 
     grey: np.ndarray
     depth_z_m: np.ndarray
@@ -26,9 +27,9 @@ class Frame:
 
     @classmethod
     def of(cls, image: np.ndarray, depth_z_m: np.ndarray, stamp_s: float) -> "Frame":
-        """Colour (h, w, 3) or grey (h, w) in 0..255; NaN, infinite and negative depth count as missing.
+        """A frame from a colour (h, w, 3) or grey image (h, w) in 0..255; NaN, infinite and negative depth count as missing.
 
-        Raises InputError where the two images differ in size.
+        Raises InputError if the two images differ in size.
         """
         image = np.asarray(image, np.float32)
         if image.ndim == 3:
@@ -40,24 +41,24 @@ class Frame:
         return cls(np.ascontiguousarray(image), np.where(usable, depth_z_m, np.float32(0)), float(stamp_s))
 
     def fault(self, camera: PinholeCamera) -> str:
-        """Why this frame cannot be tracked with `camera`; empty where it can be tried."""
+        """The reason why this frame cannot be tracked with `camera`; empty if tracking can be attempted."""
         if self.depth_z_m.shape != (camera.height, camera.width):
             h, w = self.depth_z_m.shape
             return f"size: {w}x{h} instead of {camera.width}x{camera.height}"
         share = np.count_nonzero(self.depth_z_m[::2, ::2] > 0) / self.depth_z_m[::2, ::2].size
-        return f"depth: only {share:.1%} of the pixels have any" if share < MIN_DEPTH_SHARE else ""
+        return f"depth: only {share:.1%} of the pixels have depth" if share < MIN_DEPTH_SHARE else ""
 
     def flat(self) -> bool:
-        """Whether all depth is one value to within FLAT_M: not measured, or of a wall that the camera faces exactly, which tells no
-        motion along it. Every second row and column is looked at."""
+        """Whether all depth has one value to within FLAT_M, in every second row and column. Such depth is not measured, or is of a wall
+        exactly parallel to the image, so motion along the wall is unobservable."""
         some = self.depth_z_m[::2, ::2]
         nearest = some.min(initial=np.inf, where=some > 0)
         return bool(some.max() - nearest < FLAT_M)
 
 
 class Status(Enum):
-    """OK and DEGENERATE have a pose; DEGENERATE is under-constrained in some direction, or depth calls for another motion, or is one
-    value. FAILED has none: the frame is lost.
+    """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction, depth disagrees with it, or all depth
+    has one value. FAILED has no pose: the frame is lost.
     """
 
     OK = "ok"
@@ -67,13 +68,14 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One alignment. Everything but the pose may be left out; `failure(reason)` makes one without a pose.
+    """Result of one alignment. All fields except the pose are optional; `failure(reason)` makes a result without a pose.
 
-    residual: root mean square in the method's unit (grey levels or metres); inliers: share of the pixels used.
+    residual: root mean square in the method's unit (grey levels or metres). inliers: share of the pixels used.
     information (6, 6): of a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue: of the
-    centred, length-scaled translation block, as a share of its trace (1/3 at best). largest_sigma_m: standard deviation
-    in the least certain direction, NaN without a noise model. matches: features used, 0 where there are none. under_constrained: in how many directions the
-    constant-velocity prediction outweighs the images. converged: false where the iterations were used up.
+    centred, length-scaled translation block, as a share of its trace (at most 1/3). largest_sigma_m: standard deviation
+    in the least certain direction, NaN without a noise model. matches: number of features used, 0 without features.
+    under_constrained: number of directions in which the constant-velocity prediction outweighs the images. converged: False
+    if the maximum number of iterations was reached.
     """
 
     T_reference_camera: SE3
@@ -92,15 +94,16 @@ class Result:
 
 
 def failure(reason: str) -> Result:
-    """No pose was found; `reason` reads `part: what`, such as `image: no contrast`."""
+    """A result without a pose. `reason` has the form `part: what`, such as `image: no contrast`."""
     return Result(SE3.identity(), Status.FAILED, False, reason=reason)
 
 
 class Odometer(Protocol):
-    """prepare() runs once a frame, align() once a pair; both depend on nothing but their arguments.
+    """prepare() is called once per frame, align() once per pair; both depend only on their arguments.
 
-    `reference`: what a frame is best aligned against: "frame" (the one before), "keyframe" or "entropy". Whoever renders a
-    model for an odometer hands a whole Frame to prepare(), unless it is a `PyramidOdometer`, which names what it reads.
+    `reference` is what a frame is aligned against by default: "frame" (the one before), "keyframe", "entropy" or "matches". Code
+    that renders a model for an odometer passes a complete Frame to prepare(), unless the odometer is a `PyramidOdometer`, which
+    declares what it reads.
     """
 
     name: str

@@ -1,4 +1,5 @@
-"""Runs of odometers for the Rerun viewer: truth and estimates, errors, residuals, certainty, and what was lost, degenerate or not converged."""
+"""Runs of odometers for the Rerun viewer: ground truth and estimates, errors, residuals, uncertainty, and flags of lost, degenerate and
+not converged frames."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,13 +16,13 @@ from .protocol import Status
 from .run import Run
 from .track import Tracked
 
-#: Figures of a result that become curves.
+#: Fields of a result that are recorded as curves.
 _CURVES = ("residual", "inliers", "largest_sigma_m", "smallest_eigenvalue", "iterations", "seconds")
 
 
 def record_runs(path: Path | str, folder: Path | str, runs: Sequence[Run], camera: PinholeCamera) -> None:
-    """Runs of a sequence, below world/METHOD, errors/METHOD, residual/METHOD...; flags/METHOD is text, a line a frame that is lost, degenerate or
-    not converged. Estimates are aligned with the truth by SE(3), where there is any. Raises WorkError without rerun-sdk.
+    """Record runs of a sequence as world/METHOD, error_m/METHOD, residual/METHOD and so on. flags/METHOD is a text log with a line for each
+    lost, degenerate or not converged frame. Estimates are aligned with the ground truth, if any, by SE(3). Raises WorkError without rerun-sdk.
     """
 
     def fill(recorder: Recorder) -> None:
@@ -56,7 +57,7 @@ def _run(recorder: Recorder, run: Run, colour: tuple[int, int, int], camera: Pin
 
 
 def _flag(frame: Tracked) -> str:
-    """Why a frame's pose is not to be relied on; "" where it is."""
+    """Why a frame's pose is not reliable; "" if it is."""
     result = frame.result
     words = [f"lost: {result.reason}"] if frame.lost else []
     words += ["degenerate"] if result.status is Status.DEGENERATE else []
@@ -65,7 +66,8 @@ def _flag(frame: Tracked) -> str:
 
 
 def _aligned(run: Run) -> tuple[SE3, dict[float, float]]:
-    """T_truth_world and errors in metres by the estimate's stamps; the identity and none without truth, or where nothing determines it."""
+    """T_truth_world, and errors in metres by the estimate's stamps. Without ground truth, or if the alignment is undetermined, the identity
+    and no errors."""
     try:
         if run.truth is None or all(frame.lost for frame in run.frames):
             return SE3.identity(), {}

@@ -1,11 +1,11 @@
-"""Odometers by name and preset. An odometer of one's own is a class with PRESETS, and a line here."""
+"""Odometers by name and preset. To add one, write a class with PRESETS and add a line here."""
 
 from importlib import import_module
 
 from ..errors import InputError, WorkError
 from .protocol import Odometer
 
-#: name -> module, class; importing this list loads neither numba nor OpenCV
+#: name -> module, class; this module imports neither numba nor OpenCV
 ODOMETERS = {
     "fovis": (".fovis", "Fovis"),
     "rgbd": (".photometric", "Rgbd"),
@@ -13,7 +13,7 @@ ODOMETERS = {
     "icp": (".icp", "Icp"),
     "icp_rgbd": (".icp", "IcpRgbd"),
 }
-#: third-party odometers: name -> (class in baselines.py, the package's own name, its import name)
+#: third-party odometers: name -> (class in baselines.py, name of the method in the package, import name of the package)
 BASELINES = {
     "baseline:opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
     "baseline:opencv-icp": ("OpencvOdometer", "ICPOdometry", "cv2.rgbd"),
@@ -22,7 +22,7 @@ BASELINES = {
     "baseline:open3d-intensity": ("Open3dOdometer", "Intensity", "open3d"),
 }
 NAMES = (*ODOMETERS, *BASELINES)
-#: import name -> what pip installs
+#: import name -> package for pip
 PACKAGES = {
     "numba": "numba",
     "cv2": "opencv-contrib-python-headless",
@@ -32,7 +32,7 @@ PACKAGES = {
 
 
 def odometer(name: str, preset: str = "best") -> Odometer:
-    """Raises InputError for an unknown name or preset, WorkError where a package is missing."""
+    """A new odometer. Raises InputError for an unknown name or preset, WorkError if a package is missing."""
     if name in BASELINES:
         kind, method, package = BASELINES[name]
         try:

@@ -1,4 +1,4 @@
-"""Whole sequences through one or several odometers: frames in, trajectories, figures and a table out."""
+"""Runs of one or several odometers on a sequence: from frames to trajectories, errors, times and a table."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -20,17 +20,17 @@ from ..geometry.trajectory import Trajectory
 from .protocol import Frame, Odometer, Status
 from .track import Reference, Tracked, Tracker
 
-#: Per metre; with more, what is farthest in 16 bits of millimetres (65.5 m) would lie behind the camera.
+#: Per metre. With a larger offset the largest depth of a 16-bit image in millimetres (65.5 m) would be behind the camera.
 MAX_OFFSET = 0.015
 _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 
 class Sequence:
-    """Image pairs of a folder in any TUM-like form and their camera; frames are read one at a time.
+    """Image pairs of a folder in any TUM-like format, and their camera; frames are read one at a time.
 
-    depth_offset (1/m): what the sensor adds to inverse depth, taken off again. Of a structured-light camera, which
-    measures disparity, it is a disparity that is off by a constant. camera: default: what is found in the folder.
-    Raises InputError where there are no images, or no camera is known.
+    depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures disparity, and a constant error of its
+    disparity is such an offset. camera: by default the one found in the folder. Raises InputError if there are no images, or
+    no camera is found.
     """
 
     def __init__(self, folder: Path | str, depth_offset: float = 0.0, camera: SequenceCamera | None = None) -> None:
@@ -47,7 +47,7 @@ class Sequence:
         return len(self.pairs)
 
     def frames(self, first: int | None = None) -> Iterator[tuple[float, Frame | str]]:
-        """Of all pairs or the first ones: (stamp, frame or why it cannot be read)."""
+        """(stamp, frame or the reason why it cannot be read) of all pairs, or of the `first` ones."""
         for pair in self.pairs[:first]:
             try:
                 rgb, depth_z_m = self.images(pair)
@@ -58,13 +58,13 @@ class Sequence:
                 yield pair.stamp_s, f"image: {error}"
 
     def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
-        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres as they are in the files. Raises InputError."""
+        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres, without the offset correction. Raises InputError."""
         return read_images(pair, self.camera)
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """All frames of a sequence, tracked or lost. truth: right-handed poses, where the folder has them."""
+    """All frames of a sequence, tracked or lost. truth: right-handed ground-truth poses, if the folder has them."""
 
     name: str
     frames: list[Tracked]
@@ -72,7 +72,7 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The frames that were tracked, none of those that a policy filled in. WorkError where there are none."""
+        """The tracked frames only, without the poses that a policy filled in. Raises WorkError if there are none."""
         tracked = [f for f in self.frames if not f.lost]
         if not tracked:
             raise WorkError(f"{self.name}: no frame could be tracked: {self.frames[0].result.reason}")
@@ -80,7 +80,7 @@ class Run:
         return Trajectory(np.array([f.stamp_s for f in tracked]), poses)
 
     def losses(self) -> list[str]:
-        """One line a lost frame: its stamp and the reason."""
+        """One line per lost frame: its stamp and the reason."""
         return [f"{f.stamp_s:.6f} s lost: {f.result.reason}" for f in self.frames if f.lost]
 
     def write(self, path: str | Path) -> None:
@@ -88,16 +88,16 @@ class Run:
         write_trajectory(path, self.trajectory, "tum")
 
     def _rmse_m(self, measure: Callable) -> float | None:
-        """None without ground truth, or where nothing can be measured."""
+        """The RMSE in metres; None without ground truth, or if it cannot be computed."""
         try:
             return None if self.truth is None else measure(self.truth, self.trajectory).translation_m.rmse
         except InputError:
             return None
 
     def to_dict(self) -> dict:
-        """Figures as `odometry --json` prints them; times are those of prepare() and align(), without reading.
+        """The values that `odometry --json` prints. Times are those of prepare() and align(), without reading the images.
 
-        ATE after SE(3) alignment, RPE over all pairs a second apart; None without ground truth, or where there is none.
+        ATE is after SE(3) alignment, RPE over all pairs a second apart; both are None without ground truth or if undetermined.
         """
         ms = np.array([f.result.seconds for f in self.frames[1:]] or [0.0]) * 1e3
         lost = sum(f.lost for f in self.frames)
@@ -124,10 +124,11 @@ def run_together(
     frames: int | None = None,
     against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
 ) -> list[Run]:
-    """Each frame of a sequence (or its folder), or of its first `frames`, is read once and given to one odometer after the other.
+    """Run several odometers on a sequence (or its folder), or on its first `frames`.
 
-    So all see the machine at the same moments. `progress(total, label)` makes something with advance(). `against` makes
-    what frames are aligned against; default: what each odometer asks for.
+    Each frame is read once and passed to one odometer after the other, so that all run under the same machine load.
+    `progress(total, label)` returns an object with advance(). `against` returns the reference that frames are aligned against,
+    by default the one that each odometer declares.
     """
     odometers = list(odometers)
     sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
@@ -146,9 +147,9 @@ def run_together(
 
 
 def table(runs: Iterable[Run | dict]) -> str:
-    """Of runs, or what their to_dict() gave: one row each; ms and frames a second without reading the images, ATE and RPE over 1 s as RMSE.
+    """A text table of runs or their to_dict(), one row each. ms and frames per second exclude reading the images; ATE and RPE over 1 s are RMSE.
 
-    Rows of `iclnuim run` have no more than their figures: ms of the whole process, and below it what is to be said of them.
+    Rows of `iclnuim run` may lack values: their ms are those of the whole process. Their notes are printed below the row.
     """
     head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
     lines = [f"{'odometer':<26}{head}"]
@@ -161,5 +162,5 @@ def table(runs: Iterable[Run | dict]) -> str:
     return "\n".join(lines)
 
 
-def _or_dash(value: float | None, how: str, factor: float = 1) -> str:
-    return "-" if value is None else format(value * factor, how)
+def _or_dash(value: float | None, spec: str, factor: float = 1) -> str:
+    return "-" if value is None else format(value * factor, spec)

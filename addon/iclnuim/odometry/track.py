@@ -1,6 +1,6 @@
-"""From frames to a trajectory: what a frame is aligned against, and what happens after one that was lost.
+"""Tracking: from frames to a trajectory, with the choice of the reference frame and the handling of lost frames.
 
-A frame is aligned against the one before or a keyframe. (Against a fused model: fusion/reference.py.)
+A frame is aligned against the one before or a keyframe; fusion/reference.py aligns it against a fused model.
 """
 
 import math
@@ -17,40 +17,40 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .protocol import Frame, Odometer, Result, Status, failure
 
-#: hold: the last pose, and the reference stays; constant-velocity: the last motion goes on; restart: the lost frame
-#: is the new reference, at the last pose
+#: Pose of a lost frame. hold: the last pose, and the reference does not change; constant-velocity: the last motion continues;
+#: restart: the last pose, and the lost frame is the new reference
 POLICIES = ("hold", "constant-velocity", "restart")
-#: After so many lost frames in a row the reference shows another place, and is replaced.
+#: After this number of consecutive lost frames the reference is replaced, because it probably shows another place.
 MAX_LOST = 5
-#: Decay a frame of a constant-velocity prediction that the images did not confirm (Result.under_constrained).
+#: Decay per frame of a constant-velocity prediction in under-constrained directions (Result.under_constrained).
 PREDICTION_DECAY = 0.95
-#: What an odometer's prepare() made of a frame, or as it would of a rendered one, and T_world_camera of that frame.
+#: Output of an odometer's prepare() for a frame, or its equivalent for a rendered model, and T_world_camera of that frame.
 View = tuple[Any, SE3]
 
 
 class Reference:
-    """Answers with the view that the next frame is aligned against: here of this frame, in others of an earlier one."""
+    """Chooses the view that the next frame is aligned against. This class returns the current frame, subclasses an earlier one."""
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
-        """After a frame that was tracked; prepared: what prepare() made of it; result: of its align(), None for the first."""
+        """The view after a tracked frame. prepared: output of prepare(); result: output of align(), None for the first frame."""
         return self.restart(frame, prepared, T_world_camera)
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
-        """After losses, at a pose that was not measured."""
+        """The view after lost frames, at a pose that was not measured."""
         return prepared, T_world_camera
 
 
 def rotated(T_world_one: SE3, T_world_other: SE3, min_deg: float) -> bool:
-    """Whether the rotations of two poses lie `min_deg` degrees or more apart."""
+    """Whether the rotations of two poses differ by `min_deg` degrees or more."""
     cosine = (np.trace(T_world_one.rotation.T @ T_world_other.rotation) - 1) / 2
     return bool(cosine <= math.cos(math.radians(min_deg)))
 
 
 class KeyframeReference(Reference):
-    """A keyframe serves while the camera stays within max_m and max_deg of it: errors add up once a keyframe.
+    """A keyframe is used while the camera is within max_m and max_deg of it: drift accumulates per keyframe, not per frame.
 
-    The next keyframe is a frame from half-way there, not the last: a parallax too small to tell a glass from what is seen
-    through it never decides.
+    The next keyframe is a frame from half that distance, not the last one. The baseline is then never too small to separate a
+    glass pane from the scene behind it by parallax.
     """
 
     def __init__(self, max_m: float = 0.2, max_deg: float = 10.0) -> None:
@@ -79,57 +79,58 @@ class KeyframeReference(Reference):
 
 
 class MatchesReference(Reference):
-    """A frame serves while `min_matches` features are found again (Huang 2011, section 3.6; 150 in the authors' program)."""
+    """A reference frame is used while at least `min_matches` features match (Huang 2011, section 3.6; 150 in the authors' program)."""
 
     def __init__(self, min_matches: int = 150) -> None:
         self.min_matches = min_matches
-        self.kept: View | None = None
+        self.view: View | None = None
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
-        if self.kept is None or result is None or result.matches < self.min_matches:
+        if self.view is None or result is None or result.matches < self.min_matches:
             return self.restart(frame, prepared, T_world_camera)
-        return self.kept
+        return self.view
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
-        self.kept = prepared, T_world_camera
-        return self.kept
+        self.view = prepared, T_world_camera
+        return self.view
 
 
 class EntropyReference(KeyframeReference):
-    """A keyframe serves while the entropy of the motion is min_ratio of its first or more: C. Kerl, J. Sturm, D. Cremers,
-    "Dense visual SLAM for RGB-D cameras", IROS 2013, section IV-B. The next keyframe is the last frame before it was less.
+    """A keyframe is used while the ratio of the motion's entropy to that of the keyframe's first motion is at least min_ratio:
+    C. Kerl, J. Sturm, D. Cremers, "Dense visual SLAM for RGB-D cameras", IROS 2013, section IV-B. The next keyframe is the last
+    frame for which this was true.
     """
 
     def __init__(self, min_ratio: float = 0.91) -> None:
         super().__init__()
-        self.min_ratio, self.first = min_ratio, math.nan
+        self.min_ratio, self.first_entropy = min_ratio, math.nan
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
         entropy = _entropy(result)
         if self.keyframe is None or not math.isfinite(entropy):
             return self.restart(frame, prepared, T_world_camera)
-        if math.isnan(self.first):
-            self.first = entropy
-        elif entropy / self.first < self.min_ratio:  # both are negative, of motions known to millimetres
-            self.keyframe, self.first = self.candidate or self.keyframe, math.nan
+        if math.isnan(self.first_entropy):
+            self.first_entropy = entropy
+        elif entropy / self.first_entropy < self.min_ratio:  # both are negative if the motion is certain to millimetres
+            self.keyframe, self.first_entropy = self.candidate or self.keyframe, math.nan
         self.candidate = prepared, T_world_camera
         return self.keyframe
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
-        self.first = math.nan
+        self.first_entropy = math.nan
         return super().restart(frame, prepared, T_world_camera)
 
 
 def _entropy(result: Result | None) -> float:
-    """ln of the covariance's determinant; NaN where there is no information. Without the constants of a normal distribution."""
+    """ln of the determinant of the covariance, without the constants of a normal distribution; NaN without information."""
     if result is None or not result.residual > 0:
         return math.nan
-    informed = math.isfinite(result.largest_sigma_m)
-    values = np.linalg.eigvalsh(result.information if informed else result.information / result.residual**2)
+    is_information = math.isfinite(result.largest_sigma_m)
+    values = np.linalg.eigvalsh(result.information if is_information else result.information / result.residual**2)
     return -float(np.log(values).sum()) if values[0] > 0 else math.nan
 
 
-#: What an odometer may ask for by its `reference`.
+#: Valid values of an odometer's `reference`.
 REFERENCES = {
     "frame": Reference,
     "keyframe": KeyframeReference,
@@ -139,7 +140,7 @@ REFERENCES = {
 
 
 def reference(name: str) -> Reference:
-    """A new one by name. Raises InputError for an unknown name."""
+    """A new Reference by name. Raises InputError for an unknown name."""
     if name not in REFERENCES:
         raise InputError(f"a reference ({', '.join(REFERENCES)})", found=name)
     return REFERENCES[name]()
@@ -147,7 +148,7 @@ def reference(name: str) -> Reference:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """T_world_camera with the first frame as world. Where `lost`, the pose is the policy's, not measured."""
+    """A tracked frame. The world is the first camera. If `lost`, the pose comes from the policy and is not measured."""
 
     stamp_s: float
     T_world_camera: SE3
@@ -159,9 +160,9 @@ class Tracked:
 
 
 class Tracker:
-    """One frame after the other at constant memory and cost, against `against` (default: what the odometer asks for).
+    """Tracks frames one by one, with constant memory and time per frame. against: the reference; by default the odometer's own.
 
-    Each alignment starts from a constant-velocity prediction, except after a loss. Raises InputError for an unknown policy.
+    Each alignment starts from a constant-velocity prediction, except after a lost frame. Raises InputError for an unknown policy.
     """
 
     def __init__(
@@ -174,20 +175,20 @@ class Tracker:
         self.view: Any = None
         self.T_world_view = self.T_view_camera = self.motion = SE3.identity()
         self.losses = 0
-        self.assumed = False  # whether the view's pose is the policy's
+        self.assumed = False  # whether the pose of the view comes from the policy
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
-        """A frame, or the reason why there is none."""
+        """Track a frame, or record the reason why there is none as a lost frame."""
         started = time.perf_counter()
         current, result = self._aligned(frame)
         if isinstance(frame, str) or result.status is Status.FAILED:
-            pose = self._lost(frame, current)
+            pose = self._on_lost(frame, current)
         else:
-            pose = self._found(frame, current, result)
+            pose = self._tracked(frame, current, result)
         return Tracked(stamp_s, pose, replace(result, seconds=time.perf_counter() - started))
 
     def _aligned(self, frame: Frame | str) -> tuple[Any, Result]:
-        """What prepare() made of the frame (None: it cannot be used), and its alignment."""
+        """The output of prepare() for the frame (None: not usable), and its alignment."""
         fault = frame if isinstance(frame, str) else frame.fault(self.camera)
         if fault or isinstance(frame, str):
             return None, failure(fault)
@@ -196,39 +197,39 @@ class Tracker:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
         guess = self.T_view_camera if self.losses else self.T_view_camera @ self.motion
         result = self.odometer.align(self.view, current, guess)
-        if result.status is Status.OK and frame.flat():  # depth agrees with whatever keeps its distance, images or none
-            result = replace(result, status=Status.DEGENERATE, reason="depth: one value for all pixels")
+        if result.status is Status.OK and frame.flat():  # such depth fits every motion that keeps its distance
+            result = replace(result, status=Status.DEGENERATE, reason="depth: the same value in all pixels")
         elif result.status is Status.OK and self.assumed:
-            reason = "track: aligned with a lost frame, whose pose was not measured"
+            reason = "track: aligned with a lost frame, whose pose is not measured"
             result = replace(result, status=Status.DEGENERATE, reason=reason)
         return current, result
 
-    def _found(self, frame: Frame, current: Any, result: Result) -> SE3:
+    def _tracked(self, frame: Frame, current: Any, result: Result) -> SE3:
         T_view_camera = _rigid(result.T_reference_camera)
         self.motion, self.losses, self.assumed = self.T_view_camera.inverse() @ T_view_camera, 0, False
         if result.under_constrained:
             self.motion = SE3.exp(PREDICTION_DECAY * self.motion.log())
         pose = _rigid(self.T_world_view @ T_view_camera)
-        self._look(self.reference.renew(frame, current, pose, result), pose)
+        self._set_view(self.reference.renew(frame, current, pose, result), pose)
         return pose
 
-    def _lost(self, frame: Frame | str, current: Any) -> SE3:
+    def _on_lost(self, frame: Frame | str, current: Any) -> SE3:
         self.losses += 1
         if self.policy == "constant-velocity":
             self.T_view_camera = self.T_view_camera @ self.motion
         pose = self.T_world_view @ self.T_view_camera
         if not isinstance(frame, str) and current is not None and (self.policy == "restart" or self.losses >= MAX_LOST):
-            self._look(self.reference.restart(frame, current, pose), pose)
+            self._set_view(self.reference.restart(frame, current, pose), pose)
             self.assumed = True
         return pose
 
-    def _look(self, view: tuple[Any, SE3], pose: SE3) -> None:
+    def _set_view(self, view: tuple[Any, SE3], pose: SE3) -> None:
         self.view, self.T_world_view = view
         self.T_view_camera = self.T_world_view.inverse() @ pose
 
 
 def _rigid(T: SE3) -> SE3:
-    """With the nearest rotation: in a chain of poses and inverses (transposes) rounding would grow from frame to frame."""
+    """T with the nearest rotation matrix: in a chain of poses and inverses (transposes) rounding errors would accumulate."""
     return SE3(so3.nearest_rotation(T.rotation), T.translation)
 
 
@@ -239,7 +240,7 @@ def track(
     policy: str = "hold",
     against: Reference | None = None,
 ) -> Iterator[Tracked]:
-    """One Tracked a frame, in order."""
+    """One Tracked per frame, in order."""
     tracker = Tracker(odometer, camera, policy, against)
     for stamp_s, frame in frames:
         yield tracker.add(stamp_s, frame)
