@@ -1,10 +1,10 @@
-"""The volume's compiled loops: where a voxel lies in memory, fusing a depth image, and looking at the surface.
+"""The compiled loops of the volume: memory layout of the voxels, fusion of a depth image, and raycasting.
 
-Blocks of 8^3 voxels in a cyclic index. Voxel (i, j, k) has its centre at (i, j, k) voxel_m in the world; its block is
-(i >> 3, j >> 3, k >> 3). The index is a cube of n^3 slots, n a power of two; block b lies in slot b modulo n, and only blocks
-within the window that starts at `first` are held, so that no two share a slot. Row 0 stands for "no block".
+Blocks of 8^3 voxels are stored in a cyclic index. Voxel (i, j, k) has its centre at (i, j, k) voxel_m in the world; its block is
+(i >> 3, j >> 3, k >> 3). The index is a cube of n^3 slots, n a power of two; block b is in slot b modulo n. Only blocks inside
+the window that starts at `first` are stored, so that no two share a slot. Row 0 means "no block".
 
-Each block and each pixel is written by one thread only, so the number of threads cannot change a bit. K is (fx, fy, cx, cy).
+Each block and each pixel is written by one thread only, so results do not depend on the number of threads. K is (fx, fy, cx, cy).
 """
 
 import math
@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-#: Of weight: what a frame adds on the surface and before it.
+#: The weight that a frame adds on its surface and in front of it.
 UNIT = 16.0
-#: Along the normal as a share of along z: above this a surface is nearest where it was seen, near enough.
+#: If the distance along the normal is more than this share of the distance along z, the nearest point of the surface counts as observed.
 STEEP = 0.9
 
 
@@ -35,7 +35,7 @@ class Grid(NamedTuple):
 
 @njit(cache=True, inline="always")
 def row_of(grid, a, b, c):
-    """Row of block (a, b, c); 0 where there is none."""
+    """Row of block (a, b, c); 0 if there is none."""
     n = grid.slots.shape[0]
     x, y, z = a - grid.first[0], b - grid.first[1], c - grid.first[2]
     if x < 0 or y < 0 or z < 0 or x >= n or y >= n or z >= n:
@@ -45,7 +45,7 @@ def row_of(grid, a, b, c):
 
 @njit(cache=True)
 def read(grid, x, y, z):
-    """Trilinear distance at (x, y, z) in voxels; NaN where one of the eight is unseen."""
+    """Trilinear distance at (x, y, z) in voxels; NaN if one of the eight voxels is unobserved."""
     i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
     p, q, s = x - i, y - j, z - k
     if (i & 7) < 7 and (j & 7) < 7 and (k & 7) < 7:
@@ -64,7 +64,7 @@ def read(grid, x, y, z):
 
 @njit(cache=True, inline="always")
 def _within(grid, i, j, k, p, q, s):
-    """The same where all eight lie in one block."""
+    """read() if all eight voxels are in one block."""
     row = row_of(grid, i >> 3, j >> 3, k >> 3)
     if row == 0:
         return np.nan
@@ -80,7 +80,7 @@ def _within(grid, i, j, k, p, q, s):
 
 @njit(cache=True)
 def read_colour(grid, x, y, z, out):
-    """Trilinear colour (channels,) of those of the eight voxels that have one; left as it is where none has."""
+    """Write to out (channels,) the trilinear colour of those of the eight voxels that have one; unchanged if none has."""
     i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
     p, q, s = x - i, y - j, z - k
     channels = grid.colour.shape[2] - 1
@@ -101,7 +101,7 @@ def read_colour(grid, x, y, z, out):
 
 @njit(cache=True)
 def gradient(grid, x, y, z, out):
-    """Unit gradient by central differences over one voxel to each side; NaN at the border of what was seen."""
+    """Write to out (3,) the unit gradient by central differences over one voxel to each side; NaN at the border of the observed region."""
     out[0] = read(grid, x + 1, y, z) - read(grid, x - 1, y, z)
     out[1] = read(grid, x, y + 1, z) - read(grid, x, y - 1, z)
     out[2] = read(grid, x, y, z + 1) - read(grid, x, y, z - 1)
@@ -110,14 +110,14 @@ def gradient(grid, x, y, z, out):
         out[a] = out[a] / size if size > 0 else np.nan
 
 
-# -- fusing: which blocks a depth image touches, and the running means in them
+# -- fusion: allocation of the blocks near a depth image, and the running means in them
 
 
 @njit(cache=True)
 def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_free, rows):
-    """Rows of the blocks within `reach` of a measured depth, made where there are none; R, t are T_world_camera.
+    """List in `rows` the blocks within `reach` of a measured depth, and allocate missing ones; R, t are T_world_camera.
 
-    Every stride-th pixel is looked at. Returns (number listed in rows, free rows left, blocks that found no row).
+    Every stride-th pixel is used. Returns (number of listed rows, number of free rows, number of blocks that could not be allocated).
     """
     n, lost = 0, 0
     size, step = 8.0 * voxel, 2.0 * voxel
@@ -159,15 +159,15 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
 
 @njit(cache=True, inline="always")
 def _normal(K, u, v, found, across, down):
-    """The tangent plane's n, n . point = 1, by the slopes of the inverse depth across and down the image: linear on a plane, n . ray."""
+    """n of the tangent plane n . point = 1, from the horizontal and vertical gradient of the inverse depth, which on a plane is n . ray."""
     return K[0] * across, K[1] * down, found - (u - K[2]) * across - (v - K[3]) * down
 
 
 @njit(cache=True, inline="always")
 def _continues(inverse, K, u, v, z, found, n, size2, trunc):
-    """Whether the surface was seen where its tangent plane, n of squared length size2, is nearest to the point at (u, v, z): no jump there.
+    """Whether the surface is observed at the point of its tangent plane (n of squared length size2) that is nearest to the point at (u, v, z).
 
-    Beyond the rim of a thing its plane goes on, but nothing was seen of it.
+    Beyond the edge of an object its tangent plane continues, but the surface was not observed there.
     """
     along = (1.0 - z * found) / size2
     depth = z + along * n[2]
@@ -181,7 +181,7 @@ def _continues(inverse, K, u, v, z, found, n, size2, trunc):
 
 @njit(cache=True, inline="always")
 def _colour(image, i, j, p, q, colour, at):
-    """One more sample, bilinear at (i + p, j + q), into the running mean colour[at] (channels + 1,), whose last channel counts."""
+    """Add a sample, bilinear at (i + p, j + q), to the running mean colour[at] (channels + 1,), whose last channel is the count."""
     last, one = colour.shape[1] - 1, np.uint64(1)
     n = float(colour[at, last])
     for c in range(last):
@@ -194,12 +194,12 @@ def _colour(image, i, j, p, q, colour, at):
 
 @njit(cache=True, inline="always")
 def _project(x, y, z, voxel, K, R, t, out):
-    """Of the eight voxels along k of a line of a block: pixel columns, rows and depths, into out (3, 8). (x, y, z): the first, in voxels."""
+    """Write to out (3, 8) the pixel columns, rows and depths of the eight voxels of a line of a block along k. (x, y, z): the first, in voxels."""
     px, py = x * voxel, y * voxel
     a, b, c = R[0, 0] * px + R[0, 1] * py, R[1, 0] * px + R[1, 1] * py, R[2, 0] * px + R[2, 1] * py
     a2, b2, c2, t0, t1, t2 = R[0, 2], R[1, 2], R[2, 2], t[0], t[1], t[2]
     fx, fy, cx, cy = K
-    for k in range(8):  # without branches, so that it is computed several at a time
+    for k in range(8):  # without branches, so that the loop is vectorized
         pz = (z + k) * voxel
         depth = c + c2 * pz + t2
         out[0, k] = fx * (a + a2 * pz + t0) / depth + cx
@@ -209,16 +209,17 @@ def _project(x, y, z, voxel, K, R, t, out):
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weight, rows, n):
-    """Running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
+    """Update the running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
 
-    Inverse depth is bilinear, exact on planes, but the nearest pixel's where depth jumps. Distances are along z, from `trunc` before
-    the surface to `trunc` behind it. With a smaller `behind`: along the normal, with a weight that is less where the surface is slanted,
-    and falls to 0 that far behind it; with `slanted` above 1 to so many times `trunc` along z, where the surface continues. image (h, w, channels), or (1, 1, channels) for none.
+    Inverse depth is bilinear (exact on planes), or that of the nearest pixel at depth edges. Distances are along z, from `trunc` in
+    front of the surface to `trunc` behind it. With a smaller `behind` they are along the normal; the weight is smaller where the
+    surface is slanted, and decreases to 0 at that distance behind it. With `slanted` above 1, slanted surfaces are fused up to
+    `slanted` times `trunc` along z behind them, where the surface continues. image: (h, w, channels), or (1, 1, channels) for none.
     """
     coloured, free, narrow = image.shape[0] > 1, np.float32(trunc), behind < trunc
     deepest = slanted * trunc if narrow else trunc
     height, width = np.uint64(inverse.shape[0] - 1), np.uint64(inverse.shape[1] - 1)
-    one = np.uint64(1)  # unsigned indices are not asked whether they count from the end
+    one = np.uint64(1)  # unsigned indices need no check for negative values
     camera = (K[0], K[1], K[2], K[3])
     for r in prange(n):
         row, line8 = rows[r], np.empty((3, 8))
@@ -248,7 +249,7 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weigh
                     continue
                 more = UNIT
                 if narrow:
-                    if jumps:  # one of two surfaces, or one that is almost edge-on: it hardly counts
+                    if jumps:  # a depth edge, or a surface that is almost edge-on: small weight
                         more = 1.0 if distance > -behind else 0.0
                     elif distance < trunc:
                         n3 = _normal(camera, u, v, found, 0.5 * (b - a + d - c), 0.5 * (c - a + d - b))
@@ -272,21 +273,21 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weigh
                     _colour(image, i, j, p, q, colour, at)
 
 
-# -- looking: rays from front to back to the trilinear zero crossing
+# -- raycasting: along each ray to the trilinear zero crossing
 
 
 @njit(cache=True, inline="always")
 def _beside(x, z, f, c, size, radius):
-    """Whether a ball at (x, z) lies outside one of the two planes through the image's borders."""
+    """Whether a sphere at (x, z) is outside one of the two planes through opposite borders of the image."""
     low, high = c + 0.5, size - 0.5 - c
     return f * x + low * z < -radius * math.hypot(f, low) or high * z - f * x < -radius * math.hypot(f, high)
 
 
 @njit(cache=True)
 def ranges(grid, highest, K, R, t, voxel, tile, near, far):
-    """Planar depths between which the blocks of rows 1..highest lie, tile by tile of the image: from `near` to `far`.
+    """Range of planar depth, `near` to `far`, of the blocks of rows 1..highest, per tile of the image.
 
-    near, far (h, w): filled with infinity and 0 by the caller. R, t are T_camera_world. A block counts as its ball.
+    near, far (h, w): filled with infinity and 0 by the caller. R, t are T_camera_world. A block is approximated by its bounding sphere.
     """
     size = 8.0 * voxel
     radius = 0.5 * math.sqrt(3.0) * size
@@ -321,7 +322,7 @@ def ranges(grid, highest, K, R, t, voxel, tile, near, far):
 
 @njit(cache=True, inline="always")
 def _leave_block(x, y, z, dx, dy, dz):
-    """How far along d a point (voxels, shifted by half) has to go to leave its block; a little more."""
+    """Distance along d to the border of the block of a point (voxels, shifted by half), plus a small margin."""
     best = 1e9
     for p, d in ((x, dx), (y, dy), (z, dz)):
         low = 8.0 * math.floor(p / 8.0)
@@ -334,9 +335,9 @@ def _leave_block(x, y, z, dx, dy, dz):
 
 @njit(cache=True)
 def _refined(grid, o, d, front, behind, step):
-    """Planar z of the trilinear zero near front..behind, from positive to negative; NaN without one.
+    """Planar z of the trilinear zero crossing, from positive to negative, near front..behind; NaN without one.
 
-    The two are where the nearest voxel is positive and negative, so the crossing may lie a step outside.
+    At front and behind the nearest voxel is positive and negative, so the crossing can be up to a step outside this interval.
     """
     before = read(grid, o[0] + d[0] * front, o[1] + d[1] * front, o[2] + d[2] * front)
     if not before > 0.0:
@@ -367,7 +368,7 @@ def _refined(grid, o, d, front, behind, step):
 def _first_crossing(grid, o, d, start, far, voxel):
     """Planar z where the ray o + d z (voxels) enters a surface from the front; NaN without one.
 
-    Unseen blocks are jumped over, free space is crossed in steps of the distance read at the nearest voxel.
+    Missing blocks are skipped. In free space the step is the distance stored in the nearest voxel.
     """
     length = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     z, front = start, -1.0
@@ -396,10 +397,10 @@ def _first_crossing(grid, o, d, start, far, voxel):
 
 @njit(cache=True, parallel=True)
 def trace(grid, K, R, t, voxel, tile, near, far, depth, normals, colour):
-    """First crossing from front to back along each pixel's ray; outputs are left as they are without one.
+    """First crossing from front to back along each pixel's ray; without one the outputs are unchanged.
 
-    R, t are T_world_camera; near, far: of each tile, by `ranges`. normals (h, w, 3) in the camera's frame; normals and
-    colour (h, w, channels) may be empty, and are then not asked for.
+    R, t are T_world_camera; near, far: per tile, from `ranges`. normals (h, w, 3) are in the camera's frame. normals and
+    colour (h, w, channels) are not computed if they are empty.
     """
     for v in prange(depth.shape[0]):
         o, d, q, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3)

@@ -1,13 +1,12 @@
-"""From a sequence in any TUM-like form and a trajectory to a triangle mesh: its images are fused, and the volume is meshed.
+"""Triangle mesh of a sequence in any TUM-like format and a trajectory: its images are fused, and the volume is meshed.
 
-Marching cubes over blocks, compiled: triangles by the keys of their edges, then vertices by key.
+Marching cubes (W. Lorensen, H. Cline, SIGGRAPH 1987) over blocks, compiled: first triangles by the keys of their edges, then
+vertices by key. The 256 cases are computed. On each face one line separates every run of inside corners, so two cubes that share
+a face always agree, and the surface has no holes at ambiguous faces.
 
-W. Lorensen, H. Cline, "Marching cubes", SIGGRAPH 1987. The 256 cases are computed: on each face, every run of inside corners
-is cut off by one line, so two cubes that share a face always agree, and the surface has no holes where a face is ambiguous.
-
-Corner n of a cube stands at (n >> 2, n >> 1 & 1, n & 1); edge 3 n + axis leaves corner n towards +axis. A cube belongs to the
-block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, with (i, j, k) the voxel that it leaves, counted
-from a corner below all blocks, and n = 2^19; so a vertex that several cubes share has one key.
+Corner n of a cube is at (n >> 2, n >> 1 & 1, n & 1); edge 3 n + axis starts at corner n towards +axis. A cube belongs to the
+block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, where (i, j, k) is its start voxel, relative to a
+corner below all blocks, and n = 2^19. A vertex shared by several cubes therefore has one key.
 """
 
 import time
@@ -40,7 +39,7 @@ def edge(one: int, two: int) -> int:
 
 
 def loops(case: int) -> list[list[int]]:
-    """Closed loops of crossed edges that cut off the inside corners (bits of `case`)."""
+    """Closed loops of intersected edges that separate the inside corners (bits of `case`) from the others."""
     following = {}
     for face in FACES:
         inside = [bool(case >> corner & 1) for corner in face]
@@ -61,9 +60,9 @@ def loops(case: int) -> list[list[int]]:
 
 
 def case_table() -> tuple[np.ndarray, np.ndarray]:
-    """(count (256,), edges (256, max, 3)) int8: the triangles of each case and the edges that they touch.
+    """(count (256,), edges (256, max, 3)) int8: number of triangles of each case, and the edges of their vertices.
 
-    Fans over the loops; normals point away from the inside.
+    Loops are triangulated as fans; normals point away from the inside.
     """
     cases = [
         [(loop[0], *loop[i : i + 2]) for loop in loops(case) for i in range(1, len(loop) - 1)] for case in range(256)
@@ -80,9 +79,9 @@ COUNT, EDGES = case_table()
 
 @njit(cache=True)
 def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
-    """The triangles of a block's cubes; written to keys (n, 3) if it has any rows. Returns how many.
+    """The triangles of a block's cubes, written to keys (n, 3) unless that is empty. Returns their number.
 
-    A cube counts where all its corners were seen min_weight times, and one of them lies in a row that leaves.
+    A cube is used if all its corners have at least min_weight, and one of them is in a row that leaves.
     """
     a0, b0, c0 = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
     near, found, any_leaves = np.empty(8, np.int64), 0, False
@@ -120,7 +119,8 @@ def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
 
 @njit(cache=True, parallel=True)
 def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys, totals):
-    """totals (rows,): of each block r. They are written to keys (n, 3) from start[r] to start[r + 1], if that has any rows."""
+    """Write the number of triangles of each block r to totals (rows,), and the triangles to keys (n, 3) from start[r] to start[r + 1],
+    unless that is empty."""
     for r in prange(rows.shape[0]):
         part = keys[start[r] : start[r + 1]]
         totals[r] = _cubes(grid, rows[r], min_weight, leaves, edges, count, low, part)
@@ -128,7 +128,7 @@ def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, key
 
 @njit(cache=True, parallel=True)
 def place_vertices(grid, keys, low, voxel, points, colours):
-    """Where the distance is zero along each edge, and the colour there (mean of the ends that have one)."""
+    """Write the zero crossing of the distance on each edge to points, and its colour (mean of the ends that have one) to colours."""
     channels = grid.colour.shape[2] - 1
     for v in prange(keys.shape[0]):
         axis, rest = keys[v] % 3, keys[v] // 3
@@ -176,10 +176,10 @@ class Mesh:
 
 
 def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float = 0.25) -> Mesh:
-    """Marching cubes over all blocks, or over the cubes that have a corner in the rows where `leaves` (rows,) is true.
+    """Marching cubes over all blocks, or over the cubes with a corner in the rows where `leaves` (rows,) is true.
 
-    So what is meshed when it leaves and what is meshed later meet without a gap and without an overlap. Only cubes whose
-    corners were all seen `min_weight` times; views count less where they are slanted, and behind the surface.
+    Parts that are meshed when they leave and parts that are meshed later therefore join without gaps and overlaps. A cube is used
+    if all its corners have at least `min_weight` frames; slanted views, and voxels behind the surface, have smaller weights.
     """
     grid, rows = volume.grid, volume.rows()
     leaves = np.ones(len(grid.place), bool) if leaves is None else leaves
@@ -207,7 +207,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The mesh, in the trajectory's world; the camera taken; what was left out and why; figures."""
+    """The mesh, in the trajectory's world; the camera that was used; the frames left out, with reasons; counts and times."""
 
     mesh: Mesh
     camera: SequenceCamera
@@ -222,9 +222,9 @@ def fuse_sequence(
     progress: Callable | None = None,
     camera: SequenceCamera | None = None,
 ) -> Surface:
-    """Fuse all images that have a pose. `progress(total, label)` makes something with advance(); camera: default: the folder's.
+    """Fuse all images that have a pose. `progress(total, label)` returns an object with advance(); camera: by default the folder's.
 
-    Raises InputError where there is nothing to fuse, BlockLimitError where one frame needs more memory than was allowed.
+    Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than max_blocks.
     """
     settings, sequence = settings or FuseSettings(), Sequence(folder, camera=camera)
     chosen = [sequence.pairs[i] for i in frame_slice(settings.frames, len(sequence))]
@@ -251,7 +251,9 @@ def fuse_sequence(
     parts.append(extract(volume, min_weight=settings.min_weight))
     mesh = Mesh.joined([part for part in parts if len(part.triangles)])
     if not len(mesh.triangles):
-        raise InputError("images that leave a surface", path=folder, found=f"none in {volume.frames} fused frames")
+        raise InputError(
+            "images that produce a surface", path=folder, found=f"no triangle in {volume.frames} fused frames"
+        )
     figures = {
         "frames": volume.frames,
         "left_out": len(left_out),
@@ -270,14 +272,14 @@ def fuse_sequence(
 
 
 def _posed(pairs: list[ImagePair], trajectory: Trajectory, max_difference_s: float) -> tuple[list[ImagePair], SE3]:
-    """Those that have a pose near their stamp, and the poses (n,) at their stamps, between the neighbouring poses."""
+    """The pairs with a pose near their stamp, and the poses (n,) at their stamps, interpolated between neighbouring poses."""
     stamps_s = np.array([pair.stamp_s for pair in pairs])
     rule = AssociationSettings("nearest", max_difference_s)
     found = np.unique(associate(trajectory.stamps_s, stamps_s, rule).second) if len(pairs) else []
     if not len(found):
-        own = f"{trajectory.stamps_s[0]:.3f}..{trajectory.stamps_s[-1]:.3f} s" if len(trajectory) else "no poses"
+        covered = f"{trajectory.stamps_s[0]:.3f}..{trajectory.stamps_s[-1]:.3f} s" if len(trajectory) else "no poses"
         images = f"{stamps_s.min():.3f}..{stamps_s.max():.3f} s" if len(pairs) else "none"
-        raise InputError("images that have a pose", found=f"poses at {own}, images at {images}")
+        raise InputError("images that have a pose", found=f"poses at {covered}, images at {images}")
     if len(trajectory) == 1:
         return [pairs[i] for i in found], trajectory.T_world_camera[np.zeros(len(found), int)]
     at_s = np.clip(stamps_s[found], trajectory.stamps_s[0], trajectory.stamps_s[-1])

@@ -1,4 +1,4 @@
-"""Pictures of a mesh, plain or coloured by its error: rays from a camera outside, without its back faces, lit from the camera."""
+"""Images of a mesh, plain or coloured by its error: raycast from a camera outside, with back-face culling, lit from the camera."""
 
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ _BACKGROUND = 255
 def picture(
     points: np.ndarray, triangles: np.ndarray, colours: np.ndarray | None, width: int = 960, height: int = 720
 ) -> np.ndarray:
-    """(height, width, 3) uint8: from above and aside, z up, as one looks into a doll's house. colours (n, 3) 0..255."""
+    """(height, width, 3) uint8: oblique view from above into the open room, z up. colours (n, 3) 0..255."""
     low, high = np.percentile(points, (1, 99), axis=0)
     origin, rays = _rays((low + high) / 2, float(np.linalg.norm(high - low)), width, height)
     a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -40,21 +40,21 @@ def picture(
 
 
 def _rays(centre: np.ndarray, size: float, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Origin (3,) and unit directions (width height, 3) of a camera that looks down on the centre at 40 degrees, field of view 40."""
-    down, reach = np.radians(40), np.tan(np.radians(20))
-    back = np.array([-np.cos(down) * np.sqrt(0.5), -np.cos(down) * np.sqrt(0.5), np.sin(down)])
+    """Origin (3,) and unit directions (width height, 3) of a camera that looks at the centre, 40 degrees downwards; field of view 40 degrees."""
+    pitch, reach = np.radians(40), np.tan(np.radians(20))
+    backward = np.array([-np.cos(pitch) * np.sqrt(0.5), -np.cos(pitch) * np.sqrt(0.5), np.sin(pitch)])
     right = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0])
     x, y = np.linspace(-reach, reach, width), np.linspace(reach, -reach, height) * height / width
-    direction = -back + x[None, :, None] * right + y[:, None, None] * np.cross(back, right)
+    direction = -backward + x[None, :, None] * right + y[:, None, None] * np.cross(backward, right)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    origin = centre + back * size * 0.5 / reach * 0.95
+    origin = centre + backward * size * 0.5 / reach * 0.95
     return origin.astype(np.float32), direction.reshape(-1, 3).astype(np.float32)
 
 
 def clay(
     caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, reach_m: float = 0.8, rays: int = 32
 ) -> np.ndarray:
-    """(h, w, 3) uint8: a model as if of clay, lit from the camera, darker where surfaces within reach_m stand around a place."""
+    """(h, w, 3) uint8: a model as clay, lit from the camera, with ambient occlusion by surfaces within reach_m."""
     directions = camera.rays() @ T_world_camera.rotation.T
     hits = caster.cast(T_world_camera.translation, directions)
     seen = hits.triangle >= 0
@@ -64,7 +64,7 @@ def clay(
     normal = np.where(facing > 0, -normal, normal)
     places = T_world_camera.translation + directions[seen] * hits.distance[seen][:, None] + 1e-3 * normal
     rng, open_rays = np.random.default_rng(0), np.zeros(len(places), np.float32)
-    for _ in range(rays):  # a point of the unit sphere on the tip of the normal: directions by their cosine
+    for _ in range(rays):  # points on a unit sphere around the tip of the normal: cosine-weighted directions
         point = rng.normal(size=(len(places), 3))
         point = normal + point / np.linalg.norm(point, axis=1, keepdims=True)
         point /= np.maximum(np.linalg.norm(point, axis=1, keepdims=True), 1e-6)
@@ -75,7 +75,7 @@ def clay(
 
 
 def heat_colours(distances_mm: np.ndarray, low_mm: float, high_mm: float) -> np.ndarray:
-    """(n, 3) 0..255 of distances (n,) on a logarithmic scale: blue at low_mm and less, red at high_mm and more."""
+    """Colours (n, 3) 0..255 for distances (n,) on a logarithmic scale: blue at low_mm and less, red at high_mm and more."""
     from matplotlib import colormaps
 
     share = np.log(np.clip(distances_mm, low_mm, high_mm) / low_mm) / np.log(high_mm / low_mm)
@@ -83,7 +83,8 @@ def heat_colours(distances_mm: np.ndarray, low_mm: float, high_mm: float) -> np.
 
 
 def error_figure(points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float) -> "Figure":
-    """points (n, 3) in the model's world; without triangles they are drawn from above. Dark is near, bright is `max_mm` and more."""
+    """Image and histogram of the error. points (n, 3) in the model's world; without triangles they are drawn from above. Dark is near,
+    bright is `max_mm` and more."""
     from matplotlib import colormaps, colors
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure

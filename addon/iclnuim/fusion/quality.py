@@ -1,7 +1,7 @@
-"""Accuracy and completion of a reconstruction over samples by area, F, and Depth L1; of what a trajectory saw.
+"""Accuracy, completion, F score and Depth L1 of a reconstruction, over samples uniform by area, of the surface that a trajectory saw.
 
-As NICE-SLAM (Zhu et al., CVPR 2022) and Co-SLAM's evaluation (Wang et al., CVPR 2023) define accuracy, completion, completion ratio and
-Depth L1, and as Tanks and Temples (Knapitsch et al., SIGGRAPH 2017) defines precision, recall and F.
+Accuracy, completion, completion ratio and Depth L1 are defined as in NICE-SLAM (Zhu et al., CVPR 2022) and Co-SLAM's evaluation (Wang et
+al., CVPR 2023); precision, recall and F as in Tanks and Temples (Knapitsch et al., SIGGRAPH 2017).
 """
 
 from collections.abc import Callable
@@ -19,15 +19,15 @@ from .samples import areas_m2, sampled, thinned, within_reach
 from .settings import QualitySettings
 from .surface_error import TrueSurface
 
-#: Precision, recall and F are reported within these distances.
+#: Thresholds for precision, recall and F.
 NEAR_M = (0.01, 0.02, 0.05)
-#: Of points spread over the model so many have to be seen, or more are spread, at most so many times as many.
-_ENOUGH, _MOST = 0.9, 20
+#: If a smaller share of the model's samples is seen, the model is sampled again with more samples, up to this factor.
+_MIN_SEEN, _MAX_FACTOR = 0.9, 20
 
 
 @dataclass(frozen=True, eq=False)
 class SeenBy:
-    """A camera and its poses (k,) in the model's world: what they saw is what a reconstruction can be asked for."""
+    """A camera and its poses (k,) in the model's world: a reconstruction is evaluated on the surface that they see."""
 
     camera: PinholeCamera
     T_world_camera: SE3
@@ -35,8 +35,8 @@ class SeenBy:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What views saw of a model, whatever is compared with it: samples points_m (n, 3), evenly over the area area_m2 that they stand for;
-    the views, and depth_z_m (k, h, w) of the model in each of them, in a quarter of the image's size.
+    """The part of a model that views see; it does not depend on the reconstruction. points_m (n, 3): samples, uniform over the seen
+    area area_m2; the views; depth_z_m (k, h, w): depth of the model in each view, at a quarter of the image size.
     """
 
     points_m: np.ndarray
@@ -47,9 +47,9 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceQuality:
-    """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m (m,): of each sample of the model, where
-    a trajectory is known of each that it saw, to the reconstruction. seen_m2: area of the model that these stand for. depth_l1_m: None
-    without a trajectory or faces.
+    """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m (m,): distance of each sample of the
+    model (with a trajectory: each seen sample) to the reconstruction. seen_m2: seen area of the model. depth_l1_m: None without a
+    trajectory or faces.
     """
 
     reconstruction_m: np.ndarray
@@ -81,7 +81,7 @@ class SurfaceQuality:
         return None if recall is None else 2 * precision * recall / max(precision + recall, 1e-300)
 
     def to_dict(self) -> dict:
-        """Of what is not known nothing."""
+        """The results as a dict, without values that are None."""
         shares = {
             name: {f"{100 * d:g}cm": share(d) for d in NEAR_M}
             for name, share in (("precision", self.precision), ("recall", self.recall), ("f_score", self.f_score))
@@ -105,26 +105,27 @@ def surface_quality(
     settings: QualitySettings | None = None,
     on_pose: Callable[[], object] = lambda: None,
 ) -> SurfaceQuality:
-    """Of a reconstruction's points (n, 3) in metres and triangles (m, 3), m = 0 for a cloud.
+    """Quality of a reconstruction with points (n, 3) in metres and triangles (m, 3), m = 0 for a cloud.
 
-    Accuracy is measured to the whole model, so that nothing is gained by surfaces that no pose saw. Completion is measured over what
-    `seen_by` saw, or over all of the model (whole), else not at all; of several reconstructions `what_was_seen` need be asked only once. Raises InputError where no pose sees any of the model, or no triangle
-    has an area; WorkError where embreex or libigl is missing.
+    Accuracy is the distance to the whole model, so that surfaces that no pose saw count as well. Completion is measured over the part
+    of the model that `seen_by` saw, or over the whole model (whole), else not at all. For several reconstructions, call
+    `what_was_seen` once and pass its result as `seen_by`. Raises InputError if no pose sees any of the model, or no triangle has an
+    area; WorkError if embreex or libigl is missing.
     """
     settings = settings or QualitySettings()
     moved, cloud = points if T_model_mesh is None else T_model_mesh.apply(points), not len(triangles)
     spread = thinned if cloud else partial(sampled, triangles=triangles)
-    own, to_samples = spread(moved, count=settings.samples, seed=settings.seed), settings.nearest == "sample"
+    samples_m, to_samples = spread(moved, count=settings.samples, seed=settings.seed), settings.nearest == "sample"
     model = np.zeros((0, 3))
     seen = what_was_seen(surface, seen_by, settings, on_pose) if isinstance(seen_by, SeenBy) else seen_by
     if to_samples or seen is None:
         model = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
-    accuracy_m = _to_points(own, model) if to_samples else surface.distance(own)
+    accuracy_m = _to_points(samples_m, model) if to_samples else surface.distance(samples_m)
     if seen is None and not whole:
         return SurfaceQuality(accuracy_m)
     truth = model if seen is None else seen.points_m
     if cloud or to_samples:
-        completion_m = _to_points(truth, moved if cloud else own)
+        completion_m = _to_points(truth, moved if cloud else samples_m)
     else:
         completion_m = TriangleDistance(moved, triangles).distance(truth)
     if seen is None:
@@ -139,49 +140,50 @@ def what_was_seen(
     settings: QualitySettings | None = None,
     on_pose: Callable[[], object] = lambda: None,
 ) -> Seen:
-    """About settings.samples points spread evenly over what every settings.every-th pose saw of the model.
+    """About settings.samples points, uniform over the part of the model that every settings.every-th pose saw.
 
-    A first lot finds the share that is seen, the second is as large as that asks for. Raises InputError where nothing is seen,
-    WorkError where embreex is missing.
+    A first set of samples gives the seen share; if that is small, a second, larger set replaces it. Raises InputError if nothing is
+    seen, WorkError if embreex is missing.
     """
     settings = settings or QualitySettings()
     camera, T = seen_by.camera, seen_by.T_world_camera[:: settings.every]
-    # the corner of an image is this much farther away than its depth
+    # ratio of the largest distance to depth, at a corner of the image
     slant = float(np.linalg.norm(camera.rays(), axis=2).max())
     corners = within_reach(surface.vertices[surface.triangles], T.translation, slant * settings.far_m)
     places, rows, count = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), settings.samples
-    for lot in range(2):
+    for attempt in range(2):
         points = sampled(places, rows, count, settings.seed) if len(rows) else places
         seen = seen_points(surface.caster, points, camera, T, settings.far_m, on_pose)
         if not seen.any():
             hint = "a trajectory in the model's world"
             raise InputError("a trajectory that sees something of the model", found="nothing seen", hint=hint)
-        if lot or seen.mean() > _ENOUGH:
+        if attempt or seen.mean() > _MIN_SEEN:
             break
-        count = int(min(count / seen.mean(), _MOST * count))
+        count = int(min(count / seen.mean(), _MAX_FACTOR * count))
     quarter = camera.halved().halved()
     depth_z_m = np.array([surface.caster.depth(quarter, T[k]) for k in range(len(T))], np.float32)
     return Seen(points[seen], float(seen.mean() * areas_m2(places, rows).sum()), SeenBy(camera, T), depth_z_m)
 
 
 def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(n,) distance of each of the points to the nearest of the others."""
+    """(n,) distance of each point to the nearest of `others`."""
     from scipy.spatial import cKDTree
 
     return cKDTree(others).query(points, workers=-1)[0]
 
 
 def _depth_l1_m(seen: Seen, points: np.ndarray, triangles: np.ndarray, far_m: float) -> float | None:
-    """Mean over the views of the mean |depth of the model - depth of the reconstruction| over pixels with the former; a hole has depth 0."""
+    """Mean over the views of the mean |depth of the model - depth of the reconstruction| over pixels where the model has depth; a hole in
+    the reconstruction has depth 0."""
     camera, T = seen.views.camera.halved().halved(), seen.views.T_world_camera
-    own = np.full(seen.depth_z_m.shape, np.inf, np.float32)
+    samples_m = np.full(seen.depth_z_m.shape, np.inf, np.float32)
     for rows in slabs(points, triangles):
         part = RayCaster(points, triangles[rows])
         for k in range(len(T)):
             depth = part.depth(camera, T[k])
-            own[k] = np.minimum(own[k], np.where(depth > 0, depth, np.inf))
+            samples_m[k] = np.minimum(samples_m[k], np.where(depth > 0, depth, np.inf))
     errors_m = []
-    for truth, depth in zip(seen.depth_z_m, own, strict=True):
+    for truth, depth in zip(seen.depth_z_m, samples_m, strict=True):
         valid = (truth > 0) & (truth <= far_m)
         if valid.any():
             errors_m.append(np.abs(truth - np.where(np.isfinite(depth), depth, 0))[valid].mean())

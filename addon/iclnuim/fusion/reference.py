@@ -1,4 +1,4 @@
-"""Tracking against a model: frames are fused where they were found, and the next is aligned against the surface."""
+"""Tracking against a model: each frame is fused at its estimated pose, and the next one is aligned against a raycast of the surface."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,14 +16,15 @@ from .settings import PRESETS as VOLUMES
 from .settings import VolumeSettings
 from .volume import View, Volume
 
-#: What `make_reference` understands.
+#: Names that `make_reference` accepts.
 NAMES = ("default", *REFERENCES, "model")
 
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """every: frames from one fusion and raycast to the next; in between the view stays, as does its pose. It stays
-    up to max_age frames while the motion is certain to max_sigma_m, and the camera rotated by less than max_deg since.
+    """every: number of frames from one fusion and raycast to the next; in between the view and its pose do not change. The view is
+    used for up to max_age frames while the standard deviation of the motion is at most max_sigma_m, and the camera has rotated by
+    less than max_deg since.
     """
 
     volume: VolumeSettings
@@ -35,13 +36,13 @@ class ModelSettings:
 
 PRESETS = {
     "paper": ModelSettings(VOLUMES["paper"]),
-    # what slanted views add completes a surface; 90 frames of clean kt2 were not tracked better by it
+    # slanted=4 makes a surface more complete, but did not improve tracking on 90 frames of clean kt2
     "best": ModelSettings(replace(VOLUMES["best"], slanted=1), every=3, max_age=6),
 }
 
 
 def make_reference(name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> Reference:
-    """What to align against: "default" (what the odometer asks for), "frame", "keyframe", "entropy" or "model".
+    """A new Reference by name: "default" (the one that the odometer declares), one of REFERENCES, or "model".
 
     Raises InputError for another name.
     """
@@ -53,9 +54,9 @@ def make_reference(name: str, odometer: Odometer, camera: PinholeCamera, preset:
 
 
 class ModelReference(Reference):
-    """A Reference whose view is the raycast of everything fused so far.
+    """A Reference whose view is a raycast of the fused model.
 
-    An odometer is shown a Frame of the whole image; a PyramidOdometer only the levels that it reads, with the model's normals.
+    An odometer gets a Frame of the whole image; a PyramidOdometer only the levels that it reads, with the normals of the model.
     Raises InputError for an unknown preset.
     """
 
@@ -69,16 +70,16 @@ class ModelReference(Reference):
         self._T_world_view, self._age = SE3.identity(), 0
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> ReferenceView:
-        """Fuse the frame and look from its pose; or stay with the view."""
+        """Fuse the frame and raycast from its pose, or keep the view."""
         self._age += 1
         if self._view is None or self._outdated(T_world_camera, result):
             self.volume.integrate(frame.depth_z_m, self.camera, T_world_camera, frame.grey)
-            self._view, self._T_world_view = self._seen(frame, prepared, T_world_camera), T_world_camera
+            self._view, self._T_world_view = self._rendered(frame, prepared, T_world_camera), T_world_camera
             self._age = 0
         return self._view, self._T_world_view
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> ReferenceView:
-        """The frame alone, unfused: at a pose that was not measured it would spoil the model."""
+        """The view of the frame alone. It is not fused, because its pose was not measured and would corrupt the model."""
         self._view, self._age = None, 0
         return prepared, T_world_camera
 
@@ -89,25 +90,25 @@ class ModelReference(Reference):
         certain = result is not None and result.largest_sigma_m <= s.max_sigma_m
         return not certain or rotated(self._T_world_view, T_world_camera, s.max_deg)
 
-    def _seen(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> Any:
-        """As prepare() would make it of a frame taken there. Coarser levels are means of the finest that is read."""
-        one = self.odometer
-        if not isinstance(one, PyramidOdometer):
+    def _rendered(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> Any:
+        """The equivalent of prepare() for a raycast at this pose. Coarser levels are means of the finest one that is read."""
+        odometer = self.odometer
+        if not isinstance(odometer, PyramidOdometer):
             view = self.volume.raycast(self.camera, T_world_camera, normals=False)
-            return one.prepare(_as_frame(view, frame.grey, frame.stamp_s), self.camera)
-        finest = min(one.finest, len(prepared) - 1)
+            return odometer.prepare(_as_frame(view, frame.grey, frame.stamp_s), self.camera)
+        finest = min(odometer.finest, len(prepared) - 1)
         first = prepared[finest]
-        view = self.volume.raycast(first.camera, T_world_camera, one.reads_normals, one.reads_grey)
-        seen = _as_frame(view, first.grey, frame.stamp_s)
-        levels = pyramid(seen, first.camera, len(prepared) - finest, normal_step=first.normal_step)
-        if one.reads_normals:
-            # the gradient's normals, rather than those that differences of depth would give when first asked for
+        view = self.volume.raycast(first.camera, T_world_camera, odometer.reads_normals, odometer.reads_grey)
+        rendered = _as_frame(view, first.grey, frame.stamp_s)
+        levels = pyramid(rendered, first.camera, len(prepared) - finest, normal_step=first.normal_step)
+        if odometer.reads_normals:
+            # normals from the gradient of the volume replace those from depth differences, which are computed at first use
             vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)
         return [*prepared[:finest], *levels]
 
 
 def _as_frame(view: View, grey: np.ndarray, stamp_s: float) -> Frame:
-    """Where the model has a hole there is no depth, and the frame's own grey, so that the hole has no bright rim."""
+    """The view as a Frame. A hole in the model has no depth, and the grey values of the frame, so that it has no bright edge."""
     if view.colour.size:
         colour = view.colour[..., 0]
         grey = np.where(np.isfinite(colour), colour, grey)

@@ -1,7 +1,7 @@
-"""A truncated signed distance volume in blocks of 8^3 voxels: only what depth touches takes memory.
+"""A truncated signed distance volume in blocks of 8^3 voxels; only blocks near measured depth are allocated.
 
 R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.3, in a window that follows the camera as in T. Whelan et al.,
-"Kintinuous", RSS RGB-D workshop 2012: what leaves the window is handed out and forgotten.
+"Kintinuous", RSS RGB-D workshop 2012: blocks that leave the window are passed to a callback and released.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from ..geometry.se3 import SE3
 from . import kernels
 from .settings import VolumeSettings
 
-#: Pixels that share one range of depths in a raycast; every how many pixels the blocks of a depth image are looked up.
+#: TILE: side in pixels of the tiles that share one depth range in a raycast. STRIDE: pixel step at which a depth image allocates blocks.
 TILE, STRIDE = 8, 2
 
 
@@ -25,9 +25,9 @@ class BlockLimitError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What the volume shows to a camera: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h, w, channels).
+    """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h, w, channels).
 
-    float32, NaN where nothing is hit; normals are NaN also at the border of what was seen.
+    float32, NaN where a ray hits nothing; normals are also NaN at the border of the observed region.
     """
 
     depth_z_m: np.ndarray
@@ -36,14 +36,14 @@ class View:
 
 
 class Volume:
-    """leaving(volume, leaves): called with a bool (rows,) of the rows that are about to be forgotten."""
+    """leaving(volume, leaves) is called before rows are released; leaves: bool (rows,), true for these rows."""
 
     def __init__(
         self, settings: VolumeSettings | None = None, leaving: "Callable[[Volume, np.ndarray], None] | None" = None
     ) -> None:
         self.settings = s = settings or VolumeSettings()
         rows = s.max_blocks + 1
-        # Zeroed pages are handed out when first written, so the bound costs nothing until it is used.
+        # The system allocates zeroed pages at the first write, so a large bound takes no memory until it is used.
         self.grid = kernels.Grid(
             np.zeros(3, np.int64),
             np.zeros((s.window_blocks,) * 3, np.int32),
@@ -55,17 +55,17 @@ class Volume:
         self._free = np.arange(rows - 1, 0, -1, dtype=np.int32)
         self._n_free = s.max_blocks
         self._stamp, self._rows = np.zeros(rows, np.int32), np.zeros(rows, np.int32)
-        self._leaving, self._placed = leaving, False
+        self._on_leaving, self._placed = leaving, False
         self.frames = self.max_used = self._tick = 0
 
     @property
     def blocks(self) -> int:
-        """Held at present."""
+        """Number of allocated blocks."""
         return self.settings.max_blocks - self._n_free
 
     @property
     def bytes_used(self) -> int:
-        """At the fullest moment: voxels and the index."""
+        """Peak memory of voxels and index."""
         g = self.grid
         per_block = sum(a[0].nbytes for a in (g.place, g.tsdf, g.weight, g.colour)) + 12
         return self.max_used * per_block + g.slots.nbytes
@@ -75,22 +75,22 @@ class Volume:
     ) -> None:
         """Fuse planar depth (h, w); 0, NaN and negative are missing. image: (h, w, channels), 0..255.
 
-        Raises InputError for wrong sizes or a pose that is none, BlockLimitError where one frame needs more than max_blocks.
+        Raises InputError for wrong sizes or an invalid pose, BlockLimitError if one frame needs more than max_blocks.
         """
         depth, T = np.asarray(depth_m, np.float32), _checked_pose(T_world_camera)
         if depth.shape != (camera.height, camera.width):
-            raise InputError(f"depth of {camera.width}x{camera.height} as the camera has it", found=depth.shape[::-1])
+            raise InputError(f"depth of the camera's size {camera.width}x{camera.height}", found=depth.shape[::-1])
         image = self._checked(image, depth.shape)
         K, s = camera.intrinsics, self.settings
         usable = (depth > 0) & (depth < s.far_m)  # false for NaN
         inverse = np.divide(np.float32(1), depth, out=np.zeros_like(depth), where=usable)  # 0: missing or too far
         self.follow(T.translation)
-        n = self._touched(inverse, K, T)
+        n = self._allocated(inverse, K, T)
         if n is None:
-            rows = self.rows()  # memory is full: the half that lies farthest from the camera leaves
+            rows = self.rows()  # memory is full: the half that is farthest from the camera leaves
             far = np.linalg.norm(self.grid.place[rows] * (8 * s.voxel_m) - T.translation, axis=1)
-            self._forget(rows[np.argsort(far, kind="stable")[len(rows) // 2 :]])
-            n = self._touched(inverse, K, T)
+            self._release(rows[np.argsort(far, kind="stable")[len(rows) // 2 :]])
+            n = self._allocated(inverse, K, T)
         if n is None:
             hint = "larger voxels or more blocks"
             raise BlockLimitError(f"a frame within {s.max_blocks} blocks", found="more", hint=hint)
@@ -99,7 +99,7 @@ class Volume:
         self.frames += 1
 
     def raycast(self, camera: PinholeCamera, T_world_camera: SE3, normals: bool = True, colour: bool = True) -> View:
-        """The surface as the camera would see it: trilinear zero crossing, normals from the gradient."""
+        """Raycast of the surface: trilinear zero crossing, normals from the gradient."""
         T, shape = _checked_pose(T_world_camera), (camera.height, camera.width)
         view = View(
             np.full(shape, np.nan, np.float32),
@@ -112,19 +112,19 @@ class Volume:
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
-        """Move the window once its centre is two blocks or more from the camera; what it no longer holds leaves."""
+        """Move the window if its centre is two blocks or more from the camera; blocks outside it leave."""
         side, block_m = self.settings.window_blocks, 8 * self.settings.voxel_m
         first = np.floor(centre_m / block_m).astype(np.int64) - side // 2
         if self._placed and np.abs(first - self.grid.first).max() < 2:
             return
         rows = self.rows()
         place = self.grid.place[rows]
-        self._forget(rows[((place < first) | (place >= first + side)).any(axis=1)])
+        self._release(rows[((place < first) | (place >= first + side)).any(axis=1)])
         self.grid.first[:] = first
         self._placed = True
 
     def rows(self) -> np.ndarray:
-        """Rows that hold a block, in the order of their blocks: the same whatever was freed in between."""
+        """Allocated rows, sorted by the position of their blocks, so that the order does not depend on earlier releases."""
         used = np.ones(len(self._stamp), bool)
         used[0] = False
         used[self._free[: self._n_free]] = False
@@ -133,15 +133,15 @@ class Volume:
         return rows[np.lexsort((place[:, 2], place[:, 1], place[:, 0]))].astype(np.int32)
 
     def _ranges(self, camera: PinholeCamera, T: SE3) -> tuple[np.ndarray, np.ndarray]:
-        """Between which depths there are blocks, for tiles of the image; no deeper than far_m."""
+        """Depth range of the blocks per tile of the image, limited to far_m."""
         shape = (-(-camera.height // TILE), -(-camera.width // TILE))
         near, far = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
         K, voxel_m = camera.intrinsics, self.settings.voxel_m
         kernels.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), voxel_m, TILE, near, far)
         return near, np.minimum(far, np.float32(self.settings.far_m))
 
-    def _touched(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
-        """How many rows are listed in self._rows; None where the memory does not suffice."""
+    def _allocated(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
+        """Allocate the blocks near the depth image. Returns the number of rows listed in self._rows, None if max_blocks is not enough."""
         s = self.settings
         self._tick += 1
         state = (self._stamp, self._tick, self._free, self._n_free, self._rows)
@@ -151,13 +151,13 @@ class Volume:
         self.max_used = max(self.max_used, self.blocks)
         return None if lost else n
 
-    def _forget(self, rows: np.ndarray) -> None:
+    def _release(self, rows: np.ndarray) -> None:
         if not len(rows):
             return
-        if self._leaving:
+        if self._on_leaving:
             leaves = np.zeros(len(self._stamp), bool)
             leaves[rows] = True
-            self._leaving(self, leaves)
+            self._on_leaving(self, leaves)
         slots = self.grid.place[rows] & (self.settings.window_blocks - 1)
         self.grid.slots[slots[:, 0], slots[:, 1], slots[:, 2]] = 0
         self.grid.tsdf[rows], self.grid.weight[rows], self.grid.colour[rows] = 0, 0, 0
