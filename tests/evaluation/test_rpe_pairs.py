@@ -123,7 +123,7 @@ def test_deltas_are_read_with_their_unit(text, value):
 
 @pytest.mark.parametrize("text", ["", "m", "-1", "1km", "nan", "1e3s", "one"])
 def test_deltas_without_sense_are_refused(text):
-    with pytest.raises(InputError, match="a delta as 10"):
+    with pytest.raises(InputError, match="a delta such as 10"):
         parse_delta(text)
 
 

@@ -195,7 +195,7 @@ def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_na
         (("ate", "truth.txt", "estimate.txt", "--file-rate", "0"), "rate"),
         (("ate", "truth.txt", "estimate.txt", "--from", "word"), "format"),
         (("ate", "truth.txt", "estimate.txt", "--plot", "e.bmp"), "e.bmp: expected a picture's name"),
-        (("rpe", "truth.txt", "estimate.txt", "--delta", "soon"), "expected a delta as 10"),
+        (("rpe", "truth.txt", "estimate.txt", "--delta", "soon"), "expected a delta such as 10"),
         (("rpe", "truth.txt", "estimate.txt", "--delta", "90m"), "estimate.txt: expected poses 90 metres apart"),
         (
             ("rpe", "truth.txt", "estimate.txt", "--measured-on", "both"),

@@ -1,7 +1,7 @@
-"""Absolute trajectory error (ATE): how far each aligned estimated pose is from the ground truth's at the same time.
+"""Absolute trajectory error (ATE): the difference of each aligned estimated pose to the ground-truth pose at the same time.
 
-Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII; the paper's Table II
-holds such errors. And what is said of any list of errors: the six statistics, and the scores that count missing frames too.
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII; the paper's Table II has such
+errors. This module also has the six statistics of any list of errors, and the scores that include missing frames.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -14,14 +14,14 @@ from ..geometry.trajectory import Trajectory
 from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
 from .associate import Association, AssociationSettings, pair_up
 
-#: Recall is the share of ground-truth frames within these distances; the last also bounds the area under the error
+#: Recall is the share of ground-truth frames within these distances; the last is also the limit of the area under the error
 #: curve.
 RECALL_M = (0.01, 0.05, 0.10)
 
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Of errors in one unit. std is the population's (divided by n), so that rmse^2 = mean^2 + std^2."""
+    """Statistics of errors in one unit. std is the population's (divided by n), so that rmse^2 = mean^2 + std^2."""
 
     rmse: float
     mean: float
@@ -32,7 +32,7 @@ class ErrorStatistics:
 
     @classmethod
     def of(cls, errors: np.ndarray, factor: float = 1.0) -> "ErrorStatistics":
-        """Of errors (n,), n >= 1, times a change of unit."""
+        """Statistics of errors (n,), n >= 1, multiplied by `factor` to change their unit."""
         e = np.asarray(errors, float) * factor
         values = (np.sqrt(np.mean(e * e)), e.mean(), np.median(e), e.std(), e.min(), e.max())
         return cls(*map(float, values))
@@ -66,11 +66,10 @@ class PoseErrors:
 
 @dataclass(frozen=True)
 class Completeness:
-    """Scores over all ground-truth frames, in which a frame without an estimate counts as missed, 0..1 each.
+    """Scores over all ground-truth frames, each 0..1. A frame without an estimate counts as missed.
 
-    coverage: frames with an estimate. recall: frames within 1, 5 and 10 cm (RECALL_M). area_under_curve: mean recall
-    over all thresholds from 0 to 10 cm, so 1 is perfect; an estimator that gives up early keeps its ATE but loses
-    here.
+    coverage: share of frames with an estimate. recall: share of frames within 1, 5 and 10 cm (RECALL_M). area_under_curve: mean
+    recall over all thresholds from 0 to 10 cm, so 1 is perfect. An estimator that stops early keeps its ATE but has lower scores.
     """
 
     coverage: float
@@ -79,10 +78,10 @@ class Completeness:
 
     @classmethod
     def of(cls, errors_m: np.ndarray, frames: int) -> "Completeness":
-        """errors_m (m,): one for each frame that has an estimate; frames >= m: all of them."""
+        """errors_m (m,): one for each frame with an estimate; frames >= m: number of all frames."""
         limit = RECALL_M[-1]
         recall = {bound: float(np.count_nonzero(errors_m <= bound)) / frames for bound in RECALL_M}
-        # the integral of the recall's staircase, frame by frame: a frame counts from its error to the limit
+        # integral of the recall, a step function: each frame adds the interval from its error to the limit
         area = float(np.maximum(0.0, 1.0 - errors_m / limit).sum()) / frames
         return cls(len(errors_m) / frames, recall, area)
 
@@ -93,7 +92,7 @@ class Completeness:
 
 @dataclass(frozen=True)
 class AbsoluteErrorSettings:
-    """How poses are associated by their stamps, and how the estimate is aligned with the reference."""
+    """Association of poses by their stamps, and alignment of the estimate with the reference."""
 
     association: AssociationSettings = field(default_factory=AssociationSettings)
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
@@ -101,14 +100,14 @@ class AbsoluteErrorSettings:
 
 @dataclass(frozen=True, eq=False)
 class AbsoluteError(PoseErrors):
-    """Errors of n pairs, and how they came about: reference and aligned (n,), both in the reference's world."""
+    """Errors of n pairs, with their poses: reference and aligned (n,), both in the reference's world; and the alignment."""
 
     aligned: SE3
     alignment: Alignment
 
     @property
     def completeness(self) -> Completeness:
-        """Over all ground-truth frames; where one has several estimates, the closest in time counts."""
+        """Scores over all ground-truth frames; if a frame has several estimates, the closest in time is used."""
         pairs = self.association
         return Completeness.of(self.translation_error_m[pairs.closest_per_first()], pairs.first_count)
 
@@ -118,7 +117,7 @@ def absolute_error(
 ) -> AbsoluteError:
     """ATE of an estimate: |t_ref - t_est| and the angle of R_ref^T R_est after alignment.
 
-    Raises InputError where no stamps agree, or the trajectories do not determine the alignment asked for.
+    Raises InputError if no stamps match, or the trajectories do not determine the requested alignment.
     """
     settings = settings or AbsoluteErrorSettings()
     association = pair_up(reference, estimate, settings.association)

@@ -1,9 +1,9 @@
-"""Moving an estimated trajectory onto the reference: origin, yaw only, SE(3), Sim(3), and what the two leave undetermined.
+"""Alignment of an estimated trajectory with the reference (origin, yaw only, SE(3), Sim(3)), and detection of undetermined alignments.
 
 Least squares after Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI
-1991 (equation numbers below); for SE(3) the same minimum as Horn, "Closed-form solution of absolute orientation using
-unit quaternions", JOSA A 1987. x are the estimate's positions, y the reference's, both (n, 3) in metres and already
-paired.
+1991 (equation numbers below). For SE(3) this is the same minimum as Horn, "Closed-form solution of absolute orientation using
+unit quaternions", JOSA A 1987. x are the positions of the estimate, y those of the reference, both (n, 3) in metres and
+already paired.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from ..geometry.se3 import SE3, read_only
 from ..settings import Settings, setting
 
 METHODS = {
-    "none": "both share a world already",
-    "origin": "the first pose on the first pose",
+    "none": "both are in the same world",
+    "origin": "the first poses are made equal",
     "yaw": "rotation about the up axis, and translation",
     "se3": "rotation and translation",
     "sim3": "rotation, translation and scale",
 }
 #: A trajectory whose extent in a direction is below this, or below this share of its longest extent, does not determine a
-#: rotation: files are written to 0.1 mm or little better, and a hand's tremor is of millimetres.
+#: rotation: files have a resolution of about 0.1 mm, and the tremor of a hand is of millimetres.
 MIN_EXTENT_M = 1e-4
 MIN_EXTENT_SHARE = 1e-3
 _MIN_MIRROR_POSES = 10
@@ -30,7 +30,7 @@ _MIN_MIRROR_POSES = 10
 
 @dataclass(frozen=True)
 class AlignmentSettings(Settings):
-    """How the estimate is aligned with the reference before absolute errors are computed."""
+    """Alignment of the estimate with the reference before absolute errors are computed."""
 
     group = "alignment settings"
 
@@ -46,7 +46,7 @@ class Alignment:
     """p_reference = scale * R p_estimate + t, with (R, t) = T_reference_estimate.
 
     extents_m (3,): standard deviations of the reference's positions along their principal directions, longest first,
-    over the `poses_used` first pairs. residual_rms_m: of those pairs after the alignment.
+    over the `poses_used` first pairs. residual_rms_m: RMS distance of those pairs after the alignment.
     """
 
     method: str
@@ -62,13 +62,13 @@ class Alignment:
 
     @property
     def rotation_is_noise(self) -> bool:
-        """The second extent is below the error left: the rotation about the trajectory's line follows the error alone."""
+        """Whether the second extent is below the remaining error: the rotation about the trajectory's line then only depends on the error."""
         return self.method in ("se3", "sim3") and self.residual_rms_m > self.extents_m[1]
 
 
 @dataclass(frozen=True)
 class MirrorCheck:
-    """The RMS errors that the best rotation and the best reflection leave, and the extent of the reference."""
+    """The RMS errors after the best rotation and after the best reflection, and the extent of the reference."""
 
     rotation_rms_m: float = 0.0
     reflection_rms_m: float = 0.0
@@ -76,15 +76,16 @@ class MirrorCheck:
 
     @property
     def mirrored(self) -> bool:
-        """A reflection fits, and far better: below a quarter of the squared error, which is more than rounding."""
+        """Whether a reflection fits much better: its squared error is below a quarter of the rotation's, which is above rounding."""
         fits = self.reflection_rms_m < 0.25 * self.extent_m
         return fits and self.rotation_rms_m > MIN_EXTENT_M and self.reflection_rms_m < 0.5 * self.rotation_rms_m
 
 
 def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = None) -> Alignment:
-    """The motion that aligns associated estimated poses (n,) with the reference's (n,).
+    """The transformation that aligns associated estimated poses (n,) with the reference's (n,).
 
-    Raises InputError where too few poses, or a straight or still trajectory, leave it undetermined; names a weaker alignment.
+    Raises InputError if it is undetermined, because there are too few poses, or the trajectory is straight or does not move. The
+    hint is an alignment that needs less.
     """
     settings = settings or AlignmentSettings()
     if reference.shape != estimate.shape or len(reference) == 0:
@@ -108,7 +109,7 @@ def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = No
 def umeyama(x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: bool = False) -> tuple[SE3, float]:
     """The rotation R, translation t and scale c (1 without `with_scale`) that minimise |y - (c R x + t)|^2.
 
-    With `reflect` the best improper R (determinant -1) instead, held in an SE3 that is then no rigid motion.
+    With `reflect`, the best improper R (determinant -1) instead; the SE3 that contains it is not a rigid motion.
     """
     mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)  # equations 34, 35
     centred_x, centred_y = x - mean_x, y - mean_y
@@ -124,8 +125,8 @@ def umeyama(x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: boo
 def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck:
     """Fit paired positions (n, 3) by a rotation and by a reflection, both with scale: only the handedness differs.
 
-    A trajectory in a plane fits equally well either way and is never called mirrored, nor is one of a few poses, which
-    may fit by chance.
+    A trajectory in a plane fits both equally well and is never reported as mirrored. Neither is one of a few poses, which can fit
+    by chance.
     """
     if len(reference_m) < _MIN_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
         return MirrorCheck()
@@ -141,7 +142,7 @@ def principal_extents(positions_m: np.ndarray) -> np.ndarray:
 
 
 def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
-    """Rotation about one axis, and translation: equation 40 in the plane, in closed form."""
+    """Rotation about the axis `up`, and translation: equation 40 in the plane, in closed form."""
     a, b = (up + 1) % 3, (up + 2) % 3
     flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
     for name, extents_m in (("a reference", principal_extents(flat_y)), ("an estimated", principal_extents(flat_x))):
@@ -159,8 +160,8 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
 
 
 def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str) -> None:
-    """Both trajectories need extents in two directions; the third may be missing (a trajectory in a plane)."""
-    # under Sim(3) the estimate's unit of length is unknown, so only its shape counts
+    """Raise InputError unless both trajectories have extents in two directions; the third can be 0 (a trajectory in a plane)."""
+    # for Sim(3) the estimate's unit of length is unknown, so only the ratio of its extents is checked
     min_estimate_m = MIN_EXTENT_M if method == "se3" else 0.0
     both = (("a reference", reference_m, MIN_EXTENT_M), ("an estimated", estimate_m, min_estimate_m))
     for name, extents_m, min_m in both:

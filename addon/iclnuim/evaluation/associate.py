@@ -1,6 +1,6 @@
-"""Association: which pose of one stamped list belongs to which of another, greedy one-to-one as in the TUM tools, or nearest.
+"""Association of the poses of two lists by their stamps: greedy one-to-one as in the TUM tools, or nearest.
 
-Both are n log n for any window. Stamps in seconds, strictly increasing; a pair needs |first - (second + offset)| <
+Both take O(n log n) for any window. Stamps are in seconds and strictly increasing; for a pair |first - (second + offset)| <
 max_difference.
 """
 
@@ -15,25 +15,28 @@ from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
 from .time_offset import best_offset
 
-#: A round of mutual choice that pairs fewer than 1 in this many leaves the rest to the heap: long chains go one pair
-#: a round.
+#: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the rest: a long chain would
+#: need one round per pair.
 _SLOW_ROUND = 16
 
 
 @dataclass(frozen=True)
 class AssociationSettings(Settings):
-    """Which poses are compared with each other."""
+    """Association of poses for comparison."""
 
     group = "association settings"
 
     method: str = setting(
         "greedy",
-        "which pose belongs to which",
-        choices={"greedy": "one-to-one, closest first, as in the TUM tools", "nearest": "nearest ground truth of each"},
+        "method of association",
+        choices={
+            "greedy": "one-to-one, closest first, as in the TUM tools",
+            "nearest": "nearest ground-truth pose of each",
+        },
         option="--association",
     )
     max_difference_s: float = setting(
-        0.02, "stamps of a pair differ by less than this", unit="s", low=1e-9, option="--max-difference"
+        0.02, "maximum difference of the stamps of a pair", unit="s", low=1e-9, option="--max-difference"
     )
     offset_s: float = setting(0.0, "added to the stamps of the estimate", unit="s", option="--offset")
 
@@ -59,11 +62,11 @@ class Association:
 
     @property
     def coverage(self) -> float:
-        """Share of the first list (the ground truth's frames) that has a partner."""
+        """Share of the first list (the ground-truth frames) that is in a pair."""
         return len(np.unique(self.first)) / self.first_count if self.first_count else 0.0
 
     def closest_per_first(self) -> np.ndarray:
-        """Positions k in the pairs: for each first index that occurs, its pair of smallest time difference."""
+        """Indices k of pairs: for each first index, its pair with the smallest time difference."""
         order = np.lexsort((np.abs(self.difference_s), self.first))
         return order[np.flatnonzero(np.diff(self.first[order], prepend=-1))]
 
@@ -71,9 +74,9 @@ class Association:
 def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSettings | None = None) -> Association:
     """Pair two lists of stamps, (n,) and (m,) in seconds, strictly increasing. The result may be empty.
 
-    `greedy`: of all pairs within the window the one of smallest difference is taken (ties: smaller first, then
-    smaller second stamp), both are struck off, and so on, as `associate.py` of the TUM RGB-D tools does. `nearest`:
-    each second stamp takes the nearest first one (ties: the smaller); a first one may serve several.
+    `greedy`: of all pairs within the window the one with the smallest difference is chosen (ties: smaller first, then
+    smaller second stamp), both stamps are removed, and this is repeated, as in `associate.py` of the TUM RGB-D tools. `nearest`:
+    each second stamp is paired with the nearest first one (ties: the smaller); a first stamp can be in several pairs.
     """
     settings = settings or AssociationSettings()
     first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
@@ -90,7 +93,7 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
 
 
 def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Association:
-    """Associate by time. Raises InputError where the two do not overlap, or overlap without a pair in the window."""
+    """Associate by time. Raises InputError if the trajectories do not overlap in time, or have no pair within the window."""
     settings = settings or AssociationSettings()
     reference_s, estimate_s = reference.stamps_s, estimate.stamps_s
     association = associate(reference_s, estimate_s, settings)
@@ -122,7 +125,7 @@ def _checked(stamps_s: np.ndarray) -> np.ndarray:
 
 
 def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each x the index of the nearest y (ties: the smaller y) and their distance. y sorted and not empty."""
+    """For each x, the index of the nearest y (ties: the smaller y) and the distance. y is sorted and not empty."""
     right = np.searchsorted(y, x)
     left = np.maximum(right - 1, 0)
     right = np.minimum(right, len(y) - 1)
@@ -131,10 +134,10 @@ def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rounds of mutual choice: two free stamps that are each other's best are a pair of the greedy order.
+    """Greedy pairs in rounds of mutual best matches.
 
-    For no pair that shares a stamp with them comes before them in that order. A stamp without a free partner in the
-    window never gets one.
+    Two free stamps that are each other's best match are a pair of the greedy order, because no pair that contains one of them has
+    a smaller difference. A stamp without a free stamp in its window never gets a pair.
     """
     i, j = np.arange(len(first_s)), np.arange(len(second_s))
     found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -156,7 +159,7 @@ def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[
 
 
 def _greedy_by_heap(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """The same pairs one by one: the closest free pair stands side by side in the merged list of free stamps."""
+    """The same pairs one by one: the closest free pair is adjacent in the merged list of free stamps."""
     stamps_s = np.concatenate([first_s, second_s])
     order = np.argsort(stamps_s, kind="stable")
     count, owner, stamp = len(first_s), order.tolist(), stamps_s[order].tolist()

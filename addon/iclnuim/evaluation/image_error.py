@@ -1,4 +1,4 @@
-"""How far an image is from the true one: PSNR and SSIM, as views rendered by mapping systems are measured."""
+"""Image error: PSNR and SSIM, the measures for views rendered by mapping systems."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..settings import Settings, setting
 
 _GAUSSIAN = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
-#: Weights of a window along each axis, and the factor that makes a variance of samples of it.
+#: Weights of a window along each axis, and the factor from population variance to sample variance.
 _WINDOWS = MappingProxyType({"gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0), "uniform": (np.full(7, 1 / 7), 49 / 48)})
 #: K1 and K2 of SSIM.
 _K1, _K2 = 0.01, 0.03
@@ -20,7 +20,7 @@ _WHITE = 255.0
 
 @dataclass(frozen=True)
 class ViewSettings(Settings):
-    """How rendered views are measured."""
+    """Measurement of rendered views."""
 
     group: ClassVar[str] = "rendered views"
 
@@ -30,30 +30,30 @@ class ViewSettings(Settings):
         choices={"gaussian": "11 x 11, sigma 1.5", "uniform": "7 x 7, scikit-image's default"},
         source="Wang et al., TIP 2004",
     )
-    lpips: bool = setting(True, "also LPIPS (AlexNet), where the packages lpips and torch are installed", label="LPIPS")
+    lpips: bool = setting(True, "also LPIPS (AlexNet), if the packages lpips and torch are installed", label="LPIPS")
 
 
 def psnr_db(image: np.ndarray, truth: np.ndarray) -> float:
-    """Peak signal-to-noise ratio of 8-bit images (h, w) or (h, w, 3), in dB, over all pixels and channels; inf where they are equal."""
+    """Peak signal-to-noise ratio of 8-bit images (h, w) or (h, w, 3), in dB, over all pixels and channels; inf if they are equal."""
     image, truth = _both(image, truth)
     squared = float(((image - truth) ** 2).mean())
     return 10 * float(np.log10(_WHITE**2 / squared)) if squared else float("inf")
 
 
 def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> float:
-    """Mean structural similarity of 8-bit images (h, w) or (h, w, 3), the mean of the channels; 1 where they are equal.
+    """Mean structural similarity of 8-bit images (h, w) or (h, w, 3), averaged over the channels; 1 if they are equal.
 
-    Wang et al., IEEE Transactions on Image Processing 13(4), 2004, equation 13. window: `gaussian`, their own (11 x 11, sigma 1.5, variances
-    of the population), or `uniform`, 7 x 7 with variances of a sample. Windows that leave the image do not count. scikit-image's
-    structural_similarity gives the same: with gaussian_weights=True, sigma=1.5, use_sample_covariance=False, or with its defaults.
+    Wang et al., IEEE Transactions on Image Processing 13(4), 2004, equation 13. window: `gaussian`, the authors' (11 x 11, sigma 1.5,
+    population variance), or `uniform`, 7 x 7 with sample variance. Windows that are not inside the image are not used. The results equal
+    scikit-image's structural_similarity: with gaussian_weights=True, sigma=1.5, use_sample_covariance=False, or with its defaults.
     Raises InputError for images of different size or smaller than the window.
     """
     image, truth = _both(image, truth)
     weights, sample = _WINDOWS[window]
     if min(image.shape[:2]) < len(weights):
         raise InputError(f"images of at least {len(weights)} pixels a side", found=image.shape[:2])
-    x, y = _weighed(image, weights), _weighed(truth, weights)
-    xx, yy, xy = (sample * (_weighed(a * b, weights) - m) for a, b, m in (
+    x, y = _weighted(image, weights), _weighted(truth, weights)
+    xx, yy, xy = (sample * (_weighted(a * b, weights) - m) for a, b, m in (
         (image, image, x * x), (truth, truth, y * y), (image, truth, x * y),
     ))  # fmt: skip
     c1, c2 = (_K1 * _WHITE) ** 2, (_K2 * _WHITE) ** 2
@@ -66,8 +66,8 @@ def _both(image: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return image.astype(float), truth.astype(float)
 
 
-def _weighed(image: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted means over windows that lie inside the image."""
+def _weighted(image: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weighted means over the windows inside the image."""
     for axis in (0, 1):
         count = image.shape[axis] - len(weights) + 1
         moved = image.swapaxes(0, axis)

@@ -1,4 +1,4 @@
-"""Relative pose error (RPE): the error of the motion between two poses that are a number of frames, seconds or metres apart.
+"""Relative pose error (RPE): the error of the motion between two poses that are a given number of frames, seconds or metres apart.
 
 Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII: E_i = (Q_i^-1 Q_j)^-1
 (P_i^-1 P_j) with Q the ground truth and P the estimate; (i, j) is called an RPE pair.
@@ -21,22 +21,29 @@ from .associate import AssociationSettings, pair_up
 
 @dataclass(frozen=True)
 class RelativeErrorSettings(Settings):
-    """Which RPE pairs are compared, and on which scale."""
+    """Selection of the RPE pairs, and correction of the scale."""
 
     group = "relative error settings"
 
-    delta: float = setting(1.0, "how far apart the poses of a pair are, in `unit`", low=1e-9, option="")
-    unit: str = setting("frames", "of delta", choices=dict.fromkeys(("frames", "seconds", "metres"), ""), option="")
-    all_pairs: bool = setting(True, "a pair from every pose; else each begins where the last ended", option="")
+    delta: float = setting(1.0, "distance of the poses of a pair, in `unit`", low=1e-9, option="")
+    unit: str = setting(
+        "frames", "unit of delta", choices=dict.fromkeys(("frames", "seconds", "metres"), ""), option=""
+    )
+    all_pairs: bool = setting(
+        True, "a pair starts at every pose; otherwise each starts at the end of the last one", option=""
+    )
     tolerance: float = setting(
-        0.1, "share of delta by which a pair may be off (seconds, and metres from every pose)", low=0.0, high=0.999
+        0.1,
+        "maximum deviation of a pair from delta, as a share of delta (seconds, and metres from every pose)",
+        low=0.0,
+        high=0.999,
     )
     measured_on: str = setting(
         "reference",
-        "along which trajectory metres are counted",
+        "trajectory along which metres are measured",
         choices={"reference": "gives every estimate the same pairs", "estimate": "as evo and the TUM tools do"},
     )
-    correct_scale: bool = setting(False, "scale the estimate first by its Sim(3) alignment")
+    correct_scale: bool = setting(False, "first scale the estimate by its Sim(3) alignment")
     association: AssociationSettings = field(default_factory=AssociationSettings)
 
     def __post_init__(self) -> None:
@@ -58,21 +65,21 @@ def parse_delta(text: str) -> tuple[float, str]:
     """`10` (frames), `0.5s` or `1m` -> number and unit. Raises InputError."""
     match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(m|s|)\s*", text)
     if match is None:
-        raise InputError("a delta as 10 (frames), 0.5s (seconds) or 1m (metres)", found=text)
+        raise InputError("a delta such as 10 (frames), 0.5s (seconds) or 1m (metres)", found=text)
     return float(match[1]), {"": "frames", "s": "seconds", "m": "metres"}[match[2]]
 
 
 def relative_error(
     reference: Trajectory, estimate: Trajectory, settings: RelativeErrorSettings | None = None
 ) -> RelativeError:
-    """RPE of an estimate. Raises InputError where no stamps agree, or no two poses are delta apart."""
+    """RPE of an estimate. Raises InputError if no stamps match, or no two poses are delta apart."""
     settings = settings or RelativeErrorSettings()
     association = pair_up(reference, estimate, settings.association)
     truth, poses = reference.T_world_camera[association.first], estimate.T_world_camera[association.second]
     scale = 1.0
     if settings.correct_scale:
         if np.ptp(poses.translation, axis=0).max() == 0.0:
-            raise InputError("an estimate that moves, to correct its scale", found="one that stands still")
+            raise InputError("an estimate that moves, to correct its scale", found="one that does not move")
         scale = umeyama(poses.translation, truth.translation, with_scale=True)[1]
     scaled = SE3(poses.rotation, scale * poses.translation)
     stamps_s = read_only(reference.stamps_s[association.first])
@@ -96,46 +103,46 @@ def relative_error(
 def rpe_pairs(
     stamps_s: np.ndarray, positions_m: np.ndarray, settings: RelativeErrorSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end indices (m,), start < end, for stamps (n,) and positions (n, 3). Raises InputError where there are none."""
+    """Start and end indices (m,), start < end, for stamps (n,) and positions (n, 3). Raises InputError if there are none."""
     if settings.unit == "frames":
         step = 1 if settings.all_pairs else int(settings.delta)
         start = np.arange(0, max(0, len(stamps_s) - int(settings.delta)), step)
         end = start + int(settings.delta)
     elif settings.unit == "seconds":
-        start, end = _by_measure(stamps_s, settings)
+        start, end = _pairs_by_measure(stamps_s, settings)
         if not settings.all_pairs:
-            start, end = _chained(start, end)
+            start, end = _end_to_end(start, end)
     elif settings.all_pairs:
-        start, end = _by_measure(_travelled(positions_m), settings)
+        start, end = _pairs_by_measure(_distance_travelled(positions_m), settings)
     else:
-        start, end = _by_steps(positions_m, settings.delta)
+        start, end = _end_to_end_by_length(positions_m, settings.delta)
     if len(start):
         return start, end
-    spans = {"seconds": stamps_s[-1] - stamps_s[0], "metres": _travelled(positions_m)[-1]}
+    spans = {"seconds": stamps_s[-1] - stamps_s[0], "metres": _distance_travelled(positions_m)[-1]}
     span = f" over {spans[settings.unit]:.3f} {settings.unit[0]}" if settings.unit in spans else ""
     hint = "another delta, or a larger tolerance" if span else "a smaller delta"
     found = f"{len(stamps_s)} associated poses{span}"
     raise InputError(f"poses {settings.delta:g} {settings.unit} apart", found=found, hint=hint)
 
 
-def _by_measure(measure: np.ndarray, settings: RelativeErrorSettings) -> tuple[np.ndarray, np.ndarray]:
-    """From every pose the later one whose measure is closest to its own + delta (ties: the earlier), within tolerance.
+def _pairs_by_measure(measure: np.ndarray, settings: RelativeErrorSettings) -> tuple[np.ndarray, np.ndarray]:
+    """For every pose, the later one whose measure is closest to that of the first + delta (ties: the earlier), within tolerance.
 
-    measure (n,) never falls.
+    measure (n,): time or distance; it does not decrease.
     """
     start, last = np.arange(len(measure) - 1), len(measure) - 1
     after = np.searchsorted(measure, measure[:-1] + settings.delta)
-    # of several poses of the same measure (a camera that rests) the first one counts
+    # of several poses with the same measure (the camera does not move) the first one is used
     before = np.searchsorted(measure, measure[np.clip(after - 1, 0, last)])
     before, after = np.clip(before, start + 1, last), np.clip(after, start + 1, last)
-    off_before, off_after = (np.abs(measure[end] - measure[start] - settings.delta) for end in (before, after))
-    end, off = np.where(off_before <= off_after, before, after), np.minimum(off_before, off_after)
-    good = off <= settings.tolerance * settings.delta
+    error_before, error_after = (np.abs(measure[end] - measure[start] - settings.delta) for end in (before, after))
+    end, error = np.where(error_before <= error_after, before, after), np.minimum(error_before, error_after)
+    good = error <= settings.tolerance * settings.delta
     return start[good], end[good]
 
 
-def _chained(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of pairs ordered by start: the first, then each time the next that starts no earlier than the last ended."""
+def _end_to_end(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """End-to-end pairs, from pairs sorted by start: the first one, then always the next one that starts at or after the end of the last."""
     chosen, row = [], 0
     following = np.searchsorted(start, end).tolist()
     while row < len(start):
@@ -144,8 +151,8 @@ def _chained(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return start[chosen], end[chosen]
 
 
-def _by_steps(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """End to end: a pair ends at the first pose by which at least delta was travelled since its start."""
+def _end_to_end_by_length(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """End-to-end pairs: a pair ends at the first pose that is at least delta_m of travelled distance from its start."""
     ends, travelled_m = [0], 0.0
     for index, step_m in enumerate(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).tolist(), 1):
         travelled_m += step_m
@@ -155,5 +162,5 @@ def _by_steps(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.n
     return np.array(ends[:-1], int), np.array(ends[1:], int)
 
 
-def _travelled(positions_m: np.ndarray) -> np.ndarray:
+def _distance_travelled(positions_m: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions_m, axis=0), axis=1))])

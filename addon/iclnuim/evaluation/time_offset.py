@@ -1,7 +1,7 @@
-"""The constant time offset at which an estimate fits the ground truth best: systems that stamp frames anew, bags and clocks shift all stamps.
+"""The constant time offset at which an estimate fits the ground truth best. Systems that change stamps, bags and clocks shift all stamps.
 
-What a rigid motion leaves of the paired positions is computed for every offset of whole frames at once: all sums that a least-squares fit
-needs (Umeyama, PAMI 1991, equations 34 to 40) are correlations of the two trajectories, and FFTs give those of all offsets.
+The residual of a rigid alignment of the paired positions is computed for all offsets of whole frames at once: the sums of the
+least-squares fit (Umeyama, PAMI 1991, equations 34 to 40) are correlations of the two trajectories, and FFTs compute them for all offsets.
 """
 
 import numpy as np
@@ -9,16 +9,16 @@ import numpy as np
 from ..geometry.trajectory import Trajectory
 from .align import MIN_EXTENT_M, principal_extents, umeyama
 
-#: Fewer poses fit by chance; and an offset counts at which at least this share of the estimate meets the ground truth.
+#: Fewer poses can fit by chance. An offset is only considered if at least this share of the estimate overlaps the ground truth.
 _MIN_POSES, _MIN_SHARE = 10, 0.5
-#: Frames that a search may span.
+#: Maximum number of frames of a search.
 _MAX_FRAMES = 1 << 18
 
 
 def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, float] | None:
-    """Seconds to be added to the estimate's stamps so that a rigid motion fits it best, and the RMS that is left, in metres.
+    """The offset in seconds to add to the estimate's stamps for the best rigid alignment, and the remaining RMS in metres.
 
-    None where neither trajectory tells: too short, standing still, or spread over more frames than can be searched.
+    None if the trajectories do not determine it: they are too short, do not move, or span more than _MAX_FRAMES.
     """
     if min(len(reference), len(estimate)) < _MIN_POSES or principal_extents(estimate.positions_m)[0] < MIN_EXTENT_M:
         return None
@@ -27,8 +27,8 @@ def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, flo
     if max(span[-1] for span in spans) > _MAX_FRAMES:
         return None
     grid_s = reference.stamps_s[0] + step_s * np.arange(int(spans[0][-1]) + 1)
-    rows, kept = np.unique(spans[1].astype(int), return_index=True)
-    x = estimate.positions_m[kept] - estimate.positions_m.mean(axis=0)
+    rows, first = np.unique(spans[1].astype(int), return_index=True)
+    x = estimate.positions_m[first] - estimate.positions_m.mean(axis=0)
     y = _positions(reference, grid_s) - reference.positions_m.mean(axis=0)
     lags, rms_m = _rms_by_lag(rows, x, y)
     if len(lags) == 0:
@@ -38,13 +38,13 @@ def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, flo
 
 
 def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lags (m,) in frames with enough pairs, and the RMS (m,) that a rigid motion leaves of x[k] and y[rows[k] + lag]."""
+    """Lags (m,) in frames with enough pairs, and the RMS (m,) after a rigid alignment of x[k] and y[rows[k] + lag]."""
     length, frames = int(rows[-1]) + 1, len(y)
-    placed = np.zeros((length, 5))
-    placed[rows] = np.column_stack([np.ones(len(x)), x, (x * x).sum(axis=1)])
+    gridded = np.zeros((length, 5))
+    gridded[rows] = np.column_stack([np.ones(len(x)), x, (x * x).sum(axis=1)])
     other = np.column_stack([np.ones(frames), y, (y * y).sum(axis=1)])
     size = 1 << (length + frames).bit_length()
-    a, b = np.fft.rfft(placed, size, axis=0).conj(), np.fft.rfft(other, size, axis=0)
+    a, b = np.fft.rfft(gridded, size, axis=0).conj(), np.fft.rfft(other, size, axis=0)
     lags = np.arange(1 - length, frames)
 
     def sums(i: int, j: int) -> np.ndarray:
@@ -57,19 +57,19 @@ def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     mean_x, mean_y = mean_x / n[:, None], mean_y / n[:, None]
     products = np.stack([np.stack([sums(i, j) for i in (1, 2, 3)], -1) for j in (1, 2, 3)], -2)
     covariance = products / n[:, None, None] - mean_y[:, :, None] * mean_x[:, None, :]
-    spread = sums(4, 0) / n - (mean_x**2).sum(axis=1) + sums(0, 4) / n - (mean_y**2).sum(axis=1)
+    variance = sums(4, 0) / n - (mean_x**2).sum(axis=1) + sums(0, 4) / n - (mean_y**2).sum(axis=1)
     d = np.linalg.svd(covariance[enough], compute_uv=False)
     d[:, 2] *= np.sign(np.linalg.det(covariance[enough]))
-    return lags[enough], np.sqrt(np.maximum(spread[enough] - 2 * d.sum(axis=1), 0))
+    return lags[enough], np.sqrt(np.maximum(variance[enough] - 2 * d.sum(axis=1), 0))
 
 
 def _positions(trajectory: Trajectory, stamps_s: np.ndarray) -> np.ndarray:
-    """(n, 3) interpolated between neighbours."""
+    """(n, 3) positions at stamps (n,), linearly interpolated."""
     return np.stack([np.interp(stamps_s, trajectory.stamps_s, axis) for axis in trajectory.positions_m.T], -1)
 
 
 def _rms(reference: Trajectory, estimate: Trajectory, offset_s: float) -> float:
-    """What a rigid motion leaves of the estimate's poses within the reference's span; infinite where they are too few."""
+    """RMS after a rigid alignment of the estimate's poses within the reference's time span; infinite if they are too few."""
     stamps_s = estimate.stamps_s + offset_s
     slack_s = 1e-6
     inside = (stamps_s >= reference.stamps_s[0] - slack_s) & (stamps_s <= reference.stamps_s[-1] + slack_s)
@@ -81,7 +81,7 @@ def _rms(reference: Trajectory, estimate: Trajectory, offset_s: float) -> float:
 
 
 def _refined(reference: Trajectory, estimate: Trajectory, offset_s: float, step_s: float) -> float:
-    """The offset within a frame of `offset_s` that leaves least, by golden section."""
+    """The offset within a frame of `offset_s` with the smallest RMS, by golden-section search."""
     low, high, ratio = offset_s - step_s, offset_s + step_s, (5**0.5 - 1) / 2
     for _ in range(30):
         one, other = high - ratio * (high - low), low + ratio * (high - low)
@@ -93,7 +93,7 @@ def _refined(reference: Trajectory, estimate: Trajectory, offset_s: float, step_
 
 
 def _rounded(reference: Trajectory, estimate: Trajectory, offset_s: float) -> tuple[float, float]:
-    """The shortest number of seconds that fits as well, to what the noise of n poses leaves open, and its RMS."""
+    """The offset with the fewest digits that fits equally well within the noise of n poses, and its RMS."""
     best_m = _rms(reference, estimate, offset_s)
     limit_m = best_m * (1 + 2 / len(estimate)) + 1e-6
     for digits in range(7):
