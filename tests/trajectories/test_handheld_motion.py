@@ -51,7 +51,7 @@ def test_noise_has_rms_1_stays_in_its_band_and_falls_with_frequency(slope):
 
 
 def test_a_band_that_the_series_cannot_hold_is_refused():
-    with pytest.raises(InputError, match="a band that 20 frames can hold, found 0.1..0.5 Hz"):
+    with pytest.raises(InputError, match="a band that contains a frequency of 20 frames, found 0.1..0.5 Hz"):
         band_noise(20, 30.0, 0.1, 0.5, 1.0, 3, np.random.default_rng(0))
 
 
@@ -133,7 +133,7 @@ def test_a_recipe_that_is_wrong_is_refused_in_one_line(recipe_of, place, value, 
     recipe = changed(recipe_of("living_room/kt0"), place, value)
     if not message:
         recipe["viewpoints"][0]["position_m"] = [0.3, -2.2, 1.0]
-        message = "expected look_at_m aside of position_m, not above or below it, found viewpoint 0"
+        message = "expected look_at_m not directly above or below position_m, found viewpoint 0"
     with pytest.raises(InputError, match=message) as refused:
         handheld.make(Recipe.from_dict(recipe))
     assert "\n" not in str(refused.value)

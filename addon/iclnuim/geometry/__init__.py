@@ -1,1 +1,1 @@
-"""Poses, cameras, changes of axes and trajectories: arrays in, arrays out, numpy only."""
+"""Poses, cameras, changes of axes and trajectories: functions of arrays, numpy only."""

@@ -1,4 +1,4 @@
-"""Every change of axes, in one place.
+"""All changes of axes.
 
 | frame | axes | handedness |
 |---|---|---|
@@ -9,18 +9,18 @@
 | blender camera | x right, y up, looks along -z | right |
 | NED world, NED camera | x north, y east, z down; x forward, y right, z down | right |
 
-A left-handed pose is held as SE3 too (its rotation part is a proper rotation); only these functions may mix the kinds.
+A left-handed pose is stored as SE3, too (its rotation part is a proper rotation). Only these functions convert between the two kinds.
 """
 
 import numpy as np
 
 from .se3 import SE3
 
-#: p_world = WORLD_FROM_POV @ p_pov, that is (x, y, z) -> (-x, -z, y). Determinant -1: it also mends the handedness.
+#: p_world = WORLD_FROM_POV @ p_pov, that is (x, y, z) -> (-x, -z, y). Determinant -1: it also changes the handedness.
 WORLD_FROM_POV = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-#: cv camera <-> pov camera: y changes sign (and with it the handedness).
+#: cv camera <-> pov camera: y changes sign (and therefore the handedness changes).
 CV_FROM_POV_CAMERA = np.diag([1.0, -1.0, 1.0])
-#: cv camera <-> Blender camera: half a turn about x.
+#: cv camera <-> Blender camera: a rotation by 180 degrees about x.
 CV_FROM_BLENDER_CAMERA = np.diag([1.0, -1.0, -1.0])
 #: y up <-> z up, both right-handed, as Blender's importers do it: (x, y, z) -> (x, -z, y).
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

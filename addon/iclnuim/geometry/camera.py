@@ -1,4 +1,4 @@
-"""The pinhole camera, pixel centres at integer indices, and what Blender has to be told to reproduce it exactly.
+"""The pinhole camera, with pixel centres at integer indices, and the Blender settings that reproduce it exactly.
 
 Camera frame: cv (x right, y down, z forward). Depth is planar: z along the optical axis, in metres.
 """
@@ -18,10 +18,10 @@ _CENTRE = "principal point, from the centre of the {} pixel"
 
 @dataclass(frozen=True)
 class PinholeCamera(Settings):
-    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; pixel (u, v) is seen through its centre, u < width, v < height.
+    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; the ray of pixel (u, v) is through its centre, u < width, v < height.
 
-    The defaults are the benchmark's (paper, equation 1), whose printed fy = -480 stands for a y axis pointing up; in cv
-    axes it is +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
+    The defaults are the benchmark's (paper, equation 1). Its printed fy = -480 means a y axis that points up; in cv axes it is
+    +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
     """
 
     group: ClassVar[str] = "a camera"
@@ -42,7 +42,7 @@ class PinholeCamera(Settings):
             if isinstance(value := getattr(self, name), float) and value.is_integer():
                 object.__setattr__(self, name, int(value))
         if isinstance(self.fy, float | int) and self.fy < 0:
-            hint = "the positive value: fy = -480 only says that y points up"
+            hint = "the positive value: fy = -480 only means that y points up"
             raise InputError("a camera's fy > 0", found=self.fy, hint=hint)
         super().__post_init__()
 
@@ -64,7 +64,7 @@ class PinholeCamera(Settings):
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3)."""
+        """The camera matrix (3, 3)."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
     @property
@@ -94,7 +94,7 @@ class PinholeCamera(Settings):
         return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], -1)
 
     def halved(self) -> "PinholeCamera":
-        """The camera of the 2x2-mean pyramid's next level: centres keep to pixel centres, cx' = (cx + 0.5)/2 - 0.5."""
+        """The camera of the next level of a 2x2-mean pyramid, defined at its pixel centres: cx' = (cx + 0.5)/2 - 0.5."""
         cx, cy = ((c + 0.5) / 2 - 0.5 for c in (self.cx, self.cy))
         return PinholeCamera(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy)
 
@@ -115,10 +115,10 @@ class BlenderCamera:
 
 
 def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -> BlenderCamera:
-    """The exact settings for a K, also with fx != fy and an off-centre principal point.
+    """The exact Blender settings for a K, also with fx != fy and an off-centre principal point.
 
-    Blender measures shifts in units of the image width (horizontal fit) and knows one focal length; the ratio is put
-    into the pixel aspect. Blender keeps both aspects at 1 or above.
+    Blender's shifts are in units of the image width (horizontal fit). It has one focal length, so the ratio of fx and fy is set
+    as the pixel aspect; both aspects have to be 1 or more.
     """
     pixel_aspect_x, pixel_aspect_y = max(1.0, camera.fy / camera.fx), max(1.0, camera.fx / camera.fy)
     lens = camera.fx * sensor_width_mm / camera.width

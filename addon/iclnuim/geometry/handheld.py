@@ -1,12 +1,11 @@
 """Hand-held camera motion from a recipe: viewpoints, pace, shake and a seed -> a trajectory of given frames and length.
 
-The camera follows a smooth curve through the viewpoints, looks where each says, slows and rests, and the hands shake. The
-shake is the sum of bands of random motion whose power falls with frequency: sway of the body (some 0.25..1 Hz) and
-tremor of the hands (some 1..12 Hz; physiological tremor reaches up to about 12 Hz). For camera shake modelled on tremor
-see F. Gavant, L. Alacoque, A. Dupret, D. David, "A physiological camera shake model for image stabilization systems",
-IEEE Sensors 2011. Amounts and slopes follow what was measured on the official living-room kt0 and kt2: in 1..12 Hz some
-3 to 5 mm and 0.3 to 0.45 degrees RMS over the three axes together, power falling as f^-2.3 in position and f^-3 in
-rotation.
+The camera follows a smooth curve through the viewpoints, looks at their targets, slows down and rests, and shakes. The shake is
+the sum of bands of random motion whose power decreases with frequency: sway of the body (some 0.25..1 Hz) and tremor of the
+hands (some 1..12 Hz; physiological tremor has up to about 12 Hz). For camera shake modelled on tremor see F. Gavant, L.
+Alacoque, A. Dupret, D. David, "A physiological camera shake model for image stabilization systems", IEEE Sensors 2011.
+Amplitudes and slopes follow measurements of the official living-room kt0 and kt2: in 1..12 Hz some 3 to 5 mm and 0.3 to 0.45
+degrees RMS over the three axes together, with power proportional to f^-2.3 in position and f^-3 in rotation.
 """
 
 from dataclasses import dataclass
@@ -20,9 +19,9 @@ from . import so3
 from .se3 import SE3
 from .trajectory import FRAME_RATE_HZ, Trajectory
 
-#: The viewpoints are scaled about their mean until the length fits; beyond these factors the recipe itself is wrong.
+#: Limits of the factor by which the viewpoints are scaled about their mean to get the length; outside them the recipe is invalid.
 SCALE_LIMITS = (0.85, 1.15)
-#: A rotation between two viewpoints is unambiguous up to here.
+#: Maximum rotation between two viewpoints; a larger one has an ambiguous direction.
 MAX_YAW_STEP_DEG = 150.0
 SCHEMA_VERSION = 1
 
@@ -31,31 +30,31 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Viewpoint(Settings):
-    """A position of the camera and what it looks at (world), how long it rests there, and its roll."""
+    """A position of the camera, its target (both in the world), the duration of its rest there, and its roll."""
 
     group: ClassVar[str] = "a viewpoint"
 
     position_m: Point = parameter(MISSING, "position of the camera, world", unit="m", low=-1e4, high=1e4)
-    look_at_m: Point = parameter(MISSING, "what it looks at, world", unit="m", low=-1e4, high=1e4)
+    look_at_m: Point = parameter(MISSING, "target that the camera looks at, world", unit="m", low=-1e4, high=1e4)
     dwell_s: float = parameter(0.0, "rest at the viewpoint", unit="s", low=0.0, high=1e9)
     roll_deg: float = parameter(0.0, "clockwise roll of the camera", unit="degrees", low=-180.0, high=180.0)
-    hurry: float = parameter(1.0, "2: the leg to it is taken twice as fast as the others", low=0.1, high=10.0)
+    hurry: float = parameter(1.0, "speed factor of the motion to this viewpoint; 2: twice as fast", low=0.1, high=10.0)
 
 
 @dataclass(frozen=True)
 class Pace(Settings):
-    """Unhurried motion and rotation, whose ratio decides how the time is shared; and how long a start or stop takes."""
+    """Normal speeds of motion and rotation, whose ratio determines the share of time of each segment; and the duration of a start or stop."""
 
     group: ClassVar[str] = "a pace"
 
-    speed_m_s: float = parameter(MISSING, "speed of unhurried motion", unit="m/s", low=1e-3, high=1e3)
-    turn_deg_s: float = parameter(MISSING, "rate of unhurried rotation", unit="degrees/s", low=1e-3, high=1e5)
+    speed_m_s: float = parameter(MISSING, "normal speed of motion", unit="m/s", low=1e-3, high=1e3)
+    turn_deg_s: float = parameter(MISSING, "normal rate of rotation", unit="degrees/s", low=1e-3, high=1e5)
     ease_s: float = parameter(MISSING, "duration of a start or stop", unit="s", low=1e-3, high=1e9)
 
 
 @dataclass(frozen=True)
 class Shake(Settings):
-    """One band of random motion: RMS over the three axes together; power falls as frequency^-slope."""
+    """One band of random motion: RMS over the three axes together; power is proportional to frequency^-slope."""
 
     group: ClassVar[str] = "a shake"
 
@@ -74,14 +73,14 @@ class Shake(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe(Settings):
-    """A whole trajectory at 30 Hz (trajectories/README.md): its frames, its length with all shake, and what makes it."""
+    """A complete trajectory at 30 Hz (trajectories/README.md): its frames, its length including shake, and the parameters of its motion."""
 
     group: ClassVar[str] = "a recipe"
 
-    scene: str = parameter(MISSING, "the scene it is meant for")
+    scene: str = parameter(MISSING, "scene of the trajectory")
     about: str = parameter(MISSING, "a description")
     frames: int = parameter(MISSING, "poses at 30 Hz", low=2, high=1_000_000)
-    length_m: float = parameter(MISSING, "length with all shake", unit="m", low=1e-9, high=1e9)
+    length_m: float = parameter(MISSING, "length including shake", unit="m", low=1e-9, high=1e9)
     seed: int = parameter(MISSING, "seed of the shake", low=0, high=2**63 - 1)
     pace: Pace
     shakes: tuple[Shake, ...]
@@ -98,7 +97,7 @@ class Recipe(Settings):
 
 @dataclass(frozen=True)
 class Motion:
-    """The made trajectory, and the factor by which the viewpoints were spread for the length."""
+    """The generated trajectory, and the factor by which the viewpoints were scaled for the length."""
 
     trajectory: Trajectory
     scale: float
@@ -107,7 +106,7 @@ class Motion:
 def make(recipe: Recipe) -> Motion:
     """The recipe's motion: world z up, poses T_world_camera of the cv camera, stamps 1 + i / 30 s.
 
-    The length is the recipe's to 0.1 mm, shake included. Raises InputError where no scale within SCALE_LIMITS gives it.
+    The length, including shake, equals the recipe's to 0.1 mm. Raises InputError if no scale within SCALE_LIMITS gives it.
     """
     smooth, shake_m, shake_rad = _parts(recipe)
     centre = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
@@ -118,13 +117,13 @@ def make(recipe: Recipe) -> Motion:
 
 
 def natural_length_m(recipe: Recipe) -> float:
-    """The length with the viewpoints just where they are, shake included; the recipe's own length does not matter."""
+    """The length including shake if the viewpoints are not scaled; the length in the recipe is not used."""
     smooth, shake_m, _ = _parts(recipe)
     return float(np.linalg.norm(np.diff(smooth[:, :3] + shake_m, axis=0), axis=1).sum())
 
 
 def unhurried_s(recipe: Recipe) -> float:
-    """Seconds that the trajectory takes at the recipe's pace, rests and the last stop included; its own frames do not matter."""
+    """Duration in seconds at the recipe's pace, including rests and the last stop; the number of frames in the recipe is not used."""
     return float(_knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s)
 
 
@@ -136,7 +135,7 @@ def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     dwells_s = np.array([v.dwell_s for v in recipe.viewpoints])
     progress = eased_progress(np.diff(knots), dwells_s, recipe.pace.ease_s, times_s)
     shake_m, shake_rad = np.zeros((recipe.frames, 3)), np.zeros((recipe.frames, 3))
-    for s in recipe.shakes:  # amounts are RMS over the three axes together
+    for s in recipe.shakes:  # amplitudes are RMS over the three axes together
         band = recipe.frames, FRAME_RATE_HZ, s.low_hz, s.high_hz
         shake_m += band_noise(*band, s.position_slope, 3, rng) * (s.position_mm / 1000.0 / np.sqrt(3.0))
         shake_rad += band_noise(*band, s.rotation_slope, 3, rng) * (np.radians(s.rotation_deg) / np.sqrt(3.0))
@@ -144,32 +143,32 @@ def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
-    """Knots (n,) in seconds of unhurried motion; values (n, 6): position in metres, yaw (unwrapped), pitch, roll."""
+    """Knots (n,) in seconds at the normal pace; values (n, 6): position in metres, yaw (unwrapped), pitch, roll."""
     positions = np.array([v.position_m for v in recipe.viewpoints])
     gazes = np.array([v.look_at_m for v in recipe.viewpoints]) - positions
     across = np.hypot(gazes[:, 0], gazes[:, 1])
     if across.min() < 0.05:
-        raise InputError("look_at_m aside of position_m, not above or below it", found=f"viewpoint {across.argmin()}")
+        raise InputError("look_at_m not directly above or below position_m", found=f"viewpoint {across.argmin()}")
     pitches = np.arctan2(gazes[:, 2], across)
     yaw_steps = np.diff(np.arctan2(gazes[:, 1], gazes[:, 0]), prepend=0.0)
     yaw_steps[1:] -= 2 * np.pi * np.round(yaw_steps[1:] / (2 * np.pi))
     widest = 1 + np.abs(yaw_steps[1:]).argmax()
     if abs(yaw_steps[widest]) > np.radians(MAX_YAW_STEP_DEG):
-        hint = "a viewpoint between, to say which way round"
+        hint = "a viewpoint between, to define the direction of rotation"
         found = f"{np.degrees(yaw_steps[widest]):.0f} degrees before viewpoint {widest}"
         expected = f"rotations of at most {MAX_YAW_STEP_DEG:g} degrees between viewpoints"
         raise InputError(expected, found=found, hint=hint)
     rolls = np.radians([v.roll_deg for v in recipe.viewpoints])
-    moves_s = np.linalg.norm(np.diff(positions, axis=0), axis=1) / recipe.pace.speed_m_s
-    looks_s = np.degrees(np.hypot(yaw_steps[1:], np.diff(pitches))) / recipe.pace.turn_deg_s
+    motion_s = np.linalg.norm(np.diff(positions, axis=0), axis=1) / recipe.pace.speed_m_s
+    rotation_s = np.degrees(np.hypot(yaw_steps[1:], np.diff(pitches))) / recipe.pace.turn_deg_s
     hurries = np.array([v.hurry for v in recipe.viewpoints[1:]])
-    legs_s = np.maximum(np.hypot(moves_s, looks_s), 0.1) / hurries
+    segments_s = np.maximum(np.hypot(motion_s, rotation_s), 0.1) / hurries
     values = np.column_stack([positions, np.cumsum(yaw_steps), pitches, rolls])
-    return np.concatenate([[0.0], np.cumsum(legs_s)]), values
+    return np.concatenate([[0.0], np.cumsum(segments_s)]), values
 
 
 def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float) -> float:
-    """The factor on `smooth_m` that makes the whole trajectory `length_m` long: bisection, rounded to 1e-6."""
+    """The factor on `smooth_m` for which the trajectory has the length `length_m`, by bisection; rounded to 1e-6."""
 
     def length(scale: float) -> float:
         return float(np.linalg.norm(np.diff(scale * smooth_m + shake_m, axis=0), axis=1).sum())
@@ -185,7 +184,7 @@ def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float
 
 
 def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
-    """(n, 3, 3): the view's yaw from world x towards y, its pitch upwards, and a clockwise roll about it (radians)."""
+    """Rotations (n, 3, 3) from yaw (from world x towards y), pitch (upwards) and clockwise roll about the viewing direction, in radians."""
     sy, cy, sp, cp = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch)
     forward = np.stack([cy * cp, sy * cp, sp], -1)
     right = np.stack([sy, -cy, np.zeros_like(yaw)], -1)
@@ -194,13 +193,13 @@ def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) 
     return np.stack([cr * right + sr * down, cr * down - sr * right, forward], -1)
 
 
-# -- the parts: a C2 spline, an eased pace along it, and band-limited shake
+# -- parts: a C2 spline, progress along it with smooth starts and stops, and band-limited shake
 
 
 def natural_spline(knots: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The natural cubic spline through `values` (n, d) at rising `knots` (n,), n >= 2, read `at` (m,): (m, d).
+    """The natural cubic spline through `values` (n, d) at increasing `knots` (n,), n >= 2, evaluated `at` (m,): (m, d).
 
-    It is C2, without curvature at its ends; beyond them the end pieces run on.
+    It is C2, with zero curvature at its ends; outside them the first and last pieces are extrapolated.
     """
     h = np.diff(knots)
     slopes = np.diff(values, axis=0) / h[:, None]
@@ -208,12 +207,12 @@ def natural_spline(knots: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.
     piece = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(h) - 1)
     b = ((at - knots[piece]) / h[piece])[:, None]
     a = 1.0 - b
-    bend = (a * a * a - a) * curvatures[piece] + (b * b * b - b) * curvatures[piece + 1]
-    return a * values[piece] + b * values[piece + 1] + bend * (h[piece] * h[piece])[:, None] / 6.0
+    curve = (a * a * a - a) * curvatures[piece] + (b * b * b - b) * curvatures[piece + 1]
+    return a * values[piece] + b * values[piece + 1] + curve * (h[piece] * h[piece])[:, None] / 6.0
 
 
 def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Second derivatives (n, d) at the knots; plain elimination does the same operations on every machine."""
+    """Second derivatives (n, d) at the knots, by plain elimination, which does the same operations on every machine."""
     n = len(h) + 1
     curvatures = np.zeros((n, slopes.shape[1]))
     diagonal = np.zeros(n)
@@ -231,11 +230,11 @@ def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def eased_progress(legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_s: np.ndarray) -> np.ndarray:
-    """How far along the path a person is at `times_s` (m,): from 0 to sum(legs), at one rate, at rest in each dwell.
+    """Progress along the trajectory at `times_s` (m,): from 0 to sum(legs), at a constant rate, and at rest during each dwell.
 
     `legs` (n-1,) are the lengths between n stops in any unit, `dwells_s` (n,) the rests at the stops. Starts and stops
-    take `ease_s` and follow a quintic step, so that the progress is C3 in time. Raises InputError where the rests leave
-    no time.
+    take `ease_s` and follow a quintic step, so that the progress is C3 in time. Raises InputError if the rests leave no time
+    for motion.
     """
     duration_s = times_s[-1] - times_s[0]
     moving_s = duration_s - ease_s - dwells_s.sum()
@@ -250,12 +249,12 @@ def eased_progress(legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_
             progress -= rate * _eased_ramp(times_s - clock_s, ease_s)
         clock_s += dwell_s
         progress += rate * _eased_ramp(times_s - clock_s, ease_s)
-    # the last stop is not left again
+    # no start after the last stop
     return progress - rate * _eased_ramp(times_s - clock_s, ease_s)
 
 
 def _eased_ramp(t: np.ndarray, ease_s: float) -> np.ndarray:
-    """max(t, 0) with its bend rounded over |t| < ease/2: the integral of the quintic step 6x^5 - 15x^4 + 10x^3."""
+    """max(t, 0), smoothed over |t| < ease/2: the integral of the quintic step 6x^5 - 15x^4 + 10x^3."""
     x = np.clip(t / ease_s + 0.5, 0.0, 1.0)
     rounded = ease_s * x * x * x * x * ((x - 3.0) * x + 2.5)
     return np.where(t > ease_s / 2, t, rounded)
@@ -264,15 +263,15 @@ def _eased_ramp(t: np.ndarray, ease_s: float) -> np.ndarray:
 def band_noise(
     count: int, rate_hz: float, low_hz: float, high_hz: float, slope: float, channels: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """(count, channels) of periodic random motion, power falling as f^-slope in low..high Hz, each channel of RMS 1.
+    """(count, channels) periodic random motion, with power proportional to f^-slope in low..high Hz, and RMS 1 in each channel.
 
-    A sum of cosines at the series' own frequencies k / duration with random phases, so that the RMS is exact. Raises
-    InputError where the band holds no such frequency.
+    It is a sum of cosines with random phases at the frequencies k / duration, so that the RMS is exact. Raises InputError if
+    the band contains no such frequency.
     """
     frequencies_hz = np.arange(count // 2 + 1) * rate_hz / count
     inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz) & (frequencies_hz < rate_hz / 2)
     if not inside.any():
-        raise InputError(f"a band that {count} frames can hold", found=f"{low_hz:g}..{high_hz:g} Hz")
+        raise InputError(f"a band that contains a frequency of {count} frames", found=f"{low_hz:g}..{high_hz:g} Hz")
     amplitudes = (frequencies_hz[inside] / low_hz) ** (-slope / 2)
     amplitudes *= np.sqrt(2.0 / (amplitudes * amplitudes).sum())
     spectrum = np.zeros((channels, len(inside)), complex)

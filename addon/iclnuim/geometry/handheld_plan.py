@@ -1,4 +1,4 @@
-"""A hand-held trajectory planned through waypoints in a scene: its route round obstacles, its gaze, its pace, as a recipe of handheld."""
+"""Planning of a hand-held trajectory through waypoints in a scene: a route around obstacles, viewing directions and pace, as a recipe of handheld."""
 
 import heapq
 from collections.abc import Callable
@@ -15,25 +15,25 @@ from .handheld import Pace, Point, Recipe, Shake, Viewpoint
 
 #: Clearance (n,) in metres at points (n, 3): the distance to the nearest surface.
 Clearance = Callable[[np.ndarray], np.ndarray]
-#: Cells beyond this number are made larger; fewer than this are not made.
+#: Maximum number of cells, and minimum side of a cell.
 _MAX_CELLS, _MIN_CELL_M = 400_000, 0.1
-#: What the hands do unless asked otherwise: the amounts of our own kt0..kt3.
+#: Default shake of the hands: the amplitudes of our kt0..kt3.
 SHAKES = (
     Shake(0.25, 1.0, position_mm=8.0, rotation_deg=0.9, position_slope=1.0, rotation_slope=1.0),
     Shake(1.0, 12.0, position_mm=2.0, rotation_deg=0.25, position_slope=2.5, rotation_slope=3.0),
 )
-#: Without a point to look at the camera looks ahead, a little down.
+#: Pitch downwards if a waypoint has no target: the camera then looks ahead along the route.
 _DOWN_RAD = 0.1
-#: The route is planned this much farther from surfaces than asked, if possible, for spline and shake.
+#: Margins added to the requested clearance when the route is planned, tried in this order: spline and shake leave the route.
 MARGINS_M = (0.15, 0.05, 0.0)
-#: Spacing of viewpoints on the route: first wide, then so close that the spline cannot leave it.
+#: Spacings of viewpoints on the route, tried in this order: with smaller ones the spline stays closer to the route.
 _SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
 _MAX_YAW_STEP_RAD = np.radians(80.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSpace:
-    """clearance_m (i, j, k) at the centres low_m + cell_m * (i, j, k), and the function that it was read from."""
+    """clearance_m (i, j, k) at the cell centres low_m + cell_m * (i, j, k), and the function `measure` that computes it."""
 
     low_m: np.ndarray
     cell_m: float
@@ -42,7 +42,7 @@ class FreeSpace:
 
     @classmethod
     def between(cls, low_m: np.ndarray, high_m: np.ndarray, measure: Clearance) -> "FreeSpace":
-        """Over a box, in cells of 0.1 m or larger where the box is large."""
+        """The free space of a box, in cells of 0.1 m, or larger for a large box."""
         size = np.maximum(high_m - low_m, 1e-3)
         cell_m = max(_MIN_CELL_M, float((size.prod() / _MAX_CELLS) ** (1 / 3)), float(size.max()) / 400)
         shape = tuple(int(n) + 1 for n in np.ceil(size / cell_m))
@@ -50,22 +50,22 @@ class FreeSpace:
         return cls(low_m, cell_m, measure(points).reshape(shape), measure)
 
     def route(self, start_m: np.ndarray, end_m: np.ndarray, clear_m: float) -> np.ndarray:
-        """(n, 3) corners of a route from start to end that keeps `clear_m` from every surface, both included.
+        """(n, 3) corners, including start and end, of a route with a distance of at least `clear_m` to every surface.
 
-        Straight where that is clear; else the shortest by A* from cell to cell, then straightened. Raises InputError where there is none.
+        It is straight if possible, else the shortest route by A* on the cells, then straightened. Raises InputError if there is none.
         """
         if self._is_clear(start_m, end_m, clear_m):
             return np.stack([start_m, end_m])
         cells = self._search(self._cell(start_m), self._cell(end_m), clear_m)
         points = np.stack([start_m, *(self.low_m + self.cell_m * c for c in cells), end_m])
-        kept, here = [points[0]], 0
-        while here < len(points) - 1:  # corners are left out as long as what joins the rest is clear
-            there = len(points) - 1
-            while there > here + 1 and not self._is_clear(points[here], points[there], clear_m):
-                there -= 1
-            kept.append(points[there])
-            here = there
-        return np.stack(kept)
+        corners, current = [points[0]], 0
+        while current < len(points) - 1:  # skip corners as long as the straight connection is clear
+            target = len(points) - 1
+            while target > current + 1 and not self._is_clear(points[current], points[target], clear_m):
+                target -= 1
+            corners.append(points[target])
+            current = target
+        return np.stack(corners)
 
     def _cell(self, point_m: np.ndarray) -> tuple[int, int, int]:
         index = np.rint((point_m - self.low_m) / self.cell_m).astype(int)
@@ -73,21 +73,23 @@ class FreeSpace:
         return i, j, k
 
     def _search(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
-        """Cells from start to end (A*). The two themselves need not be as clear: they were checked before."""
-        free = np.pad(self.clearance_m >= clear_m, 1)  # with a border that no route crosses; cells by their index in it
+        """Cells from start to end (A*). The clearance of these two is not checked here."""
+        free = np.pad(self.clearance_m >= clear_m, 1)  # with a blocked border; cells are flat indices of this array
         first, goal = (int(np.ravel_multi_index(tuple(n + 1 for n in cell), free.shape)) for cell in (start, end))
         free.flat[goal] = True
-        away = np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1).ravel().tolist()
+        heuristic = (
+            np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1).ravel().tolist()
+        )
         clear, across = free.tobytes(), (free.shape[1] * free.shape[2], free.shape[2], 1)
         steps = [(int(np.dot(n, across)), float(np.linalg.norm(n))) for n in product((-1, 0, 1), repeat=3) if any(n)]
-        if not _reaches(free, first, goal, np.array([step for step, _ in steps])):
-            found = f"none that keeps {clear_m:.2f} m from every surface"
+        if not _is_reachable(free, first, goal, np.array([step for step, _ in steps])):
+            found = f"none with {clear_m:.2f} m to every surface"
             hint = "a smaller {clearance_m}, or viewpoints in one room"
             raise InputError("viewpoints with a route between them", found=found, hint=hint)
         length: dict[int, float] = {first: 0.0}
         before: dict[int, int | None] = {first: None}
         open_, done = [(0.0, first)], set()
-        while True:  # there is a route
+        while True:  # terminates, because the goal is reachable
             cell = heapq.heappop(open_)[1]
             if cell == goal:
                 route = [goal]
@@ -97,14 +99,14 @@ class FreeSpace:
             if cell in done:
                 continue
             done.add(cell)
-            for step, far in steps:
+            for step, step_length in steps:
                 other = cell + step
                 if not clear[other] or other in done:
                     continue
-                longer = length[cell] + far
-                if longer < length.get(other, np.inf):
-                    length[other], before[other] = longer, cell
-                    heapq.heappush(open_, (longer + away[other], other))
+                new_length = length[cell] + step_length
+                if new_length < length.get(other, np.inf):
+                    length[other], before[other] = new_length, cell
+                    heapq.heappush(open_, (new_length + heuristic[other], other))
 
     def _is_clear(self, a_m: np.ndarray, b_m: np.ndarray, clear_m: float) -> bool:
         count = max(2, int(np.linalg.norm(b_m - a_m) / 0.05) + 2)
@@ -113,24 +115,24 @@ class FreeSpace:
         return bool((self.measure(inner) >= clear_m).all())
 
 
-def _reaches(free: np.ndarray, first: int, goal: int, steps: np.ndarray) -> bool:
-    """Whether steps (n,) between flat indices lead from `first` to `goal` through free cells."""
-    seen, front = np.zeros(free.size, bool), np.array([first])
-    while len(front) and not seen[goal]:
-        front = np.unique(front[:, None] + steps)
-        front = front[free.flat[front] & ~seen[front]]
-        seen[front] = True
+def _is_reachable(free: np.ndarray, first: int, goal: int, steps: np.ndarray) -> bool:
+    """Whether `goal` is reachable from `first` through free cells by steps (n,) between flat indices."""
+    seen, frontier = np.zeros(free.size, bool), np.array([first])
+    while len(frontier) and not seen[goal]:
+        frontier = np.unique(frontier[:, None] + steps)
+        frontier = frontier[free.flat[frontier] & ~seen[frontier]]
+        seen[frontier] = True
     return bool(seen[goal])
 
 
 @dataclass(frozen=True)
 class PlanSettings(Settings):
-    """How a hand-held camera moves between given waypoints."""
+    """Motion of a hand-held camera between given waypoints."""
 
     group: ClassVar[str] = "settings of a hand-held trajectory"
 
     clearance_m: float = setting(
-        0.25, "least distance from every surface", unit="m", low=0.01, high=10.0, option="--clearance"
+        0.25, "minimum distance from every surface", unit="m", low=0.01, high=10.0, option="--clearance"
     )
     speed_m_s: float = setting(0.3, "speed of motion", unit="m/s", low=0.01, high=10.0, option="--speed")
     shake: float = setting(1.0, "factor on the shake of the hands", low=0.0, high=10.0)
@@ -139,7 +141,7 @@ class PlanSettings(Settings):
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A position (metres) of the camera, what it looks at there (None: ahead), and seconds of rest."""
+    """A position of the camera in metres, its target (None: it looks ahead), and seconds of rest."""
 
     position_m: Point
     look_at_m: Point | None = None
@@ -148,7 +150,7 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Plan:
-    """A recipe whose trajectory keeps clear, its motion, and the least clearance of any pose in metres."""
+    """A recipe whose trajectory has the required clearance, its motion, and its minimum clearance in metres."""
 
     recipe: Recipe
     motion: handheld.Motion
@@ -156,9 +158,9 @@ class Plan:
 
 
 def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: PlanSettings | None = None) -> Plan:
-    """Hand-held motion through the waypoints that keeps clear of every surface. Raises InputError where that cannot be.
+    """Hand-held motion through the waypoints with the required clearance to every surface. Raises InputError if there is none.
 
-    scene: its name in the recipe.
+    scene: the name of the scene in the recipe.
     """
     settings = settings or PlanSettings()
     clear_m = settings.clearance_m
@@ -188,12 +190,12 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
                 return Plan(recipe, motion, float(clearances[worst]))
             place = ", ".join(f"{x:.2f}" for x in motion.trajectory.positions_m[worst])
             found = f"{clearances[worst]:.2f} m at ({place})"
-    hint = "a smaller {clearance_m}, less {shake}, or a viewpoint more"
-    raise InputError(f"viewpoints whose trajectory keeps {clear_m:g} m from every surface", found=found, hint=hint)
+    hint = "a smaller {clearance_m}, less {shake}, or one more viewpoint"
+    raise InputError(f"viewpoints whose trajectory is {clear_m:g} m from every surface", found=found, hint=hint)
 
 
 def _viewpoints(waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float) -> tuple[Viewpoint, ...]:
-    """The waypoints with points of the routes between them; the gaze rotates evenly from one to the next."""
+    """The waypoints with points of the routes between them; the viewing direction rotates uniformly from one to the next."""
     gazes = _gazes(waypoints, routes)
     found = [_viewpoint(waypoints[0].position_m, *gazes[0], waypoints[0].dwell_s)]
     for k, route in enumerate(routes):
@@ -215,7 +217,8 @@ def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[fl
         across = float(np.hypot(gaze[0], gaze[1]))
         if across < 0.05:
             if waypoint.look_at_m is not None:
-                raise InputError("a point to look at aside of the viewpoint", found=f"{waypoint.look_at_m}")
+                expected = "a target not directly above or below the viewpoint"
+                raise InputError(expected, found=f"{waypoint.look_at_m}")
             yaw = found[-1][0] if found else 0.0
         else:
             yaw = float(np.arctan2(gaze[1], gaze[0]))
@@ -225,7 +228,7 @@ def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[fl
 
 
 def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shares (n,) of the route's length and the points (n, 3) there: its corners, and more where they lie far apart."""
+    """Shares (n,) of the route's length and the points (n, 3) there: its corners, and more points where these are far apart."""
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1))])
     whole = max(float(reached[-1]), 1e-9)
     count = max(min_count, int(np.ceil(whole / spacing_m)))
@@ -237,22 +240,22 @@ def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndar
 
 
 def _viewpoint(position_m: np.ndarray | tuple, yaw: float, pitch: float, dwell_s: float) -> Viewpoint:
-    """Rounded to 0.1 mm, so that the recipe reads well and makes the same trajectory."""
+    """A viewpoint rounded to 0.1 mm, so that the written recipe is short and gives the same trajectory."""
     ahead = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
     place = np.array(position_m, float)
     return Viewpoint(rounded(place), rounded(place + 2.0 * ahead), dwell_s)
 
 
 def rounded(point: np.ndarray) -> Point:
-    """To 0.1 mm."""
+    """The point rounded to 0.1 mm."""
     x, y, z = (round(float(v), 4) for v in point)
     return x, y, z
 
 
 def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSettings) -> Recipe:
-    """With the length that the viewpoints give at this pace, so that nothing is scaled."""
-    much = settings.shake
-    shakes = (replace(s, position_mm=much * s.position_mm, rotation_deg=much * s.rotation_deg) for s in SHAKES)
+    """A recipe with the length and duration that the viewpoints have at this pace, so that they are not scaled."""
+    factor = settings.shake
+    shakes = (replace(s, position_mm=factor * s.position_mm, rotation_deg=factor * s.rotation_deg) for s in SHAKES)
     recipe = Recipe(
         scene=scene,
         about="A walk through viewpoints, clear of the surfaces.",

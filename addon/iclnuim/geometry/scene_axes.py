@@ -1,4 +1,4 @@
-"""Where a scene file's axes and units lead: the options of a reading, the matrix they make, and a guess for files that say nothing."""
+"""Axes and units of a scene file: the settings for reading it, the resulting matrix, and a guess for files that do not define them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..settings import Settings, declared, setting
 from . import axes
 
-#: Axis that points up in the file -> rotation that turns it to z.
+#: Axis that points up in the file -> rotation that maps it to z.
 UP = {
     "z": np.eye(3),
     "y": axes.Z_UP_FROM_Y_UP,
@@ -20,19 +20,20 @@ UP = {
     "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
 }
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-#: Metres are believed while the largest extent and the height stay within these; else the unit is taken that makes a room's height.
+#: Metres are plausible if the largest extent and the height are within these limits; else the unit is guessed from the height of a room.
 PLAUSIBLE_M, MAX_HEIGHT_M = (0.2, 60.0), 15.0
-#: Rooms are this high, mostly by about a quarter more or less; and so high at least and at most.
+#: Height of rooms, its spread (about a quarter), and its minimum and maximum.
 ROOM_HEIGHT_M, _SPREAD, _HEIGHTS_M = 2.6, 0.25, (1.9, 12.0)
-#: A height off by this many spreads is no room's, and the shape alone speaks.
+#: A height that differs by more than this number of spreads is not that of a room, and only the shape is used.
 _MAX_SPREADS = 2.8
 LAYERS = 20
-#: Another axis than the format's usual one is taken for up where its evidence is this many times larger; x, which few programs use, this many.
+#: An axis other than the format's usual one is chosen as up if its evidence is larger by this factor. x, which few programs use, needs
+#: CLEARLY_X; a unit other than metres needs CLEARLY_UNIT in addition.
 CLEARLY, CLEARLY_X, CLEARLY_UNIT = 1.5, 4.0, 4.0
 
 
 def parse_unit(text: str) -> float:
-    """Metres of `cm`, `in`, ... or of a number. Raises InputError."""
+    """The unit in metres, from `cm`, `in`, ... or a number. Raises InputError."""
     try:
         return UNITS_M[text] if text in UNITS_M else float(text)
     except ValueError:
@@ -41,7 +42,7 @@ def parse_unit(text: str) -> float:
 
 @dataclass(frozen=True)
 class SceneReading(Settings):
-    """How a scene file is to be read; None leaves it to the file or to a guess, which is reported."""
+    """Settings for reading a scene file; None: as defined by the file, or a guess, which is reported."""
 
     group: ClassVar[str] = "the scene's reading"
 
@@ -62,27 +63,27 @@ class SceneReading(Settings):
     )
     mirror: str = setting(
         "none",
-        "axis of the scene's file to mirror before all else",
+        "axis of the scene's file to mirror before any other conversion",
         choices={"none": "nothing is mirrored", **{axis: f"the {axis} axis is mirrored" for axis in "xyz"}},
     )
     textures: str | None = setting(
         None,
-        "a further folder that the scene's textures may come from; default: its own only",
+        "additional folder with textures of the scene; default: only the scene's folder",
         parse=lambda text: str(Path(text).expanduser().resolve()),
     )
-    allow_outside: bool = setting(False, "read whatever files the scene names, wherever they are")
+    allow_outside: bool = setting(False, "read all files that the scene refers to, in any folder")
 
     def to_dict(self) -> dict[str, Any]:
-        """The inverse of from_dict; what is left open is left out."""
+        """The inverse of from_dict; settings with their default values are left out."""
         return {k: v for k, v in super().to_dict().items() if v != declared(SceneReading)[k].default}
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a guess goes by, along the file's axes, backdrops left out.
+    """Measures of a scene for the guess, along the file's axes and without backdrops.
 
-    low (3,), extent (3,): its box; level (3, LAYERS): the area square to each axis in layers from its low to its high end, in shares of the cross-section;
-    askew (3,): the share of surfaces neither square nor parallel to it.
+    low (3,), extent (3,): its box. level (3, LAYERS): for each axis, the area perpendicular to it, in layers from its low to its high end, as a
+    share of the cross-section. askew (3,): the share of surfaces that are neither perpendicular nor parallel to the axis.
     """
 
     low: np.ndarray
@@ -92,15 +93,16 @@ class Shape:
 
 
 def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:
-    """(3, 3): p_world = M p_file, in metres and z up. Determinant below 0 where something is mirrored."""
+    """(3, 3): M with p_world = M p_file, in metres and z up. The determinant is negative if an axis is mirrored."""
     flip = np.diag([-1.0 if axis == mirror else 1.0 for axis in "xyz"])
     return unit_m * UP[up] @ flip
 
 
 def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
-    """Of vertices (n, 3) and triangles (m, 3). What lies far from the detail does not count: a landscape seen through a window.
+    """The shape of vertices (n, 3) and triangles (m, 3). Parts far from the detail are not used, such as a landscape behind a window.
 
-    The extent is that of 98 % of the area: floor and ceiling count however few corners they have. A surface is square to an axis within some 15 degrees.
+    The extent is that of 98 % of the area, so that floor and ceiling count even with few vertices. A surface is perpendicular to an axis within
+    some 15 degrees.
     """
     corners = vertices[triangles.reshape(-1)].reshape(-1, 3, 3)
     low, high = np.percentile(corners.reshape(-1, 3), (2, 98), axis=0)
@@ -121,7 +123,7 @@ def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
 
 
 def _ends(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(2,) the values below and above which 1 % of the weight lies."""
+    """(2,) the values below and above which 1 % of the weight is."""
     order = values.argsort()
     share = np.cumsum(weights[order])
     at = np.searchsorted(share, np.array([0.01, 0.99]) * share[-1])
@@ -129,10 +131,10 @@ def _ends(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
-    """The axis that points up: floors, ceilings and table tops are large, scenes are wider than high, and rooms some 2.6 m high.
+    """The axis that points up: floors, ceilings and table tops are large, scenes are wider than high, and rooms are some 2.6 m high.
 
-    Evidence is the level area per height, times how likely the height is a room's in `unit_m` or the unit guessed for it. The format's
-    `usual` axis wins unless another is clearly better.
+    The evidence is the horizontal area per height, times the likelihood of the height for a room, in `unit_m` or the guessed unit. The format's
+    `usual` axis is chosen unless another is clearly better.
     """
 
     def evidence(axis: str) -> float:
@@ -147,9 +149,9 @@ def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
 
 
 def guess_unit_m(shape: Shape, up: str) -> float:
-    """Metres if the scene is then of a plausible size; else the unit that makes it most nearly as high as a room; where none does, metres.
+    """Metres if the scene then has a plausible size, else the unit for which its height is closest to that of a room; metres if there is none.
 
-    A hall of two storeys' height whose tables would be as high as a person is a room in feet.
+    A scene as high as two storeys, with tables as high as a person, is a room in feet.
     """
     k = "xyz".index(up[-1])
     height = float(shape.extent[k])
@@ -164,13 +166,13 @@ def guess_unit_m(shape: Shape, up: str) -> float:
 
 
 def is_plausible(extent_m: np.ndarray, up: str) -> bool:
-    """Whether a scene of this extent (3,) is believed: from a thing on a table to a building."""
+    """Whether a scene of this extent (3,) in metres is plausible: from an object on a table to a building."""
     low, high = PLAUSIBLE_M
     return bool(low <= extent_m.max() <= high and extent_m["xyz".index(up[-1])] <= MAX_HEIGHT_M)
 
 
 def unit_name(unit_m: float) -> str:
-    """`centimetres`, or `0.3 m`."""
+    """The name of a unit, such as `centimetres` or `units of 0.3 m`."""
     names = dict(
         zip(UNITS_M.values(), ("metres", "decimetres", "centimetres", "millimetres", "inches", "feet"), strict=True)
     )

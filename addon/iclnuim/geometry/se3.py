@@ -1,4 +1,4 @@
-"""Rigid motions SE(3) as a frozen value type over arrays of any leading shape.
+"""Rigid motions SE(3) as an immutable type over arrays of any leading shape.
 
 `T_a_b` is the pose of b in a: p_a = T_a_b.apply(p_b), and T_a_b @ T_b_c = T_a_c. Lengths in metres.
 """
@@ -13,7 +13,7 @@ from . import so3
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """A view of the same numbers that cannot be written to; the array given stays as it is."""
+    """A read-only view of the array; the array itself stays writable."""
     view = np.asarray(array).view()
     view.setflags(write=False)
     return view
@@ -23,7 +23,7 @@ def read_only(array: np.ndarray) -> np.ndarray:
 class SE3:
     """Rotation (..., 3, 3) and translation (..., 3) in metres, float64, read-only.
 
-    The constructor trusts its arrays; `from_matrix` and the `from_quat_*` functions check theirs.
+    The constructor does not check that the rotation is one; `from_matrix` and the `from_quat_*` functions do.
     """
 
     rotation: np.ndarray
@@ -44,7 +44,7 @@ class SE3:
 
     @classmethod
     def from_matrix(cls, matrix: np.ndarray) -> "SE3":
-        """(..., 3, 4) or (..., 4, 4). A rotation off by rounding is moved to the nearest one, else InputError."""
+        """From (..., 3, 4) or (..., 4, 4). A rotation with rounding errors becomes the nearest rotation; raises InputError for larger errors."""
         m = np.asarray(matrix, float)
         if m.shape[-2:] not in ((3, 4), (4, 4)):
             raise InputError("matrices (..., 3, 4) or (..., 4, 4)", found=m.shape)
@@ -56,12 +56,12 @@ class SE3:
 
     @classmethod
     def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> "SE3":
-        """(..., 4) scalar last, (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised."""
+        """From quaternions (..., 4), scalar last, and translations (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised."""
         return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
 
     @classmethod
     def exp(cls, twist: np.ndarray) -> "SE3":
-        """(..., 6): translational part first (metres), rotation vector last (radians)."""
+        """From twists (..., 6): translational part first (metres), rotation vector last (radians)."""
         twist = np.asarray(twist, float)
         v, w = twist[..., :3], twist[..., 3:]
         angle = np.linalg.norm(w, axis=-1)[..., None, None]
@@ -73,18 +73,18 @@ class SE3:
 
     @property
     def matrix(self) -> np.ndarray:
-        """(..., 4, 4)."""
+        """Matrices (..., 4, 4)."""
         m = np.zeros((*self.shape, 4, 4))
         m[..., :3, :3], m[..., :3, 3], m[..., 3, 3] = self.rotation, self.translation, 1.0
         return m
 
     @property
     def quat_xyzw(self) -> np.ndarray:
-        """(..., 4), scalar last and not negative."""
+        """Quaternions (..., 4), scalar last and not negative."""
         return so3.quat_xyzw_from_matrix(self.rotation)
 
     def log(self) -> np.ndarray:
-        """(..., 6), the inverse of exp; the rotation vector has a length of at most pi."""
+        """Twists (..., 6), the inverse of exp; the rotation vector has a length of at most pi."""
         w = so3.log(self.rotation)
         t = np.linalg.norm(w, axis=-1)[..., None, None]
         k, t2, small = so3.hat(w), t * t, t < 0.05
@@ -106,7 +106,7 @@ class SE3:
         return SE3(rotation, np.broadcast_to(translation, rotation.shape[:-1]))
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., n, 3) or (3,), metres: p_a = T_a_b.apply(p_b). One pose serves points of any leading shape."""
+        """Transform points (..., n, 3) or (3,) in metres: p_a = T_a_b.apply(p_b). A single pose applies to points of any leading shape."""
         points = np.asarray(points, float)
         if points.ndim == 1:
             return (self.rotation @ points[..., None])[..., 0] + self.translation

@@ -1,6 +1,6 @@
 """Rotations in three dimensions: matrix, quaternion and rotation vector, over arrays of any leading shape.
 
-Stable where the usual formulas break: angles near 0 (series), angles near pi (by way of the quaternion).
+Numerically stable for angles near 0 (by series) and near pi (by quaternions).
 All results are float64. Quaternions are Hamilton's, order named by each function.
 """
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from ..errors import InputError
 
-#: A quaternion may be off length one by this share and is normalised; beyond it, refused. Three printed decimals pass.
+#: A quaternion whose length differs from one by at most this is normalised, else an error. Three printed decimals are enough.
 QUAT_NORM_TOLERANCE = 1e-2
-#: A matrix may be off R^T R = I by this much (largest entry) and becomes the nearest rotation; beyond it, refused.
+#: A matrix with R^T R = I up to this (largest entry) becomes the nearest rotation, else an error.
 MATRIX_TOLERANCE = 1e-3
 _SMALL_ANGLE = 1e-4
 
@@ -25,9 +25,9 @@ def hat(w: np.ndarray) -> np.ndarray:
 
 
 def unit_quaternion(quat: np.ndarray) -> np.ndarray:
-    """(..., 4) in either order -> the same of length one.
+    """(..., 4) in either order -> normalised to length one.
 
-    Raises InputError where a length differs from one by more than QUAT_NORM_TOLERANCE, or is not finite.
+    Raises InputError if a length differs from one by more than QUAT_NORM_TOLERANCE, or is not finite.
     """
     quat = np.asarray(quat, float)
     with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
@@ -53,8 +53,8 @@ def matrix_from_quat_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
 def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
     """(..., 3, 3) -> (..., 4), scalar last, scalar >= 0.
 
-    Each of the four outer products of the quaternion with itself is formed and the best conditioned one taken
-    (Shepperd 1978), so that no angle loses digits.
+    Computes the four outer products of the quaternion with itself and uses the best conditioned one (Shepperd 1978), so that
+    all angles have full precision.
     """
     m = np.asarray(rotation, float)
     d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -100,29 +100,29 @@ def angle(rotation: np.ndarray) -> np.ndarray:
 
 
 def exp_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 of t = angle, by series below 1e-4."""
+    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 for t = angle, by series below 1e-4."""
     t = np.asarray(angle, float)
     small = t < _SMALL_ANGLE
     s = np.where(small, 1.0, t)
     t2 = t * t
     a = np.where(small, 1.0 - t2 / 6.0, np.sin(s) / s)
     b = np.where(small, 0.5 - t2 / 24.0, 2.0 * (np.sin(s / 2.0) / s) ** 2)
-    # (s - sin s)/s^3 loses digits to about 1e-3; more terms of the series there
+    # (s - sin s)/s^3 loses precision up to about 1e-3, so the series has more terms there
     series = 1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0
     c = np.where(t < 0.05, series, (s - np.sin(s)) / (s * s * s))
     return a, b, c
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) almost a rotation (as from few printed digits or float32) -> the nearest rotation.
+    """(..., 3, 3) approximate rotation (such as from few printed digits or float32) -> the nearest rotation.
 
-    Raises InputError where R^T R is further than MATRIX_TOLERANCE from the identity, or where det R < 0.
+    Raises InputError if R^T R differs from the identity by more than MATRIX_TOLERANCE, or if det R < 0.
     """
     m = np.asarray(matrix, float)
     with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
         off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
     if not off <= MATRIX_TOLERANCE:
-        raise InputError("rotation matrices", found=f"R^T R off the identity by {off:.3g}")
+        raise InputError("rotation matrices", found=f"R^T R that differs from the identity by {off:.3g}")
     if m.size and np.linalg.det(m).min() < 0:
         hint = "converting its axes first"
         raise InputError("rotation matrices with determinant +1", found="a reflection", hint=hint)

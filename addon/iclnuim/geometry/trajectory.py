@@ -1,4 +1,4 @@
-"""A timed camera path: statistics, equation 2 of the paper, resampling, slices."""
+"""A camera trajectory with time stamps: statistics, equation 2 of the paper, resampling, slices."""
 
 from dataclasses import dataclass
 
@@ -10,27 +10,28 @@ from . import so3
 from .se3 import SE3
 
 FRAME_RATE_HZ = 30.0
-#: Stamp of frame 0, for ROS and RTAB-Map take a stamp of 0 for none; and the digits after the point that stamps are written with.
+#: Stamp of frame 0 (not 0, which means no stamp in ROS and RTAB-Map), and number of decimals of written stamps.
 FIRST_STAMP_S, STAMP_DIGITS = 1.0, 6
-#: More than eleven hours at 240 Hz: what asks for more has a broken stamp.
-MOST_FRAMES = 10_000_000
+#: More than eleven hours at 240 Hz. A larger number of frames is due to a wrong stamp.
+MAX_FRAMES = 10_000_000
 
 
 def stamps_of_frames(numbers: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
-    """Seconds of frames by their numbers from 0: 1 + number / rate, to the microsecond. All stamps that are made come from here."""
+    """Stamps in seconds of frames numbered from 0: 1 + number / rate, to the microsecond. All generated stamps are computed here."""
     return np.round(FIRST_STAMP_S + np.asarray(numbers, float) / rate_hz, STAMP_DIGITS)
 
 
 def frames_of_stamps(stamps_s: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
-    """The inverse; between two frames a fraction. Where a stamp is below 1 s, all count from 0 s, as those of release 0.1 do."""
+    """Frame numbers of stamps, the inverse of stamps_of_frames(); fractions between frames. If a stamp is below 1 s, all are relative to
+    0 s, as in release 0.1."""
     stamps_s = np.asarray(stamps_s, float)
     start_s = FIRST_STAMP_S if stamps_s.min(initial=np.inf) >= FIRST_STAMP_S - 10.0**-STAMP_DIGITS else 0.0
     return (stamps_s - start_s) * rate_hz
 
 
 def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
-    """Frames a second by the mean step, gaps left out; a whole number where that is within a microsecond, to which stamps are rounded.
-    The benchmark's rate for fewer than two stamps.
+    """Frame rate from the mean step without gaps; a whole number if that is correct to a microsecond, to which stamps are rounded.
+    For fewer than two stamps, the benchmark's rate.
     """
     steps_s = np.diff(np.asarray(stamps_s, float))
     if not steps_s.size:
@@ -72,15 +73,15 @@ class Trajectory:
 
     @property
     def positions_m(self) -> np.ndarray:
-        """(n, 3)."""
+        """Positions (n, 3)."""
         return self.T_world_camera.translation
 
     def step_lengths_m(self) -> np.ndarray:
-        """(n-1,)."""
+        """Distances (n-1,) between neighbouring poses."""
         return np.linalg.norm(np.diff(self.positions_m, axis=0), axis=1)
 
     def step_angles_rad(self) -> np.ndarray:
-        """(n-1,): angle of the rotation between neighbouring poses."""
+        """Angles (n-1,) of the rotations between neighbouring poses."""
         r = self.T_world_camera.rotation
         return so3.angle(np.swapaxes(r[:-1], -1, -2) @ r[1:])
 
@@ -90,7 +91,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class TrajectoryStatistics:
-    """What Table I prints, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step of 1.5 usual ones."""
+    """The values of the paper's Table I, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step of more than 1.5 median steps."""
 
     frames: int
     length_m: float
@@ -105,7 +106,7 @@ class TrajectoryStatistics:
 
 
 def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
-    """Statistics of one trajectory; zeros for the rates of a single pose."""
+    """Statistics of one trajectory; the rates of a single pose are zero."""
     steps_s = np.diff(trajectory.stamps_s)
     if len(steps_s) == 0:
         return TrajectoryStatistics(len(trajectory), 0, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -123,7 +124,7 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
 def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Trajectory:
     """Equation 2: T_pov_cam = T_pov_kintinuous . T_kintinuous_cam, after uniform scaling of the source.
 
-    T_pov_kintinuous maps the source's first pose on `T_world_start`, the first pose in the scene.
+    T_pov_kintinuous maps the source's first pose to `T_world_start`, the first pose in the scene.
     """
     if not np.isfinite(scale) or scale <= 0:
         raise InputError("a scale > 0", found=scale)
@@ -134,39 +135,40 @@ def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Traject
 
 
 def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
-    """Poses at any stamps inside the trajectory's span, by screw motions between neighbours (SE(3) interpolation)."""
+    """Poses at any stamps within the trajectory's time span, by screw motions between neighbours (SE(3) interpolation)."""
     stamps_s = np.asarray(stamps_s, float)
-    own = trajectory.stamps_s
-    if len(own) < 2:
-        raise InputError("at least two poses to interpolate between", found=len(own))
-    slack = 1e-9 * max(1.0, abs(own[-1]))
-    if stamps_s.size and (stamps_s.min() < own[0] - slack or stamps_s.max() > own[-1] + slack):
+    given_s = trajectory.stamps_s
+    if len(given_s) < 2:
+        raise InputError("at least two poses to interpolate between", found=len(given_s))
+    slack = 1e-9 * max(1.0, abs(given_s[-1]))
+    if stamps_s.size and (stamps_s.min() < given_s[0] - slack or stamps_s.max() > given_s[-1] + slack):
         found = f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s"
-        raise InputError(f"stamps within {own[0]:.6f}..{own[-1]:.6f} s", found=found)
-    before = np.clip(np.searchsorted(own, stamps_s, side="right") - 1, 0, len(own) - 2)
-    share = np.clip((stamps_s - own[before]) / (own[before + 1] - own[before]), 0.0, 1.0)
+        raise InputError(f"stamps within {given_s[0]:.6f}..{given_s[-1]:.6f} s", found=found)
+    before = np.clip(np.searchsorted(given_s, stamps_s, side="right") - 1, 0, len(given_s) - 2)
+    share = np.clip((stamps_s - given_s[before]) / (given_s[before + 1] - given_s[before]), 0.0, 1.0)
     poses = trajectory.T_world_camera
     return poses[before].interpolate(poses[before + 1], share)
 
 
 def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
-    """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays inside the span."""
+    """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays within the time span."""
     if not 15.0 <= rate_hz <= 240.0:
         raise InputError("a rate of 15 to 240 Hz", found=rate_hz)
     if len(trajectory) < 2:
         raise InputError("at least two poses to interpolate between", found=len(trajectory))
     start, end = trajectory.stamps_s[[0, -1]]
     frames = (end - start) * rate_hz
-    if frames > MOST_FRAMES:
-        raise InputError(f"at most {MOST_FRAMES} frames, mended stamps", found=f"{end - start:.6g} s at {rate_hz:g} Hz")
+    if frames > MAX_FRAMES:
+        found = f"{end - start:.6g} s at {rate_hz:g} Hz"
+        raise InputError(f"at most {MAX_FRAMES} frames", found=found, hint="repairing the stamps")
     slack = max(1e-6, rate_hz * 10.0**-STAMP_DIGITS)  # of two rounded stamps
     stamps_s = start + np.round(np.arange(int(np.floor(frames + slack)) + 1) / rate_hz, STAMP_DIGITS)
-    # printed stamps are off by their last digit, so the last frame may lie a trifle behind the last pose
+    # printed stamps are rounded, so the last frame can be slightly after the last pose
     return Trajectory(stamps_s, sample(trajectory, np.minimum(stamps_s, end)))
 
 
 def frame_slice(text: str, count: int) -> range:
-    """`A:B:S` as a Python slice over `count` frames (B excluded, any part may be left out), or one frame's number."""
+    """Frame numbers of `A:B:S`, a Python slice of `count` frames (B excluded, all parts optional), or of a single number."""
     parts = text.strip().split(":")
     try:
         numbers = [int(p) if p.strip() else None for p in parts]
@@ -174,7 +176,7 @@ def frame_slice(text: str, count: int) -> range:
             first = int(parts[0])
             numbers = [first, first + 1 or None]
         picked = range(count)[slice(*numbers)]
-    except (ValueError, TypeError):  # no number, a step of 0, or more than three parts
+    except (ValueError, TypeError):  # not a number, a step of 0, or more than three parts
         raise InputError("frames as A:B:S (a Python slice) or one number", found=text) from None
     picked = picked if picked.step > 0 else picked[::-1]
     if len(picked) == 0:
