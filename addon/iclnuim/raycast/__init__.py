@@ -1,1 +1,1 @@
-"""Rays against triangles (Embree, through embreex), distances to them (libigl), what is seen, and independent checks of rendered depth."""
+"""Ray casting (Embree, by embreex), distances to triangles (libigl), visibility, and independent checks of rendered depth."""

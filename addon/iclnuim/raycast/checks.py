@@ -1,4 +1,4 @@
-"""Rendered depth, instances and normals against an independent judge: Embree casts the same rays at the same triangles."""
+"""Independent check of rendered depth, instances and normals: Embree casts the same rays at the same triangles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .caster import RayCaster
 
-#: A pixel lies on an edge where depth seen this far beside its centre does not continue the plane seen at the centre...
+#: A pixel is on an edge if depth at this offset from its centre differs from the plane at the centre
 EDGE_OFFSET_PX = 0.1
-#: ... to this share of its depth.
+#: by more than this share of depth.
 EDGE_TOLERANCE = 1e-4
-#: Where depth differs by more than this, pixel and ray met different surfaces: an outline.
+#: If depth differs by more than this, pixel and ray hit different surfaces: an outline.
 _SAME_PLACE_M = 1e-4
-#: Surfaces coincide where their depths differ by less than this share.
+#: Surfaces coincide if their depths differ by less than this share.
 _COINCIDENT = 1e-5
-#: What normals are promised to.
+#: Required accuracy of normals.
 PROMISED_DEG = 0.1
 
 
@@ -27,7 +27,7 @@ PROMISED_DEG = 0.1
 class DepthErrors:
     """|Z - Z of the rays| in metres over the pixels that are not on an edge; `edge_share` and `lost_share` are shares of all pixels.
 
-    `lost` pixels see a surface in one of the two only.
+    A pixel is `lost` if only one of the two has a surface there.
     """
 
     pixels: int
@@ -41,9 +41,9 @@ class DepthErrors:
 
 @dataclass(frozen=True)
 class TruthErrors:
-    """Over pixels that see one surface, off outlines: shares of equal instances and of normals within PROMISED_DEG; angles in degrees.
+    """Over pixels with a single surface, without outlines: shares of equal instances and of normals within PROMISED_DEG; angles in degrees.
 
-    outline_share, coincident_share: of the pixels that see a surface at all, those off its place, and those with two in one place.
+    outline_share, coincident_share: of the pixels with a surface, the share on outlines, and the share with coincident surfaces.
     """
 
     equal_instance_share: float
@@ -55,13 +55,13 @@ class TruthErrors:
 
 
 class GlassCaster(RayCaster):
-    """Depth as a job's `glass` asks for it: of what is `behind` panes, or with `holes` where a pane stands before it."""
+    """Depth for a job's `glass` setting: of the surfaces `behind` panes, or with `holes` where a pane is in front of them."""
 
     def __init__(self, surface: RayCaster, behind: RayCaster, holes: bool) -> None:
         self._surface, self._behind, self._holes = surface, behind, holes
 
     def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
-        """(h, w) planar Z in metres, 0 where there is none."""
+        """(h, w) planar Z in metres, 0 without depth."""
         behind = self._behind.depth(camera, T_world_camera, offset_px)
         if not self._holes:
             return behind
@@ -69,7 +69,7 @@ class GlassCaster(RayCaster):
 
 
 def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
-    """(h, w) signed error in metres; NaN on edges, +-inf where one of the two sees nothing."""
+    """(h, w) signed error in metres; NaN on edges, +-inf where only one of the two has depth."""
     truth = caster.depth(camera, T_world_camera)
     error = depth_z_m.astype(float) - truth
     error[(depth_z_m > 0) != (truth > 0)] = np.inf
@@ -78,7 +78,7 @@ def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamer
 
 
 def _edges(caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, centre: np.ndarray) -> np.ndarray:
-    """(h, w) bool. On a plane 1/Z is linear in the image: its second difference over a tenth of a pixel vanishes."""
+    """(h, w) bool: edges. On a plane 1/Z is linear in the image, so its second difference over a tenth of a pixel is 0."""
     found, nothing_around = np.zeros(centre.shape, bool), np.ones(centre.shape, bool)
     for u, v in ((EDGE_OFFSET_PX, 0.0), (0.0, EDGE_OFFSET_PX)):
         sides = [caster.depth(camera, T_world_camera, (sign * u, sign * v)) for sign in (1, -1)]
@@ -107,14 +107,14 @@ def depth_summary(errors: list[np.ndarray]) -> DepthErrors:
 
 
 class TruthCaster:
-    """Rays at a scene model that return what ground-truth frames hold; normals are interpolated over the triangles met."""
+    """Computes the channels of ground-truth frames by casting rays at a scene model; normals are interpolated over triangles."""
 
     def __init__(self, model: SceneModel) -> None:
         self._model, self._caster = model, RayCaster.of_model(model)
         self._of_instance: dict[int, RayCaster] = {}
 
     def frame(self, camera: PinholeCamera, T_world_camera: SE3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(h, w) planar Z in metres, 0 where nothing is met; (h, w) instance; (h, w, 3) unit normal, cv camera's frame, of the side that is seen."""
+        """(h, w) planar Z in metres, 0 without a hit; (h, w) instance; (h, w, 3) unit normal of the visible side, in the cv camera's frame."""
         rays = camera.rays() @ T_world_camera.rotation.T
         hits = self._caster.cast(T_world_camera.translation, rays)
         triangle = np.maximum(hits.triangle, 0)
@@ -130,8 +130,8 @@ class TruthCaster:
     def compare(
         self, frame: dict[str, np.ndarray], camera: PinholeCamera, T_world_camera: SE3
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of a frame's channels, where one surface is seen: (n,) whether instances are equal, (n,) degrees between normals; and how many
-        pixels (3,) see a surface, an outline, surfaces that coincide.
+        """Compare a frame's channels where there is a single surface: (n,) whether instances are equal, (n,) degrees between normals; and
+        the number of pixels (3,) with a surface, an outline, and coincident surfaces.
         """
         depth_z_m, instance, normal = self.frame(camera, T_world_camera)
         seen = (depth_z_m > 0) | (frame["Z"] > 0)
@@ -141,28 +141,28 @@ class TruthCaster:
         coincident = np.zeros_like(same)
         for number in np.unique(frame[INSTANCE][same & (frame[INSTANCE] != instance)]):
             rows = same & (frame[INSTANCE] == number) & (frame[INSTANCE] != instance)
-            coincident[rows] = self._also_there(int(number), camera.rays()[rows], T_world_camera, depth_z_m[rows])
+            coincident[rows] = self._coincides(int(number), camera.rays()[rows], T_world_camera, depth_z_m[rows])
         single = same & ~coincident
         counts = np.array([seen.sum(), (seen & ~same).sum(), coincident.sum()])
         return (frame[INSTANCE] == instance)[single], degrees[single], counts
 
-    def _also_there(self, number: int, rays: np.ndarray, T_world_camera: SE3, depth_z_m: np.ndarray) -> np.ndarray:
-        """(n,) whether the instance of that number lies at these depths (n,) along rays (n, 3), too."""
-        own = self._model.instance == number
-        if not own.any():
+    def _coincides(self, number: int, rays: np.ndarray, T_world_camera: SE3, depth_z_m: np.ndarray) -> np.ndarray:
+        """(n,) whether the instance `number` is also at these depths (n,) along rays (n, 3)."""
+        selected = self._model.instance == number
+        if not selected.any():
             return np.zeros(len(rays), bool)
         if number not in self._of_instance:
-            self._of_instance[number] = RayCaster.of_model(self._model.chosen(own))
+            self._of_instance[number] = RayCaster.of_model(self._model.chosen(selected))
         hits = self._of_instance[number].cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
         return np.abs(hits.distance - depth_z_m) <= _COINCIDENT * depth_z_m
 
 
 def truth_summary(found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> TruthErrors:
-    """Over all frames that `TruthCaster.compare` was asked about."""
+    """Statistics over the results of `TruthCaster.compare` for all frames."""
     equal, degrees = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     seen, outline, coincident = np.sum([f[2] for f in found], 0)
     shares = float(outline / max(seen, 1)), float(coincident / max(seen, 1))
-    if not len(equal):  # nothing but sky is no error
+    if not len(equal):  # only sky is not an error
         return TruthErrors(*((0.0, 180.0, 180.0, 0.0) if seen else (1.0, 0.0, 0.0, 1.0)), *shares)
     return TruthErrors(
         float(equal.mean()),

@@ -1,4 +1,4 @@
-"""Held-out views: far from every training view, and showing only surfaces that training saw. Checked by rays, or chosen."""
+"""Held-out views: far from every training view, and showing only surfaces that training views saw; checked or chosen by ray casting."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,27 +12,28 @@ from ..geometry.handheld import rotation_world_camera
 from ..geometry.se3 import SE3
 from .caster import RayCaster, seen_points
 
-#: A view is new where every training view is so far away, or looks in a direction so far off.
+#: A view is new if its distance to every training view is at least this, or the angle between their viewing directions is.
 MIN_DISTANCE_M, MIN_ANGLE_DEG = 0.5, 20.0
-#: Share of a view's pixels whose surface no training view saw, at most.
+#: Maximum share of a view's pixels whose surface no training view saw.
 MAX_UNSEEN = 0.01
-#: Rays through a view, about: every 4th pixel of every 4th row of 640 x 480. A candidate is first looked at roughly, beside so many training views.
+#: Approximate number of rays of a view: every 4th pixel of every 4th row of 640 x 480. A candidate is first checked with fewer rays and a
+#: subset of this number of training views.
 _RAYS, _ROUGH_RAYS, _ROUGH_VIEWS = 19_200, 800, 100
-#: Views that are chosen stay so far below the limit, as rays do not go through all pixels.
+#: Limit for chosen views. It is lower than MAX_UNSEEN, because rays do not go through all pixels.
 _CHOSEN_UNSEEN = 0.005
-#: Rays to all sides from a place that is to be clear.
+#: Number of rays in all directions for checking the clearance of a place.
 _SIDES = 64
-#: Training views that are asked together what they saw.
-_TOGETHER = 8
-#: Candidates for each view that is asked for, and the least distance of a chosen view from any surface.
+#: Number of training views that are checked together.
+_BATCH = 8
+#: Maximum number of candidates per requested view, and minimum distance of a chosen view from any surface.
 _ATTEMPTS, _CLEAR_M = 1000, 0.25
 _HINT = "a number of views, which are then chosen"
 
 
 @dataclass(frozen=True)
 class HeldOutView:
-    """Of the training view that it is least new beside, distance_m and angle_deg between the directions in which both look; unseen: share
-    of its pixels whose surface no training view saw.
+    """distance_m and angle_deg (between viewing directions) to the most similar training view; unseen: share of its pixels whose surface
+    no training view saw.
     """
 
     distance_m: float
@@ -52,10 +53,10 @@ def check_held_out(
     T_world_training: SE3,
     on_view: Callable[[], object] = lambda: None,
 ) -> list[HeldOutView]:
-    """What views (n,) are beside training views (k,) of the same camera, all in the caster's world. About 19,200
-    rays stand for a view's pixels; a surface is seen from the side that the training view is on.
+    """Compare views (n,) with training views (k,) of the same camera, all in the caster's world. About 19,200 rays represent a view's
+    pixels; a training view sees a surface only from its side.
 
-    Raises InputError where a view is not new, or shows more than MAX_UNSEEN that training did not see.
+    Raises InputError if a view is not new, or more than MAX_UNSEEN of it was not seen by training views.
     """
     views = [T_world_view[k] for k in range(len(T_world_view))]
     nearest = [_nearest(view, T_world_training) for view in views]
@@ -82,9 +83,10 @@ def choose_held_out(
     seed: int = 0,
     on_view: Callable[[], object] = lambda: None,
 ) -> SE3:
-    """`count` views (n,) that `check_held_out` accepts, new beside each other too, 0.25 m clear of surfaces, in sight of a training view's place.
+    """Choose `count` views (n,) that `check_held_out` accepts. They are also new relative to each other, at least 0.25 m from surfaces, and
+    visible from the position of a training view.
 
-    Level with the z axis of the world, without roll. The same arguments give the same views. Raises InputError where too few are found.
+    They have no roll relative to the z axis of the world. The same arguments give the same views. Raises InputError if too few are found.
     """
     rng, chosen = np.random.default_rng(seed), SE3.identity((0,))
     some = T_world_training[:: -(-len(T_world_training) // _ROUGH_VIEWS)]
@@ -105,36 +107,36 @@ def choose_held_out(
 
 
 def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generator) -> SE3 | None:
-    """A level view of a point that one training view sees, from a place nearer to it and aside, or between two of their places. None where
-    the place is too close to a surface, or out of sight.
+    """A view without roll of a point that a training view sees, from a position nearer to the point, or between two training views. None if
+    the position is too close to a surface, or not visible from the training view.
     """
-    one, other = (T_world_training[int(row)] for row in rng.integers(len(T_world_training), size=2))
-    ray = one.rotation @ [*rng.uniform((-0.3, -0.2), (0.3, 0.2)), 1.0]
-    distance = float(caster.cast(one.translation, ray[None]).distance[0])
+    training, other_training = (T_world_training[int(row)] for row in rng.integers(len(T_world_training), size=2))
+    ray = training.rotation @ [*rng.uniform((-0.3, -0.2), (0.3, 0.2)), 1.0]
+    distance = float(caster.cast(training.translation, ray[None]).distance[0])
     around = rng.normal(scale=(np.radians(30), 0.1)) * rng.random()
     nearer, between = rng.uniform(0.3, 1.1), rng.random()
-    aside, mixed = rng.normal(scale=0.15, size=3), rng.random() < 0.5
+    offset, is_between = rng.normal(scale=0.15, size=3), rng.random() < 0.5
     if not np.isfinite(distance):
         return None
-    point = one.translation + distance * ray
-    place = one.translation + between * (other.translation - one.translation) + aside
-    if not mixed:
-        turned = so3.exp(np.array([0.0, 0.0, around[0]])) @ (one.translation - point)
-        place = point + nearer * turned + [0.0, 0.0, around[1] * distance]
+    point = training.translation + distance * ray
+    place = training.translation + between * (other_training.translation - training.translation) + offset
+    if not is_between:
+        rotated = so3.exp(np.array([0.0, 0.0, around[0]])) @ (training.translation - point)
+        place = point + nearer * rotated + [0.0, 0.0, around[1] * distance]
     gaze = point - place
     across = float(np.hypot(gaze[0], gaze[1]))
-    if across < 0.3 or not _is_free(caster, place, one.translation):
+    if across < 0.3 or not _is_free(caster, place, training.translation):
         return None
     angles = np.array([[np.arctan2(gaze[1], gaze[0])], [np.arctan2(gaze[2], across)], [0.0]])
     return SE3(rotation_world_camera(*angles)[0], place)
 
 
 def _is_free(caster: RayCaster, place: np.ndarray, seen_from: np.ndarray) -> bool:
-    """Whether nothing is within _CLEAR_M of a place, along rays to all sides, or between it and another."""
-    k = np.arange(_SIDES) + 0.5  # a spiral over the sphere
-    turn, z = np.pi * (1 + 5**0.5) * k, 1 - 2 * k / _SIDES
+    """Whether no surface is within _CLEAR_M of `place`, along rays in all directions, or between it and `seen_from`."""
+    k = np.arange(_SIDES) + 0.5  # spiral over the sphere
+    azimuth, z = np.pi * (1 + 5**0.5) * k, 1 - 2 * k / _SIDES
     across = np.sqrt(1 - z * z)
-    rays = np.stack([across * np.cos(turn), across * np.sin(turn), z], -1)
+    rays = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], -1)
     sight = caster.cast(seen_from, (place - seen_from)[None]).distance[0]
     return bool(caster.cast(place, rays).distance.min() >= _CLEAR_M and sight > 1)
 
@@ -144,7 +146,7 @@ def _is_new(view: SE3, others: SE3) -> bool:
 
 
 def _nearest(view: SE3, others: SE3) -> tuple[float, float]:
-    """Metres to that of the others (k,) which the view is least new beside, and degrees between the directions of both."""
+    """Distance in metres and angle in degrees between the view and the most similar of the others (k,)."""
     distance_m = np.linalg.norm(others.translation - view.translation, axis=-1)
     ahead, their_ahead = view.rotation[:, 2], others.rotation[..., 2]
     angle_deg = np.degrees(np.arctan2(np.linalg.norm(np.cross(their_ahead, ahead), axis=-1), their_ahead @ ahead))
@@ -153,7 +155,7 @@ def _nearest(view: SE3, others: SE3) -> tuple[float, float]:
 
 
 def _unseen(caster: RayCaster, camera: PinholeCamera, view: SE3, T_world_training: SE3, count: int = _RAYS) -> float:
-    """Share of a view's pixels that show a side of a surface which no training view saw; those without a surface count as seen."""
+    """Share of a view's pixels that show a side of a surface that no training view saw; pixels without a surface count as seen."""
     step = max(1, int((camera.width * camera.height / count) ** 0.5))
     rays = camera.rays()[step // 2 :: step, step // 2 :: step].reshape(-1, 3) @ view.rotation.T
     hits = caster.cast(view.translation, rays)
@@ -162,10 +164,10 @@ def _unseen(caster: RayCaster, camera: PinholeCamera, view: SE3, T_world_trainin
     points = view.translation + hits.distance[met, None].astype(float) * towards
     sides = hits.normal[met] * np.where((hits.normal[met] * towards).sum(1) > 0, -1.0, 1.0)[:, None]
     order = np.linalg.norm(T_world_training.translation - view.translation, axis=-1).argsort(kind="stable")
-    for start in range(0, len(order), _TOGETHER):  # most was seen by the first few
-        some = T_world_training[order[start : start + _TOGETHER]]
-        left = ~seen_points(caster, points, camera, some, np.inf, lambda: None, sides)
-        points, sides = points[left], sides[left]
+    for start in range(0, len(order), _BATCH):  # the nearest views usually saw most points
+        some = T_world_training[order[start : start + _BATCH]]
+        remaining = ~seen_points(caster, points, camera, some, np.inf, lambda: None, sides)
+        points, sides = points[remaining], sides[remaining]
         if not len(points):
             break
     return len(points) / len(rays)
