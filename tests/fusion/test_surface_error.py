@@ -226,7 +226,9 @@ def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_
         errors.append(json.loads(judged.stdout)["distance_m"]["mean"])
         warnings.append(json.loads(judged.stdout)["warnings"])
     assert errors[0] < 0.001 < 0.05 < errors[1]
-    assert not warnings[0] and "--poses, and its ground truth as --truth" in warnings[1][0]
+    assert (
+        not warnings[0] and "set --poses to" in warnings[1][0] and "and --truth to its ground truth" in warnings[1][0]
+    )
 
 
 def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):

@@ -1,1 +1,1 @@
-"""Reports, charts and previews: results as dictionaries, tables, CSV and pictures."""
+"""Reports, charts, previews and recordings: results as dictionaries, tables, CSV and images."""

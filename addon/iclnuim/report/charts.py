@@ -1,6 +1,6 @@
-"""Pictures of trajectories: from above, position, speed and rotation rate over time, and the error of an estimate.
+"""Charts of trajectories: top view, position, speed and rotation rate over time, and the error of an estimate.
 
-Matplotlib without pyplot: no window, no global settings. Import this module late, it takes half a second.
+They use Matplotlib without pyplot: no window, no global settings. Import this module only when needed; that takes half a second.
 """
 
 import os
@@ -16,17 +16,17 @@ from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
 from .trajectory_report import Report, title
 
-#: Told apart also without colour vision (Okabe and Ito's set, without yellow).
+#: Distinguishable with colour blindness (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
-#: A line is broken where stamps are this many usual steps apart, so that missing frames show.
+#: A line is interrupted where stamps are more than this number of median steps apart, so that missing frames are visible.
 GAP_STEPS = 5.0
-#: Up to this many values are marked one by one.
+#: Up to this number of values, each one has a marker.
 FEW = 100
 
 
 def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
-    """Top view on the left; position, speed and rotation rate over time on the right. Each in its own world, z up."""
+    """Top view on the left; position, speed and rotation rate over time on the right. Each trajectory is in its own world, z up."""
     figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.15))
     above = figure.add_subplot(grid[:, 0])
@@ -37,7 +37,7 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
         above.plot(*positions_m[:, :2].T, color=colour, linewidth=1.2, label=name)
         above.plot(*positions_m[0, :2], "o", color=colour, markersize=7)
         above.plot(*positions_m[-1, :2], "s", color=colour, markersize=6, markerfacecolor="white")
-        _draw_over_time(over_time, loaded, colour, alone=len(named) == 1)
+        _draw_over_time(over_time, loaded, colour, single=len(named) == 1)
     _label_plane(above, (0, 1))
     above.set_title("x-y plane, from above where z is up: start \u25cf, end \u25a1")
     above.legend(loc="best", fontsize="small")
@@ -53,23 +53,23 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
 
 
 def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
-    """(n, 3): as they are, but the anchored worlds of gt.freiburg and gt.sim (y down) turned z up."""
+    """(n, 3) positions; those in the anchored worlds of gt.freiburg and gt.sim (y down) are rotated to z up."""
     positions_m = loaded.trajectory.positions_m
     return positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.read_as.frame == ANCHORED_WORLD else positions_m
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
-    """Write a figure, whole or not at all; the name's ending is its format."""
+    """Write a figure atomically; the extension of the name is its format."""
     check_picture(path)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=dpi))
 
 
-def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, alone: bool) -> None:
+def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, single: bool) -> None:
     trajectory, positions_m = loaded.trajectory, positions_z_up_m(loaded)
     time_s = trajectory.stamps_s - trajectory.stamps_s[0]
     for axis, style in enumerate(("-", "--", ":")):
-        own = COLOURS[axis] if alone else colour
-        axes[0].plot(time_s, positions_m[:, axis], style, color=own, linewidth=1.2, label="xyz"[axis])
+        axis_colour = COLOURS[axis] if single else colour
+        axes[0].plot(time_s, positions_m[:, axis], style, color=axis_colour, linewidth=1.2, label="xyz"[axis])
     steps_s, middle_s = np.diff(time_s), (time_s[1:] + time_s[:-1]) / 2
     axes[1].plot(middle_s, trajectory.step_lengths_m() / steps_s, color=colour, linewidth=0.8)
     axes[2].plot(middle_s, np.degrees(trajectory.step_angles_rad()) / steps_s, color=colour, linewidth=0.8)
@@ -79,13 +79,13 @@ def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, alo
 
 
 def error_figure(report: Report) -> Figure:
-    """One sheet of four charts."""
+    """One figure with four charts."""
     figure = Figure(figsize=(11, 8), layout="constrained")
     figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
     result, stamps_s, errors_m = report.result, report.result.stamps_s, report.result.translation_error_m
     if isinstance(result, AbsoluteError):
-        truth = report.reference.loaded.trajectory  # all of it, so that gaps of the estimate show
+        truth = report.reference.loaded.trajectory  # complete, so that gaps of the estimate are visible
         plane, coloured = widest_plane(truth.T_world_camera), result.aligned
         name = "the estimate, coloured by its error"
         _trajectory(first, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
@@ -111,12 +111,12 @@ def error_figure(report: Report) -> Figure:
 
 
 def widest_plane(poses: SE3) -> tuple[int, int]:
-    """The two axes, in order, along which positions reach furthest."""
+    """The two axes, in order, with the largest extents of the positions."""
     return widest_axes(poses.translation)
 
 
 def widest_axes(positions_m: np.ndarray) -> tuple[int, int]:
-    """The same of positions (n, 3)."""
+    """The two axes, in order, with the largest extents of positions (n, 3)."""
     a, b = sorted(np.argsort(np.ptp(positions_m, axis=0))[1:].tolist())
     return a, b
 
@@ -149,7 +149,7 @@ def _series(chart: Axes, stamps_s: np.ndarray, errors: np.ndarray, label: str, c
 
 
 def _with_gaps(stamps_s: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps (n,) and values (n, k) with a row of NaN wherever frames are missing."""
+    """Stamps (n,) and values (n, k) with a row of NaN at each gap."""
     steps_s = np.diff(stamps_s)
     usual_s = np.median(steps_s) if len(steps_s) else 0.0
     gaps = np.flatnonzero(steps_s > GAP_STEPS * usual_s) + 1

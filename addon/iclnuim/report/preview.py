@@ -1,4 +1,4 @@
-"""Pictures of a sequence: a sheet of colour, depth and error of some frames, and a short film."""
+"""Previews of a sequence: an image with colour, depth and error of some frames, and a short film."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,37 +20,37 @@ from ..geometry.trajectory import sample
 
 _ROWS, _FILM_FRAMES, _WEB_FRAMES, _FILM_HZ = 6, 300, 150, 15
 _ERROR_FULL_M = 0.05
-#: The error's frame is so many frames away: half a second.
+#: The error is relative to a frame this number of frames away: half a second.
 _APART = 15
 
 
 def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -> list[Path]:
-    """preview.png and preview.mp4 in `out`; the files written. `progress(total, label)` returns something with advance()."""
+    """Write preview.png and preview.mp4 to `out`; returns their paths. `progress(total, label)` returns an object with advance()."""
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
-    seen = np.concatenate([depth[depth > 0] for depth in (_metres(pairs[i], camera) for i in spread)])
-    # near and far end of the colours, the same for all frames
-    reach_m = tuple(np.percentile(seen, (1, 99)).tolist()) if seen.size else (0.0, 1.0)
+    valid_m = np.concatenate([depth[depth > 0] for depth in (_metres(pairs[i], camera) for i in spread)])
+    # depth range of the colour map, the same for all frames
+    range_m = tuple(np.percentile(valid_m, (1, 99)).tolist()) if valid_m.size else (0.0, 1.0)
     errors = _error_tiles(folder, pairs, spread, camera)
-    rows = [np.hstack([_tiles(pairs[i], camera, reach_m), error]) for i, error in zip(spread, errors, strict=True)]
+    rows = [np.hstack([_tiles(pairs[i], camera, range_m), error]) for i, error in zip(spread, errors, strict=True)]
     make_folder(out)
-    write_png(out / "preview.png", np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], reach_m), *rows])))
+    write_png(out / "preview.png", np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], range_m), *rows])))
     filmed = pairs[:: max(1, -(-len(pairs) // _FILM_FRAMES))]
     bar, frames = progress(len(filmed), "film"), []
     for pair in filmed:
-        frames.append(_tiles(pair, camera, reach_m))
+        frames.append(_tiles(pair, camera, range_m))
         bar.advance()
     atomic_write(out / "preview.mp4", lambda temporary: _write_film(temporary, frames))
     return [out / "preview.png", out / "preview.mp4"]
 
 
-def _captions(width: int, reach_m: tuple[float, float]) -> np.ndarray:
-    """What the three columns show."""
+def _captions(width: int, range_m: tuple[float, float]) -> np.ndarray:
+    """Captions of the three columns."""
     figure = Figure(figsize=(width / 100, 0.28), dpi=100, facecolor="black")
     canvas = FigureCanvasAgg(figure)
     error = f"off its neighbour: black 0, yellow {100 * _ERROR_FULL_M:g} cm"
-    texts = ("colour", f"depth: red {reach_m[0]:.1f} m, blue {reach_m[1]:.1f} m, black none", error)
+    texts = ("colour", f"depth: red {range_m[0]:.1f} m, blue {range_m[1]:.1f} m, black none", error)
     for k, text in enumerate(texts):
         figure.text((k + 0.5) / 3, 0.5, text, color="white", fontsize=min(9, width / 110), ha="center", va="center")
     canvas.draw()
@@ -64,16 +64,16 @@ def _metres(pair: ImagePair, camera: SequenceCamera) -> np.ndarray:
     return depth
 
 
-def _tiles(pair: ImagePair, camera: SequenceCamera, reach_m: tuple[float, float]) -> np.ndarray:
-    """Colour, and depth in colour: near red, far blue, missing black."""
-    (rgb, depth_z_m), (near, far) = read_images(pair, camera), reach_m
+def _tiles(pair: ImagePair, camera: SequenceCamera, range_m: tuple[float, float]) -> np.ndarray:
+    """Colour image, and depth by colour: near red, far blue, missing black."""
+    (rgb, depth_z_m), (near, far) = read_images(pair, camera), range_m
     image = _colours(1 - (depth_z_m - near) / max(far - near, 1e-6), "turbo")
     image[depth_z_m == 0] = 0
     return np.hstack([_halved(rgb), _halved(image)])
 
 
 def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera) -> list[np.ndarray]:
-    """How far the depth of a frame half a second away, carried here, is off; grey where that is not known."""
+    """Difference to the depth of a frame half a second away, reprojected to this frame; grey where it is unknown."""
     tiles, truth = [], read_truth(folder)
     for i in chosen:
         tile = np.full((camera.pinhole.height, camera.pinhole.width, 3), 40, np.uint8)
@@ -81,8 +81,8 @@ def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera
         stamps_s = np.array([pairs[i].stamp_s, pairs[j].stamp_s])
         if truth and truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]:
             poses = sample(truth, stamps_s)
-            here, there = (_metres(pairs[n], camera) for n in (i, j))
-            residual = carried_residual(here, there, poses[1].inverse() @ poses[0], camera.pinhole)
+            current, other = (_metres(pairs[n], camera) for n in (i, j))
+            residual = carried_residual(current, other, poses[1].inverse() @ poses[0], camera.pinhole)
             shown = np.isfinite(residual)
             tile[shown] = _colours(np.abs(residual[shown]) / _ERROR_FULL_M, "inferno")
         tiles.append(_halved(tile))
@@ -90,18 +90,19 @@ def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera
 
 
 def _colours(share: np.ndarray, name: str) -> np.ndarray:
-    """0..1 in 256 colours of a matplotlib map."""
+    """Shares 0..1 as one of 256 colours of a matplotlib colour map."""
     return colormaps[name](np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8), bytes=True)[..., :3]
 
 
 def _halved(image: np.ndarray) -> np.ndarray:
-    """2 x 2 means, so that a sheet of three tiles stays small."""
+    """2 x 2 means, so that an image of three tiles is small."""
     h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     return image[:h, :w].reshape(h // 2, 2, w // 2, 2, 3).mean((1, 3)).astype(np.uint8)
 
 
 def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
-    """A WebM film of colour and depth for web pages, a quarter as wide and high, of at most 150 frames of a sequence or of its first ones."""
+    """Write a WebM film of colour and depth for web pages, at a quarter of the width and height, with at most 150 frames of a sequence or of its
+    `first` ones."""
     pairs = find_pairs(folder)[:first]
     camera = read_camera(folder, pairs[0].rgb)
     pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
@@ -118,4 +119,6 @@ def _write_film(path: Path, frames: list[np.ndarray], code: str = "mp4v") -> Non
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
     writer.release()
     if cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) != len(frames):
-        raise OSError("the film is not whole; the disk may be full, or OpenCV has no encoder")  # OpenCV does not say so
+        raise OSError(
+            "the film is incomplete; the disk may be full, or OpenCV has no encoder"
+        )  # OpenCV does not report it

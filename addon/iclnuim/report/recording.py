@@ -1,6 +1,6 @@
-"""Recordings for the Rerun viewer (.rrd): what all of them share, and that of a sequence.
+"""Recordings for the Rerun viewer (.rrd): the common parts, and the recording of a sequence.
 
-Recordings of one sequence (`of`) carry one id, so that the viewer shows them together: `rerun sequence.rrd run.rrd`.
+All recordings of one sequence (`of`) have the same id, so that the viewer shows them together: `rerun sequence.rrd run.rrd`.
 """
 
 import warnings
@@ -21,15 +21,15 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample
 
 ENDING = ".rrd"
-#: The colour of what is true.
+#: The colour of ground truth.
 TRUTH = (220, 220, 220)
 _WORLD, _CAMERA = "world", "world/camera"
-#: An image plane in 3D stands so far before the camera, metres.
+#: Distance in metres of the image plane from the camera in the 3D view.
 _PLANE_M = 0.3
 
 
 class Recorder:
-    """A recording being written. Entities lie below world/, in metres, z up; the timelines are `time` (stamps, seconds) and `frame`.
+    """Writes a recording. 3D entities are below world/, in metres, z up; the timelines are `time` (stamps, seconds) and `frame`.
 
     `rerun`: the package, for its archetypes.
     """
@@ -39,26 +39,26 @@ class Recorder:
         self.static(_WORLD, rerun.ViewCoordinates.RIGHT_HAND_Z_UP)
 
     def at(self, stamp_s: float, frame: int) -> None:
-        """What follows is of this moment."""
+        """Set the time of the following entries."""
         self._stream.set_time("time", duration=stamp_s)
         self._stream.set_time("frame", sequence=frame)
 
     def log(self, entity: str, *parts: Any) -> None:
-        """At the moment of `at`."""
+        """Log an entry at the time set by `at`."""
         self._stream.log(entity, *parts)
 
     def static(self, entity: str, *parts: Any) -> None:
-        """At all moments."""
+        """Log an entry that is valid at all times."""
         self._stream.log(entity, *parts, static=True)
 
     def pose(self, entity: str, T_world_camera: SE3) -> None:
-        """Camera to world."""
+        """Log a pose, camera to world."""
         R, t = T_world_camera.rotation, T_world_camera.translation
-        # not a quaternion, which rerun 0.23 does not take with numpy < 2
+        # not a quaternion, which rerun 0.23 does not accept with numpy < 2
         self.log(entity, self.rerun.Transform3D(translation=t, mat3x3=R))
 
     def camera(self, entity: str, camera: PinholeCamera) -> None:
-        """The pinhole below a pose, at all moments."""
+        """Log the pinhole camera below a pose, valid at all times."""
         size = [camera.width, camera.height]
         axes = self.rerun.ViewCoordinates.RDF
         pinhole = self.rerun.Pinhole(
@@ -67,21 +67,21 @@ class Recorder:
         self.static(entity, pinhole)
 
     def trajectory(self, entity: str, positions_m: np.ndarray, colour: tuple[int, int, int]) -> None:
-        """A line through positions (n, 3), at all moments."""
+        """Log a line through positions (n, 3), valid at all times."""
         self.static(entity, self.rerun.LineStrips3D([positions_m], colors=[colour]))
 
     def curve(self, entity: str, name: str, colour: tuple[int, int, int]) -> None:
-        """How the curve of an entity's scalars is shown."""
+        """Set the name and colour of the curve of an entity's scalars."""
         self.static(entity, self.rerun.SeriesLines(names=name, colors=[colour]))
 
     def scalar(self, entity: str, value: float) -> None:
-        """NaN and infinity are left out."""
+        """Log a value; NaN and infinity are left out."""
         if np.isfinite(value):
             self.log(entity, self.rerun.Scalars(float(value)))
 
 
 def check_recording(path: Path) -> None:
-    """Before long work. Raises InputError for a name without .rrd or a folder that is not there, WorkError without the package rerun-sdk."""
+    """Check a path before long work. Raises InputError for a name without .rrd or a missing folder, WorkError without the package rerun-sdk."""
     if path.suffix != ENDING:
         raise InputError(f"a recording's name ending in {ENDING}", path=path, found=path.suffix or "no ending")
     check_file(path)
@@ -97,15 +97,15 @@ def _package() -> Any:
 
 
 def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -> None:
-    """A recording filled by `fill`, whole or absent; `of`: what it belongs to, a sequence's folder or a file. Raises as check_recording does,
-    and WorkError where it cannot be written.
+    """Write a recording, filled by `fill`, atomically. `of`: the folder of a sequence or the file that it belongs to. Raises the same errors as
+    check_recording, and WorkError if it cannot be written.
     """
     check_recording(path := Path(path))
     rerun, number = _package(), sha256(str(Path(of).resolve()).encode())[:32]
 
     def write(temporary: Path) -> None:
         stream = rerun.RecordingStream("iclnuim", recording_id=number)
-        with warnings.catch_warnings():  # rerun warns, and leaves out what it cannot log
+        with warnings.catch_warnings():  # rerun only warns about entries that it cannot log
             warnings.simplefilter("error", rerun.error_utils.RerunWarning)
             try:
                 stream.save(temporary)
@@ -123,9 +123,9 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
 def record_sequence(
     path: Path | str, folder: Path | str, progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None
 ) -> None:
-    """Colour and depth of a sequence in any format, its camera, and the true poses where there are any. The PNG and JPEG files of colour go in
-    as they are, depth in its own units. progress(count) returns what is called after each frame. Raises InputError for what cannot be
-    read, WorkError without rerun-sdk.
+    """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses, if any. The PNG and JPEG files of colour are
+    included unchanged, depth in its units. progress(count) returns a function that is called after each frame. Raises InputError if a file
+    cannot be read, WorkError without rerun-sdk.
     """
     path, folder = Path(path), Path(folder)
     pairs = find_pairs(folder)
@@ -148,7 +148,7 @@ def record_sequence(
 
 
 def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
-    read_colour8(rgb)  # what is broken is refused
+    read_colour8(rgb)  # raises InputError for a broken image
     kind = "image/png" if read_bytes(rgb).startswith(b"\x89PNG") else "image/jpeg"
     recorder.log(f"{_CAMERA}/image/rgb", recorder.rerun.EncodedImage(contents=read_bytes(rgb), media_type=kind))
     metres = depth.suffix == ARRAY
@@ -157,7 +157,7 @@ def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
 
 
 def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> Iterable[SE3 | None]:
-    """The true pose of each of the frames at stamps (n,), None where there is none within half a frame's time."""
+    """The ground-truth pose of each frame at stamps (n,), None if there is none within half a frame period."""
     if truth is None or len(truth) < 2:
         return [None] * len(stamps_s)
     poses = sample(truth, stamps_s.clip(*truth.stamps_s[[0, -1]]))

@@ -3,20 +3,20 @@
 JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, shares 0..1):
 
     metric                "ate"
-    reference, estimate   {path, poses, taken}: taken says how the file was read
+    reference, estimate   {path, poses, taken}: taken describes how the file was read
     settings              {association {method, max_difference_s, offset_s}, alignment {method, first, up}}
-    pairs                 how many poses were compared; largest_difference_s between their stamps beside it
+    pairs                 number of compared poses; largest_difference_s: largest difference of their stamps
     translation_error_m   {rmse, mean, median, std, min, max}
     rotation_error_deg    the same six
     coverage, recall {1cm, 5cm, 10cm}, area_under_curve     over all ground-truth frames
     alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3], residual_rms_m}
     mirror                {mirrored, rotation_rms_m, reflection_rms_m}
-    time_offset           {offset_s, rmse_m, given_rmse_m} where a constant offset of the estimate's stamps fits far better, else null: the
-                          translation error with it, and that of the same poses without
-    warnings              list of sentences, empty when all is well
+    time_offset           {offset_s, rmse_m, given_rmse_m} if a constant offset of the estimate's stamps fits much better, else null:
+                          translation error with the offset, and that of the same poses without it
+    warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment; settings
-hold {stretch {delta, unit, all_pairs, tolerance, measured_on}, association, correct_scale}; stretches is the number of
+contain {stretch {delta, unit, all_pairs, tolerance, measured_on}, association, correct_scale}; stretches is the number of
 RPE pairs, scale the factor applied.
 
 CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s, translation_error_m,
@@ -54,13 +54,13 @@ class Source:
         return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.read_as.sentence}
 
 
-#: An error below this, or an offset that leaves more than this share of it, gives no reason for another offset.
+#: Another offset is only reported if the error is above _WORTH_M, and the offset reduces it below _WORTH_SHARE of it.
 _WORTH_M, _WORTH_SHARE = 1e-4, 0.5
 
 
 @dataclass(frozen=True)
 class BetterOffset:
-    """Seconds that, added to the estimate's stamps, leave far less error, and the RMSE of the same poses with and without, in metres."""
+    """An offset in seconds that, added to the estimate's stamps, greatly reduces the error; RMSE in metres of the same poses with and without it."""
 
     offset_s: float
     rmse_m: float
@@ -70,14 +70,14 @@ class BetterOffset:
     def of(
         cls, reference: Trajectory, estimate: Trajectory, settings: Settings, rmse_m: float
     ) -> "BetterOffset | None":
-        """None where no constant offset fits far better than `rmse_m`, by the very error that was asked for."""
+        """The better offset; None if no constant offset has a much smaller error than `rmse_m`, measured with the same settings."""
         found = best_offset(reference, estimate) if rmse_m > _WORTH_M else None
         if found is None:
             return None
-        moved = replace(settings, association=replace(settings.association, offset_s=found[0]))
+        shifted = replace(settings, association=replace(settings.association, offset_s=found[0]))
         try:
-            same = estimate[np.unique(pair_up(reference, estimate, moved.association).second)]
-            with_it, without = (_measured(reference, same, s).translation_m.rmse for s in (moved, settings))
+            same = estimate[np.unique(pair_up(reference, estimate, shifted.association).second)]
+            with_it, without = (_measured(reference, same, s).translation_m.rmse for s in (shifted, settings))
         except InputError:
             return None
         return cls(found[0], with_it, without) if with_it < _WORTH_SHARE * min(rmse_m, without) else None
@@ -90,7 +90,7 @@ def _measured(reference: Trajectory, estimate: Trajectory, settings: Settings) -
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """An ATE or an RPE and what it was computed from."""
+    """An ATE or an RPE, with its trajectories and settings."""
 
     reference: Source
     estimate: Source
@@ -100,7 +100,7 @@ class Report:
 
     @classmethod
     def of(cls, reference: Source, estimate: Source, settings: Settings) -> "Report":
-        """Compute what the settings are of. Raises InputError, with the estimate's path, where the two cannot be compared."""
+        """Compute the ATE or RPE that the settings define. Raises InputError, with the estimate's path, if the two cannot be compared."""
         both = reference.loaded.trajectory, estimate.loaded.trajectory
         try:
             result = _measured(*both, settings)
@@ -120,17 +120,17 @@ class Report:
             if self.estimate.loaded.read_as.handedness == "left":
                 advice = "tum or tum-ids, since it was read as left-handed"
             reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
-            errors = f"a reflection leaves {reflected}, the best rotation {rotated}"
+            errors = f"the error of the best reflection is {reflected}, that of the best rotation {rotated}"
             found.append(f"the estimate is mirrored: {errors}; try reading it as {advice}")
         if better := self.better_offset:
             errors = f"{1000 * better.rmse_m:.3g} mm instead of {1000 * better.given_rmse_m:.3g} on the same poses"
-            found.append(f"another time offset fits far better: {errors}; try an offset of {better.offset_s:.9g} s")
+            found.append(f"another time offset fits much better: {errors}; try an offset of {better.offset_s:.9g} s")
         if isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
             lengths_m = self.result.alignment.extents_m[1], self.result.alignment.residual_rms_m
             extent, error = (f"{1000 * length:.3g} mm" for length in lengths_m)
             found.append(
                 f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
-                "so the rotation about its line follows the error; compare with the alignments origin and yaw"
+                "so the rotation about its line is determined by the error; compare with the alignments origin and yaw"
             )
         return found
 
@@ -188,7 +188,7 @@ class Report:
 
 
 def error_text(values: dict) -> str:
-    """The lines for the terminal, of an `ate` or `rpe` dictionary as to_dict makes it."""
+    """The text for the terminal, from an `ate` or `rpe` dictionary of to_dict()."""
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
     for label, key in (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg")):
         lines.append(f"{label:16}" + "".join(f"{values[key][name]:11.6f}" for name in STATISTICS))
@@ -206,16 +206,16 @@ def error_text(values: dict) -> str:
 
 
 def title(values: dict) -> str:
-    """One line: which error of which file against which, and how."""
+    """One line: the metric, the two files, and the settings."""
     estimate, reference = (os.path.basename(os.path.normpath(values[k]["path"])) for k in ("estimate", "reference"))
     settings = values["settings"]
     if values["metric"] == "rpe":
         pair = settings["stretch"]
         unit = {"frames": "frames" if pair["delta"] > 1 else "frame", "seconds": "s", "metres": "m"}[pair["unit"]]
         scale = f", scale {values['scale']:.6g}" if settings["correct_scale"] else ""
-        how = f"over {pair['delta']:g} {unit}, {'all pairs' if pair['all_pairs'] else 'end to end'}{scale}"
+        description = f"over {pair['delta']:g} {unit}, {'all pairs' if pair['all_pairs'] else 'end to end'}{scale}"
     else:
         method = settings["alignment"]["method"]
         scale = f", scale {values['alignment']['scale']:.6g}" if method == "sim3" else ""
-        how = "not aligned" if method == "none" else f"aligned by {method}{scale}"
-    return f"{values['metric'].upper()} of {estimate} against {reference}, {how}"
+        description = "not aligned" if method == "none" else f"aligned by {method}{scale}"
+    return f"{values['metric'].upper()} of {estimate} against {reference}, {description}"
