@@ -295,7 +295,7 @@ def looked(files, request):
         (("mesh.ply", "--seen-by", "all"), "", 1, 5),
         (("nan.ply",), "points with NaN or infinity are left out, and", 1, 5),
         (("cloud.ply", "--seen-by", "gt.txt"), "a point cloud", 1, 5),
-        (("flat.ply",), "taken as a point cloud", 1, 5),
+        (("flat.ply",), "read as a point cloud", 1, 5),
         (("moved.ply", "--align", "icp"), "the fit moved it by", 1, 5),
         (("lost.ply", "--pairs", "pairs.txt"), "4 pairs, 0.0", 1, 5),
         (("mesh.ply", "--poses", "est.txt", "--truth", "gt.txt"), "", 8, 80),

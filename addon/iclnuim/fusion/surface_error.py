@@ -273,7 +273,7 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
     if not len(triangles):
         notes.append("without faces: a point cloud")
     elif not any(areas_m2(points, part).any() for part in np.array_split(triangles, len(triangles) // 1_000_000 + 1)):
-        notes.append(f"none of {len(triangles)} triangles has an area: taken as a point cloud")
+        notes.append(f"none of {len(triangles)} triangles has an area: read as a point cloud")
         triangles = triangles[:0]
     return Reconstruction(points if unit_m == 1 else points * unit_m, triangles, tuple(notes))
 
@@ -320,7 +320,7 @@ def _read_plain(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with output.blender_output_in(Path(os.devnull)):
             points, triangles = igl.read_triangle_mesh(str(path))
     except RuntimeError as error:
-        raise InputError("a whole mesh", path=path, found=str(error).splitlines()[0]) from None
+        raise InputError("a complete mesh", path=path, found=str(error).splitlines()[0]) from None
     return points, triangles.reshape(-1, 3).astype(np.int64)
 
 

@@ -54,7 +54,7 @@ class FovisSettings:
     limits: Limits = Limits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
     depth: bool = False  # the geometric term selects the corners and checks the motion
-    level_weights: bool = False  # residuals are weighted by the pixel size of their level
+    level_weights: bool = False  # weights of residuals are inverse to the pixel size of their level
     reference: str = "matches"
 
 

@@ -12,7 +12,7 @@ from ..geometry.se3 import SE3
 
 #: A frame with depth in less than this share of its pixels is not tracked.
 MIN_DEPTH_SHARE = 0.02
-#: Depth whose range is less than this counts as one value (noise of 0.1 mm has a range of 0.9). On a wall 2 m away this range is a tilt
+#: Depth whose range is less than this counts as one value (noise of 0.1 mm has a range of 0.9 mm). On a wall 2 m away this range is a tilt
 #: of 0.02 degrees.
 FLAT_M = 1e-3
 
