@@ -297,7 +297,7 @@ def looked(files, request):
         (("cloud.ply", "--seen-by", "gt.txt"), "a point cloud", 1, 5),
         (("flat.ply",), "read as a point cloud", 1, 5),
         (("moved.ply", "--align", "icp"), "the fit moved it by", 1, 5),
-        (("lost.ply", "--pairs", "pairs.txt"), "4 pairs, 0.0", 1, 5),
+        (("lost.ply", "--pairs", "pairs.txt"), "4 pairs, residual 0.0", 1, 5),
         (("mesh.ply", "--poses", "est.txt", "--truth", "gt.txt"), "", 8, 80),
         (("mesh.ply", "--poses", "est.txt", "--truth", "gt.txt", "--fit-poses", "se3"), "the fit moved it by", 1, 8),
     ],

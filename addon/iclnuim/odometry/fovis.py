@@ -146,9 +146,8 @@ class Fovis:
         """The motion from the inliers, with its uncertainty."""
         s, count = self.settings, len(found.inliers)
         term = ReprojectionTerm(found.inliers, camera, s)
-        T = (
-            self._estimate(term, found.T, min_step=s.stop.min_step) if s.nu else found.T
-        )  # the uncertainty is computed only at the optimum
+        # the uncertainty is computed only at the optimum
+        T = self._estimate(term, found.T, min_step=s.stop.min_step) if s.nu else found.T
         result = solve([Pass(term, s.iterations, 4 * count, s.stop)], T, s.limits)
         if result.status is Status.FAILED:
             return result
