@@ -87,10 +87,10 @@ def test_what_leaves_and_what_stays_make_the_whole():
     whole = extract(filled(sphere))
     volume = filled(sphere)
     parts = []
-    volume._leaving = lambda volume, leaves: parts.append(extract(volume, leaves))
+    volume._on_leaving = lambda volume, leaves: parts.append(extract(volume, leaves))
     rows = volume.rows()
-    volume._forget(rows[volume.grid.place[rows][:, 0] < 0])
-    volume._forget(volume.rows()[volume.grid.place[volume.rows()][:, 1] < 1])
+    volume._release(rows[volume.grid.place[rows][:, 0] < 0])
+    volume._release(volume.rows()[volume.grid.place[volume.rows()][:, 1] < 1])
     parts.append(extract(volume))
     joined = Mesh.joined(parts)
     assert len(joined.triangles) == len(whole.triangles)

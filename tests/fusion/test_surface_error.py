@@ -143,9 +143,9 @@ def test_a_reconstruction_in_another_world_frame_is_not_called_mirrored(seed):
 
 def test_a_reconstruction_far_off_is_advised_to_give_its_trajectory():
     surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(4)) - (5, 2, 0)
-    turn = SE3.exp(np.array([0, 0, 0, 1.5, 0.9, 0.5]))
-    (warning,) = surface.error(turn.apply(points + (0.5, 2.0, 1.0))).warnings
-    assert "another world frame" in warning and "as {poses}" in warning and "as {truth}" in warning
+    rotation = SE3.exp(np.array([0, 0, 0, 1.5, 0.9, 0.5]))
+    (warning,) = surface.error(rotation.apply(points + (0.5, 2.0, 1.0))).warnings
+    assert "another world frame" in warning and "set {poses} to" in warning and "and {truth} to" in warning
 
 
 def test_a_picture_looks_into_the_room_from_outside():
