@@ -45,7 +45,7 @@ def lamp(name: str, location: Place, power: float, colour: Place, radius: float)
 
 
 def _unseen(light: bpy.types.Object) -> bpy.types.Object:
-    """A spot lamp that is not visible itself: the emission of the fitting is visible, also in reflections in floors and screens."""
+    """Hide a lamp from the camera and from reflections: there, in floors and screens too, the emission of its fitting is visible instead."""
     light.visible_camera = light.visible_glossy = False
     return light
 

@@ -54,7 +54,7 @@ def _tower(stage: Stage, key: str, detail: float, x: float, y: float, turn: floa
 
 
 def _papers(stage: Stage, rng: np.random.Generator, key: str, spots: tuple) -> None:
-    """Loose sheets and stacks of paper at (x, y, rotation, number of stacks)."""
+    """Papers at (x, y, rotation, wads): a stack of `wads` wads, or a loose sheet for 0."""
     parts: list[Mesh] = []
     for x, y, turn, wads in spots:
         heap = page(rng) if wads == 0 else paper_pile(rng, wads, 0.004)

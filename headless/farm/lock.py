@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from iclnuim.errors import WorkError
-from iclnuim.formats.files import not_written, process_lives
+from iclnuim.formats.files import not_written, process_is_running
 
 #: The holder touches its file this often; on other hosts a file that was not touched for STALE_S is stale.
 BEAT_S, STALE_S = 5.0, 90.0
@@ -126,4 +126,4 @@ def _born(pid: int) -> str | None:
         pass
     if Path("/proc/self/stat").exists():
         return None
-    return "unknown" if process_lives(pid) else None
+    return "unknown" if process_is_running(pid) else None

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import SequenceSettings, standing_frames
+from iclnuim.dataset.sequence import SequenceSettings, complete_frames
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, read_text, write_json
@@ -181,7 +181,7 @@ class RunPlan:
         run, made = read_run(self.raw), set()
         if self.sequences is not None:
             source = frames_of_run(run, list(self.numbers))
-            made = standing_frames(source, self.variants(), self.formats)
+            made = complete_frames(source, self.variants(), self.formats)
         return run.missing([n for n in self.numbers if n not in made])
 
     def to_dict(self) -> dict[str, Any]:

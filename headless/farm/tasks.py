@@ -94,7 +94,7 @@ class SequenceStage:
         self._on_frame(number)
 
     def _drop(self, number: int) -> None:
-        if not self._plan.keep_raw and self._writer.stands(number):
+        if not self._plan.keep_raw and self._writer.is_complete(number):
             self._raw.frame_file(number).unlink(missing_ok=True)
 
 

@@ -18,7 +18,7 @@ if __name__ == "__main__":
         try:
             scene.open_scene(file)
             scene.scene_sha256(file)
-            scene.why_not_baked(bpy.context.scene)
+            scene.reason_against_baking(bpy.context.scene)
             preflight.moving_names(bpy.context.scene)
             outcome = {"triangles": len(surfaces.triangles().triangles)}
         except InputError as error:

@@ -23,7 +23,7 @@ def begun(cornered_room, forward_path, tmp_path, monkeypatch):
         given = {"scene": str(cornered_room), "trajectory": str(forward_path), **settings}
         job = RenderJob("test", camera=PinholeCamera.parse("64x48"), **given)
         take = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
-        with worker.Session(job, out, take, asked=asked) as session:
+        with worker.Session(job, out, take, requested=asked) as session:
             session.render(frames, lambda: False)
         return out, json.loads((out / "sequence.json").read_text())["job"], notes
 

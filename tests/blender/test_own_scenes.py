@@ -294,12 +294,12 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
 def test_what_moves_leads_to_path_tracing_with_a_word(room):
     opened(room)
     job = RenderJob("own", str(room), "kt2")
-    assert scene.lit_as_it_can_be(job) == (job, [])  # the camera moves, nothing else
+    assert scene.with_possible_light(job) == (job, [])  # the camera moves, nothing else
     crate = bpy.data.objects["crate"]
     for frame, z in ((1, 0.0), (9, 1.0)):
         crate.location.z = z
         crate.keyframe_insert("location", frame=frame)
-    changed, words = scene.lit_as_it_can_be(job)
+    changed, words = scene.with_possible_light(job)
     assert changed.light == "path"
     assert "move (crate): path traced" in words[0]
 
@@ -374,7 +374,7 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
 def test_the_file_stays_as_it_was(room):
     before = room.read_bytes()
     opened(room)
-    scene.lit_as_it_can_be(RenderJob("own", str(room), "kt2"))
+    scene.with_possible_light(RenderJob("own", str(room), "kt2"))
     assert room.read_bytes() == before
 
 

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import scene_gallery  # noqa: E402
 from iclnuim.blender import camera, compat, frames, settings, surfaces, worker  # noqa: E402
-from iclnuim.blender.scene import why_not_baked  # noqa: E402
+from iclnuim.blender.scene import reason_against_baking  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
 from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
@@ -148,7 +148,7 @@ def test_what_instances_and_nodes_show_stands_against_a_light_map(name, tmp_path
     bpy = scene_gallery.bpy
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene_gallery.GALLERY[name].fill(tmp_path)
-    assert scene_gallery.GALLERY[name].note in (why_not_baked(bpy.context.scene) or "")
+    assert scene_gallery.GALLERY[name].note in (reason_against_baking(bpy.context.scene) or "")
 
 
 def test_sun_and_sky_shine_through_window_glass(rendered):

@@ -1,7 +1,7 @@
 """Noise goes, light stays: edges of shadows, borders of charts, and the energy of rare bright paths."""
 
 import numpy as np
-from iclnuim.lightmap.denoise import beside_known, denoise, fill, luminance
+from iclnuim.lightmap.denoise import denoise, fill, luminance, next_to_known
 
 SIZE = 96
 
@@ -69,6 +69,6 @@ def test_filling_takes_light_of_the_same_chart_only():
 def test_hidden_texels_find_the_nearest_seen_one_of_their_chart():
     chart, _, known = flat_room(2)
     known[:, 46:50] = False
-    hidden, near = beside_known(known, chart)
+    hidden, near = next_to_known(known, chart)
     assert set(hidden % SIZE) == {46, 49}
     assert set(near % SIZE) == {45, 50}

@@ -28,7 +28,7 @@ from ..errors import IclnuimError, InputError, WorkError
 from ..formats.exr import write_exr
 from ..formats.files import read_bytes, read_json, sha256, write_json
 from ..job import LIGHT_FILES, RenderJob, bake_core_s, shipped_light
-from ..lightmap.denoise import beside_known, contrast, denoise, fill
+from ..lightmap.denoise import contrast, denoise, fill, next_to_known
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
 from ..shipped import cache_folder as cache_folder
@@ -222,7 +222,7 @@ class _Points:
 
         So the light close to a contact of two surfaces is sampled there, and not at a texel farther away.
         """
-        hidden, near = beside_known(self.visible, self.chart)
+        hidden, near = next_to_known(self.visible, self.chart)
         hidden_row, near_row = (np.searchsorted(self.layout.texels.index, k) for k in (hidden, near))
         share = np.array(_STEPS_INTO_VIEW)[:, None, None]
         points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))

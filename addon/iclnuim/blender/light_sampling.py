@@ -169,10 +169,14 @@ def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vec
     """Whether at least one lamp is visible from the place, and no surface is close to the place."""
     scene, origin = depsgraph.scene, Vector(place)
     around = np.vstack([np.eye(3), -np.eye(3)])
-    if any(scene.ray_cast(depsgraph, origin, Vector(way), distance=_NEAREST_M)[0] for way in around):
+    if any(scene.ray_cast(depsgraph, origin, Vector(direction), distance=_NEAREST_M)[0] for direction in around):
         return False
-    ways = [(lamp - origin) for lamp in lamps]
-    return not all(scene.ray_cast(depsgraph, origin, way, distance=way.length)[0] for way in ways if way.length > 0)
+    directions = [(lamp - origin) for lamp in lamps]
+    return not all(
+        scene.ray_cast(depsgraph, origin, direction, distance=direction.length)[0]
+        for direction in directions
+        if direction.length > 0
+    )
 
 
 def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:

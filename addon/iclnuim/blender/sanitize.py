@@ -262,12 +262,12 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         raised = faces.sheets(again)
         lifted, reversed_ = faces.overlapping(again, raised)
         left_out, lifted_of = faces.by_object(again), faces.by_object(lifted)
-        ways = {t.original: faces.normals[rows] for t, rows in zip(things, faces.rows_of(lifted), strict=True)}
-    for thing, way in raised.items():
-        thing.matrix_world = Matrix.Translation(way) @ thing.matrix_world
+        directions = {t.original: faces.normals[rows] for t, rows in zip(things, faces.rows_of(lifted), strict=True)}
+    for thing, shift in raised.items():
+        thing.matrix_world = Matrix.Translation(shift) @ thing.matrix_world
     _as_rendered_meshes(scene, list({**left_out, **lifted_of}))
     for thing in {**left_out, **lifted_of}:
-        _edit_faces(thing, left_out.get(thing, ()), lifted_of.get(thing, ()), ways[thing])
+        _edit_faces(thing, left_out.get(thing, ()), lifted_of.get(thing, ()), directions[thing])
     black = "because Cycles would show both black"
     millimetres = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
     notes = {
@@ -280,17 +280,19 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
     return [sentence for sentence, is_so in notes.items() if is_so]
 
 
-def _edit_faces(thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterable[int], ways: np.ndarray) -> None:
-    """Remove faces of a mesh, and move others separately along the directions `ways` (n, 3), unit vectors in the world."""
+def _edit_faces(
+    thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterable[int], directions: np.ndarray
+) -> None:
+    """Remove faces of a mesh, and move others separately along `directions` (n, 3), unit vectors in the world."""
     to_object = thing.matrix_world.inverted_safe().to_3x3()
     edited = bmesh.new()
     edited.from_mesh(thing.data)
     edited.faces.ensure_lookup_table()
     gone, moved = ([edited.faces[int(k)] for k in rows] for rows in (left_out, lifted))
-    for face, way in zip(moved, ways, strict=True):
+    for face, direction in zip(moved, directions, strict=True):
         alone = bmesh.ops.split(edited, geom=[face])["geom"]
         corners = [v for v in alone if isinstance(v, bmesh.types.BMVert)]
-        bmesh.ops.translate(edited, verts=corners, vec=to_object @ Vector(way * _RAISED_M))
+        bmesh.ops.translate(edited, verts=corners, vec=to_object @ Vector(direction * _RAISED_M))
     bmesh.ops.delete(edited, geom=gone, context="FACES_ONLY")
     edited.to_mesh(thing.data)
     edited.free()
@@ -324,10 +326,10 @@ class _Faces:
         return {thing.original: found - start for thing, found, start in own if len(found)}
 
     def cast(
-        self, k: int, start_m: np.ndarray, way: np.ndarray, reach_m: float
+        self, k: int, start_m: np.ndarray, direction: np.ndarray, reach_m: float
     ) -> tuple[np.ndarray, Vector, int] | None:
         """Like _cast, for object k; the face is returned as a row."""
-        hit = _cast(self.depsgraph, self.things[k], start_m, way, reach_m)
+        hit = _cast(self.depsgraph, self.things[k], start_m, direction, reach_m)
         return hit and (hit[0], hit[1], hit[2] + int(self.starts[k]))
 
     def equal(self) -> np.ndarray:
@@ -338,11 +340,11 @@ class _Faces:
         _, first, group = np.unique(self.keys, return_index=True, return_inverse=True)
         opposed = self.keys[again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]]
 
-        def is_seen(row: int, way: np.ndarray) -> bool:
+        def is_seen(row: int, direction: np.ndarray) -> bool:
             """Whether a ray from the face leaves the two objects that share it, instead of hitting a back face of one of them."""
             for k in (owner[row], owner[first[group[row]]]):
-                hit = self.cast(k, self.centres_m[row] + 10 * _SAME_PLACE_M * way, way, 1e4)
-                if hit is not None and (hit[1].dot(Vector(way)) > 0 or self.keys[hit[2]] in opposed):
+                hit = self.cast(k, self.centres_m[row] + 10 * _SAME_PLACE_M * direction, direction, 1e4)
+                if hit is not None and (hit[1].dot(Vector(direction)) > 0 or self.keys[hit[2]] in opposed):
                     return False
             return True
 
@@ -397,8 +399,8 @@ class _Faces:
         place_m = (
             outline[list(ears[0])].mean(0) if ears else self.centres_m[face]
         )  # the centre of an L-shape may be outside it
-        ways, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
-        return all(self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in ways)
+        directions, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
+        return all(self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in directions)
 
     def overlapping(self, again: np.ndarray, raised: Iterable[bpy.types.Object]) -> tuple[np.ndarray, set[str]]:
         """Rows of faces that overlap larger ones that face the same direction, and names of sheets that overlap others that face the opposite
@@ -474,11 +476,11 @@ def _planes(centres_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def _cast(
-    depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, start_m: np.ndarray, way: np.ndarray, reach_m: float
+    depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, start_m: np.ndarray, direction: np.ndarray, reach_m: float
 ) -> tuple[np.ndarray, Vector, int] | None:
     """The hit of a ray in the world with one object: position (3,) in metres, unit normal, face; None if there is no hit."""
     inverse, matrix = thing.matrix_world.inverted_safe(), thing.matrix_world
-    step = inverse.to_3x3() @ Vector(reach_m * way)
+    step = inverse.to_3x3() @ Vector(reach_m * direction)
     if not step.length:
         return None
     start = inverse @ Vector(start_m)

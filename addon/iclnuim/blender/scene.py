@@ -180,11 +180,11 @@ def _light_passes_glass() -> list[str]:
     ]
 
 
-def lit_as_it_can_be(job: RenderJob) -> tuple[RenderJob, list[str]]:
+def with_possible_light(job: RenderJob) -> tuple[RenderJob, list[str]]:
     """The job with the light that the open scene allows, and a note if that is not the requested light."""
-    if job.light == "path" or (hindrance := why_not_baked(bpy.context.scene)) is None:
+    if job.light == "path" or (obstacle := reason_against_baking(bpy.context.scene)) is None:
         return job, []
-    return with_light(job, "path"), [f"{hindrance}: path traced instead of baked light"]
+    return with_light(job, "path"), [f"{obstacle}: path traced instead of baked light"]
 
 
 def with_light(job: RenderJob, light: str) -> RenderJob:
@@ -193,9 +193,9 @@ def with_light(job: RenderJob, light: str) -> RenderJob:
     return job if compat.has_denoiser() else job.changed(denoise=False)
 
 
-def why_not_baked(scene: bpy.types.Scene) -> str | None:
+def reason_against_baking(scene: bpy.types.Scene) -> str | None:
     """The reason why the scene cannot have a light map, or None."""
-    hindrances = {
+    obstacles = {
         "objects or lights that move": preflight.moving_names(scene),
         "hair, curves or points": preflight.strand_names(scene),
         "volumes": preflight.volume_names(scene) or preflight.made_volume_names(scene),
@@ -204,7 +204,7 @@ def why_not_baked(scene: bpy.types.Scene) -> str | None:
             scene
         ),
     }
-    for what, names in hindrances.items():
+    for what, names in obstacles.items():
         if names:
             return f"{what} ({', '.join(names)[:120]})"
     kinds = map(lit_scene.kind, _shown_materials(scene))

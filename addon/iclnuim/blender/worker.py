@@ -21,7 +21,7 @@ from .. import worker_events as events
 from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ..errors import InputError
-from ..formats.files import make_folder, process_lives, read_bytes, sha256, write_json, writer_died
+from ..formats.files import make_folder, process_is_running, read_bytes, sha256, write_json, writer_has_ended
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
@@ -33,24 +33,24 @@ Emit = Callable[[Event], None]
 class Session:
     """Opens a run in `out` and renders any of its frames. The scene is built at the first frame and kept.
 
-    `threads` for Cycles; default: all cores of this process. `asked`: the requested frames: for a user-provided scene, the first one is
+    `threads` for Cycles; default: all cores of this process. `requested`: the requested frames: for a user-provided scene, the first one is
     rendered as a preview, and light "auto" is chosen for their number. Use it as a context manager: Blender's output goes to a log meanwhile.
     """
 
     def __init__(
-        self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None, asked: Sequence[int] = ()
+        self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None, requested: Sequence[int] = ()
     ) -> None:
         compat.require_supported_version()
         self.emit, self.threads = emit, threads
         self.trajectory = load_trajectory(job)
         self._opened, look = not scene.is_shipped(job.scene), None
         self.job = _opened(job, emit) if self._opened else job
-        if self._opened and asked and job.light != "path" and not (out / first_look.PREVIEW).exists():
+        if self._opened and requested and job.light != "path" and not (out / first_look.PREVIEW).exists():
             with output.blender_output_in(Path(os.devnull)):
-                look = first_look.look(self.job, self.trajectory, asked[0], threads)
+                look = first_look.look(self.job, self.trajectory, requested[0], threads)
             self._opened = False
         if self.job.light == "auto":
-            self.job, sentence = first_look.choose(self.job, out, look, len(asked))
+            self.job, sentence = first_look.choose(self.job, out, look, len(requested))
             emit(events.Note(sentence))
         self.run = open_run(out, recipe(self.job), self.trajectory)
         if look:
@@ -196,7 +196,7 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     """Open a user-provided scene before its run is opened: its textures are part of the recipe, and moving objects affect the choice of light."""
     with output.blender_output_in(Path(os.devnull), errors=False):
         notes = scene.open_scene(job.scene, job.reading)
-        job, more = scene.lit_as_it_can_be(job)
+        job, more = scene.with_possible_light(job)
     _note_all(emit, [*notes, *more])
     return job
 
@@ -214,9 +214,9 @@ def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: b
 def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False) -> None:
     """Open the job's scene unless it is open, emit notes about it, and set all settings."""
     _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
-    if must_bake and (hindrance := scene.why_not_baked(bpy.context.scene)):
+    if must_bake and (obstacle := scene.reason_against_baking(bpy.context.scene)):
         wanted = "a scene whose light can be baked"
-        raise InputError(wanted, path=job.scene, found=hindrance, hint="{light} path")
+        raise InputError(wanted, path=job.scene, found=obstacle, hint="{light} path")
     _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
     if must_bake or job.light == "baked":
         surfaces.make_lamps_real()
@@ -260,10 +260,10 @@ def _work_folder(run: RunFolder) -> Path:
     """
     host, place = platform.node(), Path(os.environ.get("ICLNUIM_SCRATCH") or run.path)
     for old in place.glob(f".work-{host}-*"):
-        if not process_lives(int(old.name.rsplit("-", 1)[1])):
+        if not process_is_running(int(old.name.rsplit("-", 1)[1])):
             shutil.rmtree(old, ignore_errors=True)
     for leftover in (run.path / "exr").glob(".*.tmp.exr"):
-        if writer_died(leftover):
+        if writer_has_ended(leftover):
             leftover.unlink(missing_ok=True)
     work = place / f".work-{host}-{os.getpid()}"
     make_folder(work)

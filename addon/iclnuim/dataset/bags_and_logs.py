@@ -143,13 +143,13 @@ class _Bag:
             stamp_ns = self._nanoseconds(stamp_s)
             T, header = truth.T_world_camera[i], self._header(stamp_ns, WORLD)
             place = dict(zip("xyz", T.translation.tolist(), strict=True))
-            turn = self._new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)))
+            rotation = self._new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)))
             point, move = (self._new(f"geometry_msgs/msg/{kind}", **place) for kind in ("Point", "Vector3"))
-            pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=turn)
+            pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
             posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
             self._write("/ground_truth/pose", posed, stamp_ns)
             named = {"header": header, "child_frame_id": FRAME}
-            transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=turn)
+            transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=rotation)
             stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
             self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
 

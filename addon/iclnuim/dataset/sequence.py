@@ -27,7 +27,7 @@ from ..formats.files import (
     read_json,
     sha256,
     write_json,
-    writer_died,
+    writer_has_ended,
 )
 from ..formats.images import ARRAY, JPEG, image_header, read_colour8, write_array, write_jpeg
 from ..formats.libraries import first_library
@@ -193,9 +193,9 @@ class SequenceWriter:
             target.note(entry)
         return new[0][1].frame
 
-    def stands(self, number: int) -> bool:
+    def is_complete(self, number: int) -> bool:
         """Whether the frame's images in every sequence have the hashes in its journal."""
-        return all(target.stands(number) for target in self.targets)
+        return all(target.is_complete(number) for target in self.targets)
 
     def complete(self) -> list[WrittenSequence]:
         """Write lists and recipes, after all frames are made."""
@@ -214,7 +214,7 @@ class SequenceWriter:
             return read_colour8(rgb.path), read_depth_m(depth.path, depth.units)
 
 
-def standing_frames(
+def complete_frames(
     source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str]
 ) -> set[int]:
     """The frames of the source whose images in every folder have the hashes in the journal. Nothing is written."""
@@ -223,11 +223,11 @@ def standing_frames(
         units = _units(settings, chosen)
         there.append((read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen), units), units))
 
-    def stands(number: int) -> bool:
-        return all(_stands(entries, number, places[number], units) for entries, places, units in there)
+    def is_complete(number: int) -> bool:
+        return all(_is_complete(entries, number, places[number], units) for entries, places, units in there)
 
     with ThreadPoolExecutor(4) as pool:
-        return {n for n, good in zip(source.numbers, pool.map(stands, source.numbers), strict=True) if good}
+        return {n for n, good in zip(source.numbers, pool.map(is_complete, source.numbers), strict=True) if good}
 
 
 def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
@@ -263,14 +263,14 @@ class _Images:
         self.entries = read_entries(self.journal)
         self.places = _places(source, self.layout, self.units)
 
-    def stands(self, number: int) -> bool:
+    def is_complete(self, number: int) -> bool:
         """Whether all images of a frame have the hashes in the journal."""
-        return _stands(self.entries, number, self.places[number], self.units)
+        return _is_complete(self.entries, number, self.places[number], self.units)
 
     def make(self, frame: "_Frame") -> JournalEntry | None:
-        if self.stands(frame.number):
+        if self.is_complete(frame.number):
             return None
-        digests, places = self._taken_over(frame.number)
+        digests, places = self._copied_originals(frame.number)
         invalid: dict[str, int] = {}
         if any(places.values()):
             image, noisy_z_m, invalid = noisy_metres(*frame.pixels, self.source.camera, frame.number, self.settings)
@@ -281,7 +281,7 @@ class _Images:
         truth = {kind: digests.pop(kind) for kind in ground_truth.KINDS if kind in digests}
         return JournalEntry(frame.number, *main, invalid, truth, digests)
 
-    def _taken_over(self, number: int) -> tuple[dict[str, str], Places]:
+    def _copied_originals(self, number: int) -> tuple[dict[str, str], Places]:
         """Copy the originals to the places that store images in the same way. Returns SHA-256 by `_stored_as`, and the remaining places."""
         places: Places = dict(self.places[number])
         digests: dict[str, str] = {}
@@ -311,12 +311,12 @@ class _Target(_Images):
         if not data.endswith(b"\n") and data:
             # remove a line truncated by a crash, in place: if the file were rewritten, a kill could lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
-        self.finished = frozenset(n for n in self.places if self.stands(n))
+        self.finished = frozenset(n for n in self.places if self.is_complete(n))
         images = (place.path for n in source.numbers for places in self.places[n].values() for place in places)
         for folder in sorted({out, *(path.parent for path in images)}):
             make_folder(folder)
             for leftover in folder.glob(".*.tmp.*"):
-                if writer_died(leftover):
+                if writer_has_ended(leftover):
                     leftover.unlink(missing_ok=True)
 
     def note(self, entry: JournalEntry) -> None:
@@ -480,7 +480,7 @@ def _is_plain(path: Path, kind: str, camera: PinholeCamera) -> bool:
     return (header.width, header.height) == (camera.width, camera.height) and right.get(header.colour) == header.bits
 
 
-def _stands(entries: Mapping[int, JournalEntry], number: int, files: Places, units: float) -> bool:
+def _is_complete(entries: Mapping[int, JournalEntry], number: int, files: Places, units: float) -> bool:
     """Whether all images of a frame have the hashes in the journal."""
     entry = entries.get(number)
     if entry is None:

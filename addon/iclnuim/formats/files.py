@@ -61,7 +61,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def process_lives(process: int) -> bool:
+def process_is_running(process: int) -> bool:
     """Whether a process of this host is running. Always True on Windows, where os.kill would end it."""
     if os.name == "nt":
         return True
@@ -74,11 +74,11 @@ def process_lives(process: int) -> bool:
     return True
 
 
-def writer_died(temporary: Path) -> bool:
+def writer_has_ended(temporary: Path) -> bool:
     """Whether a temporary file of `atomic_write` was left by a process of this host that has ended. Those of other hosts may be in use."""
     try:
         process, host, _ = temporary.name.split(".")[-3].split("-")
-        return host == _HOST and not process_lives(int(process))
+        return host == _HOST and not process_is_running(int(process))
     except (IndexError, ValueError):
         return False
 

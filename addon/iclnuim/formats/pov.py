@@ -47,8 +47,8 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
         try:
             values[name] = float(values[name])
         except (KeyError, ValueError):
-            stands = re.search(rf"{name}\s*=\s*(\S*)", line, re.IGNORECASE)
-            found = f"{name}={stands[1]}" if stands else f"no {name}"
+            found_text = re.search(rf"{name}\s*=\s*(\S*)", line, re.IGNORECASE)
+            found = f"{name}={found_text[1]}" if found_text else f"no {name}"
             raise InputError(COMMAND, path=source.path, line=number, found=found) from None
     if len(pairs) != 12:
         raise InputError(f"{COMMAND}, each once", path=source.path, line=number, found=f"{len(pairs)} of them")

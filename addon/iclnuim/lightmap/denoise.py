@@ -132,7 +132,7 @@ def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.nda
     return result
 
 
-def beside_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def next_to_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Flat indices of unknown texels that have a known neighbour in the same chart, and flat indices of the nearest such neighbour."""
     place = np.arange(known.size).reshape(known.shape)
     nearest = np.full(known.shape, -1)

@@ -13,7 +13,7 @@ from .. import shipped
 from ..blender import camera, light_map
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
-from ..formats.files import make_folder, process_lives
+from ..formats.files import make_folder, process_is_running
 from ..formats.libraries import first_library
 from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
 from ..geometry import axes
@@ -82,7 +82,7 @@ def check_free(raw: Path) -> None:
     """Raises WorkError if a running process on this machine renders into the folder."""
     for folder in raw.glob(f".work-{platform.node()}-*"):
         process = int(folder.name.rsplit("-", 1)[1])
-        if process != os.getpid() and os.name != "nt" and process_lives(process):
+        if process != os.getpid() and os.name != "nt" and process_is_running(process):
             text = f"{raw}: another render (process {process}) is running in this folder"
             raise WorkError(text, hint="again when it has finished, or another {out}")
 
@@ -91,9 +91,9 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
     """A sentence for the panel: whether the cache contains the light map of the chosen scene, its size and its age."""
     if settings.scene_source == "OPEN":
         return "Bake Light and Render use the cached light map of the open file, or bake it if there is none"
-    name, held = scene_name(settings), state.current()
+    name, panel = scene_name(settings), state.current()
     key = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
-    known = held.light_map
+    known = panel.light_map
     if known is None or known[0] != key or time.monotonic() - known[1] > _FRESH_S:
         line = "this scene's light map is not in the cache: Bake Light or the first render bakes it once, which takes minutes"
         try:
@@ -108,7 +108,7 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
                     line = "this scene's light map is part of the extension: no bake is needed"
         except (IclnuimError, OSError):
             line = "no scene file is chosen yet"
-        known = held.light_map = key, time.monotonic(), line
+        known = panel.light_map = key, time.monotonic(), line
     return known[2]
 
 

@@ -180,7 +180,7 @@ def preview(self, context):
 @operator("Evaluate")
 def evaluate(self, context):
     """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error, red for the largest error"""
-    settings, held = context.scene.iclnuim, state.current()
+    settings, panel = context.scene.iclnuim, state.current()
     if not settings.estimate:
         raise InputError("an estimated trajectory", found="none", hint="choosing a file as {estimate}")
     estimate = read_trajectory(bpy.path.abspath(settings.estimate)).trajectory
@@ -188,9 +188,9 @@ def evaluate(self, context):
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
     ate = absolute_trajectory_error(truth, estimate, AbsoluteErrorSettings(alignment=alignment))
     rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
-    held.evaluation = ate
+    panel.evaluation = ate
     position, rotation = ate.translation_m, ate.rotation_deg
-    held.evaluation_lines = [
+    panel.evaluation_lines = [
         f"ATE rmse {position.rmse:.4f} m, median {position.median:.4f}, max {position.max:.4f}",
         f"rotation rmse {rotation.rmse:.3f} deg",
         f"RPE over {settings.delta}: {rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg",

@@ -74,11 +74,11 @@ def trajectory(layout, settings, context):
     if settings.use_start:
         _props(layout, settings, ("start_location", "start_rotation"))
     layout.prop(settings, "show_path")
-    held = state.current()
-    for line in held.trajectory_lines:
+    panel = state.current()
+    for line in panel.trajectory_lines:
         _text(layout, context, line)
-    if held.trajectory_warning:
-        _text(layout, context, held.trajectory_warning, "ERROR")
+    if panel.trajectory_warning:
+        _text(layout, context, panel.trajectory_warning, "ERROR")
     row = layout.row(align=True)
     row.operator("iclnuim.keyframe", icon="KEY_HLT")
     row.operator("iclnuim.save_path", text="", icon="EXPORT")

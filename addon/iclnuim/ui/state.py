@@ -98,7 +98,7 @@ def start(
     this function waits for the end. Raises WorkError.
     """
     state = current()
-    state.work.refuse_a_second()
+    state.work.check_idle()
     options, log = {"job": job.to_dict(), "nice": 10}, user_folder("log") / "child.txt"
     options["asked"] = command.get("frames", ()) if job.light == "auto" else ()
     worker = WorkerClient(worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())})

@@ -22,23 +22,23 @@ _FRUSTA, _FRUSTUM_DEPTH_M = 30, 0.12
 
 def refresh(context: bpy.types.Context) -> None:
     """Read the trajectory, store its statistics as lines of text for the panel, and draw it. An error is stored as the warning."""
-    held = state.current()
-    held.trajectory_key = _key(context.scene)
-    held.trajectory_warning = ""
+    panel = state.current()
+    panel.trajectory_key = _key(context.scene)
+    panel.trajectory_warning = ""
     try:
         chosen, sentence = inputs.trajectory(context)
     except IclnuimError as error:
-        held.trajectory_lines, held.trajectory_warning = [], error.worded(held.work.name_of)
-        held.shapes = {name: shape for name, shape in held.shapes.items() if name == "estimate"}
+        panel.trajectory_lines, panel.trajectory_warning = [], error.worded(panel.work.name_of)
+        panel.shapes = {name: shape for name, shape in panel.shapes.items() if name == "estimate"}
         return
     s = statistics(chosen)
-    held.trajectory_lines = [
+    panel.trajectory_lines = [
         sentence,
         f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",
         f"speed {s.mean_speed:.3f} m/s, at most {s.max_speed:.2f}",
         f"rotation {s.mean_rotation_rate:.1f} deg/s, at most {s.max_rotation_rate:.0f}",
     ]
-    held.trajectory_warning = _collisions(context, chosen)
+    panel.trajectory_warning = _collisions(context, chosen)
     camera, count = context.scene.iclnuim.camera(), len(chosen)
     picked = chosen.T_world_camera[np.unique(np.linspace(0, count - 1, _FRUSTA).astype(int))]
     _show("trajectory", _segments(chosen.positions_m), TRAJECTORY_COLOUR)
@@ -76,10 +76,10 @@ def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
 
 
 def _show(name: str, points: np.ndarray, colours: object) -> None:
-    held = state.current()
+    panel = state.current()
     colours = np.broadcast_to(np.asarray(colours, np.float32), (len(points), 4))
-    held.shapes[name] = points.astype(np.float32), np.ascontiguousarray(colours)
-    held.batches.pop(name, None)
+    panel.shapes[name] = points.astype(np.float32), np.ascontiguousarray(colours)
+    panel.batches.pop(name, None)
 
 
 def _segments(values: np.ndarray) -> np.ndarray:
@@ -101,8 +101,8 @@ def draw() -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    held, settings = state.current(), bpy.context.scene.iclnuim
-    if not settings.show_path or not held.shapes:
+    panel, settings = state.current(), bpy.context.scene.iclnuim
+    if not settings.show_path or not panel.shapes:
         return
     if bpy.context.region_data is not None and bpy.context.region_data.view_perspective == "CAMERA":
         return  # the camera is on the trajectory: its own frusta would fill the view
@@ -110,13 +110,13 @@ def draw() -> None:
     shader.bind()
     shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
     gpu.state.blend_set("ALPHA")
-    for name, (points, colours) in held.shapes.items():
-        if name not in held.batches:
+    for name, (points, colours) in panel.shapes.items():
+        if name not in panel.batches:
             faint = colours * np.array([1, 1, 1, HIDDEN_ALPHA], np.float32)
             both = ({"pos": points, "color": c} for c in (faint, colours))
-            held.batches[name] = [batch_for_shader(shader, "LINES", content) for content in both]
+            panel.batches[name] = [batch_for_shader(shader, "LINES", content) for content in both]
         shader.uniform_float("lineWidth", 1.2 if name == "frusta" else 3.0)
-        for batch, test in zip(held.batches[name], ("NONE", "LESS_EQUAL"), strict=True):
+        for batch, test in zip(panel.batches[name], ("NONE", "LESS_EQUAL"), strict=True):
             gpu.state.depth_test_set(test)
             batch.draw(shader)
     gpu.state.blend_set("NONE")
@@ -126,9 +126,9 @@ def draw() -> None:
 @persistent
 def _file_opened(*_: Any) -> None:
     """Another file was opened: read and draw its trajectory."""
-    held = state.current()
-    held.shapes.clear()
-    held.batches.clear()
+    panel = state.current()
+    panel.shapes.clear()
+    panel.batches.clear()
     refresh(bpy.context)
 
 

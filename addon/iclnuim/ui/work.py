@@ -38,14 +38,14 @@ class Work:
     def busy(self) -> bool:
         return self.phase in BUSY
 
-    def refuse_a_second(self) -> None:
+    def check_idle(self) -> None:
         """Raises WorkError if other work is running."""
         if self.busy:
             raise WorkError(f"a {self.kind} is already running", hint="again when it has finished, or Cancel first")
 
     def start(self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done") -> None:
         """Send `command` (see blender/child.py) to the worker. `kind` is its name in the panel. Raises WorkError if other work is running."""
-        self.refuse_a_second()
+        self.check_idle()
         vars(self).update(vars(Work(self.name_of, "starting", kind, message="Blender is starting in the background")))
         self.worker, self._when_done = worker, when_done
         worker.send(command)
