@@ -134,7 +134,7 @@ def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run
     plot = ["--plot", str(tmp_path / "chart.png")] if charts else []
     assert cli.main(["bench", "odometry", *files, *plot]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "kt2/clean, preset best of ours"
+    assert lines[0] == "kt2/clean, our odometers with preset best"
     assert [line.split()[0] for line in lines[2:6]] == ["icp", "good", "good", "nothing"]
     assert "wrote nothing" in lines[6] and (not charts or (tmp_path / "chart.png").stat().st_size > 5000)
 
