@@ -318,7 +318,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.shipped import source_commit
 
     from ..stress import curves, fusion_curve
-    from ..stress.stretch import Stretch
+    from ..stress.segment import Segment
 
     names = (*curves.CURVES, "voxel")
     if args.curve not in names:
@@ -326,7 +326,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     sequence, truth = open_sequence(args, console, args.folder), read_truth(args.folder)
     if truth is None:
         raise InputError("a ground truth in the folder", path=args.folder)
-    stretch = Stretch.of(sequence, truth, args.start, args.first, seed=1)
+    segment = Segment.of(sequence, truth, args.start, args.first, seed=1)
     cv2.setNumThreads(args.threads)
     title = f"bench curve {args.curve}"
     if args.curve == "voxel":
@@ -334,8 +334,8 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
 
         require(title, "igl")
         surface = TrueSurface(*read_model(args.model))
-        progress = console.progress(len(stretch.numbers), title)
-        fused = fusion_curve.measure(args.values or fusion_curve.VALUES, stretch, surface, progress.advance)
+        progress = console.progress(len(segment.numbers), title)
+        fused = fusion_curve.measure(args.values or fusion_curve.VALUES, segment, surface, progress.advance)
         points, text, drawn = (
             [p.to_dict() for p in fused],
             fusion_curve.table(fused),
@@ -343,8 +343,8 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
         )
     else:
         values, methods = args.values or curves.CURVES[args.curve][0], args.method or ["icp", "rgbd"]
-        progress = console.progress(curves.length(args.curve, values, stretch), title)
-        found = curves.measure(args.curve, methods, values, stretch, progress.advance)
+        progress = console.progress(curves.length(args.curve, values, segment), title)
+        found = curves.measure(args.curve, methods, values, segment, progress.advance)
         points, text, drawn = (
             [p.to_dict() for p in found],
             curves.table(found),

@@ -1,4 +1,4 @@
-"""The figures of one method on one stretch of frames: how wrong its poses are, and whether it noticed."""
+"""The figures of one method on one segment of frames: the errors of its poses, and whether it reported them."""
 
 import re
 from collections import Counter
@@ -19,20 +19,21 @@ from iclnuim.odometry.protocol import Frame, Odometer, Result, Status
 from iclnuim.odometry.track import Tracked, Tracker
 
 from .plan import Bounds
-from .stretch import Stretch
+from .segment import Segment
 
 _FIRST_POSE = AbsoluteErrorSettings(alignment=AlignmentSettings(method="origin"))
 _SECOND_S, _SLACK_S = 1.0, 0.1
-#: Diagnostics that changed by more than this against the unperturbed run are named as the cause.
+#: A diagnostic whose ratio to the unperturbed run is beyond these limits is named as the cause.
 _FEWER_INLIERS, _LARGER_RESIDUAL = 0.7, 1.5
 
 
 @dataclass(frozen=True)
 class Cell:
-    """ATE and steps in metres and degrees, RMSE and largest; shares of the frames after the first; None where there is nothing to measure.
+    """ate_m: RMSE. worst_step_m, worst_step_deg: largest error of a step. Figures are None where nothing can be measured.
 
-    false_successes: said to be good and wrong; false_alarms: said to be bad and right; noticed_after: frames from the first wrong pose to
-    the first alarm, None where there was none, or nothing wrong; nees: by its 6 degrees of freedom. residual, inliers: medians.
+    wrong, false_successes, false_alarms, alarms: counts of frames. False successes are wrong poses reported as good, false alarms are
+    right poses reported as bad. noticed_after: number of frames from the first wrong pose to the first alarm; None if there was no alarm
+    or no wrong pose. nees: divided by its 6 degrees of freedom. residual, inliers: medians.
     """
 
     frames: int
@@ -56,14 +57,14 @@ class Cell:
         return asdict(self)
 
 
-class Witness:
-    """An odometer that remembers which frame each alignment was against, and whose first guess is off by the stretch's `guess_off_deg`.
+class RecordingOdometer:
+    """Wraps an odometer: records the reference frame of each alignment, and rotates its initial guess by the segment's `guess_off_deg`.
 
-    The rotation is about an axis of the frame's own. Third-party odometers, which start from no motion, are started from that rotation.
+    Each frame has its own random rotation axis. Third-party odometers, which start from no motion, start from that rotation.
     """
 
-    def __init__(self, odometer: Odometer, stretch: Stretch) -> None:
-        self.odometer, self.stretch = odometer, stretch
+    def __init__(self, odometer: Odometer, segment: Segment) -> None:
+        self.odometer, self.segment = odometer, segment
         self.name, self.reference = odometer.name, odometer.reference
         self.pairs: dict[float, float] = {}
 
@@ -72,32 +73,32 @@ class Witness:
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
         self.pairs[current[0]] = reference[0]
-        if self.stretch.guess_off_deg:
-            axis = self.stretch.generator(len(self.pairs)).standard_normal(3)
-            turn = np.radians(self.stretch.guess_off_deg) * axis / np.linalg.norm(axis)
-            off = SE3.exp(np.concatenate([np.zeros(3), turn]))
+        if self.segment.guess_off_deg:
+            axis = self.segment.generator(len(self.pairs)).standard_normal(3)
+            rotation = np.radians(self.segment.guess_off_deg) * axis / np.linalg.norm(axis)
+            off = SE3.exp(np.concatenate([np.zeros(3), rotation]))
             guess = guess @ off
             if isinstance(self.odometer, Baseline):
                 self.odometer.start = off
         return self.odometer.align(reference[1], current[1], guess)
 
 
-def track_all(odometers: Iterable[Odometer], stretch: Stretch) -> list[tuple[list[Tracked], dict[float, float]]]:
-    """Each frame is made once and given to one odometer after the other. Of each: what became of the frames, and stamps of frame and reference."""
-    witnesses = [Witness(odometer, stretch) for odometer in odometers]
-    trackers = [Tracker(witness, stretch.camera) for witness in witnesses]
-    tracked: list[list[Tracked]] = [[] for _ in witnesses]
-    for stamp_s, frame in stretch.frames():
+def track_all(odometers: Iterable[Odometer], segment: Segment) -> list[tuple[list[Tracked], dict[float, float]]]:
+    """Track the segment with all odometers; each frame is loaded once. Returns for each odometer the tracked frames, and the stamps of frame -> reference."""
+    recorders = [RecordingOdometer(odometer, segment) for odometer in odometers]
+    trackers = [Tracker(recorder, segment.camera) for recorder in recorders]
+    tracked: list[list[Tracked]] = [[] for _ in recorders]
+    for stamp_s, frame in segment.frames():
         for tracker, results in zip(trackers, tracked, strict=True):
             results.append(tracker.add(stamp_s, frame))
-    return [(results, witness.pairs) for results, witness in zip(tracked, witnesses, strict=True)]
+    return [(results, recorder.pairs) for results, recorder in zip(tracked, recorders, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """What a method said: poses, and of each whether it was called good (n,); a system of others calls every pose good.
+    """Output of a method. good: (n,) whether each pose was reported as good; an external system reports every pose as good.
 
-    alarms_s: stamps of all frames, after the first, that it did not call good, those without a pose among them.
+    alarms_s: stamps of all frames after the first that were not reported as good, including those without a pose.
     """
 
     trajectory: Trajectory
@@ -107,37 +108,37 @@ class Poses:
 
     @classmethod
     def of(cls, tracked: list[Tracked], min_fitness: float = 0.0) -> "Poses":
-        """Of our protocol: good is OK, and of Open3D a fitness that is not too small; a pose that is not finite is none.
+        """From the results of an odometer. A pose is good if its status is OK and, for Open3D, its fitness is large enough. A pose that is not finite is ignored.
 
-        min_fitness: of Open3D alone; the inliers of ours are a share of all pixels, and few of them may suffice.
+        min_fitness: only for Open3D; the inliers of our odometers are a share of all pixels, of which few may suffice.
         """
         kept = [f for f in tracked if not f.lost and np.isfinite(f.T_world_camera.matrix).all()]
-        good = np.array([_called_good(f.result, min_fitness) for f in kept])
-        bad = [f.stamp_s for f in tracked[1:] if f.lost or not _called_good(f.result, min_fitness)]
+        good = np.array([_is_good(f.result, min_fitness) for f in kept])
+        bad = [f.stamp_s for f in tracked[1:] if f.lost or not _is_good(f.result, min_fitness)]
         poses = SE3.from_matrix(np.array([f.T_world_camera.matrix for f in kept]).reshape(-1, 4, 4))
         trajectory = Trajectory(np.array([f.stamp_s for f in kept]), poses)
         return cls(trajectory, good, np.array(bad), len(tracked))
 
     @classmethod
     def of_file(cls, trajectory: Trajectory, stamps_s: np.ndarray) -> "Poses":
-        """Of a system that writes a pose for each frame that it tracked: frames without one are its alarms."""
+        """From the trajectory of a system that writes a pose for each tracked frame: frames without a pose are alarms."""
         missing = stamps_s[np.abs(stamps_s[:, None] - trajectory.stamps_s).min(1, initial=np.inf) > 1e-6]
         return cls(trajectory, np.ones(len(trajectory), bool), missing[missing > stamps_s[0]], len(stamps_s))
 
 
-def _called_good(result: Result, min_fitness: float) -> bool:
-    """A baseline without inliers does not report any."""
+def _is_good(result: Result, min_fitness: float) -> bool:
+    """Whether the method reported success. Zero inliers means that a baseline does not report inliers."""
     return result.status is Status.OK and not 0 < result.inliers < min_fitness
 
 
 def cell(poses: Poses, truth: Trajectory, bounds: Bounds, clean: bool, extra: dict[str, Any] | None = None) -> Cell:
-    """The figures. clean: nothing was done to the frames, so that every lost one is a false alarm. extra: diagnostics, as `diagnostics` returns them."""
-    told = {"nees": None, "cause": "", "residual": None, "inliers": None, "seconds": 0.0, **(extra or {})}
+    """Compute the figures. clean: the frames are unperturbed, so that every lost frame is a false alarm. extra: the result of `diagnostics`."""
+    reported = {"nees": None, "cause": "", "residual": None, "inliers": None, "seconds": 0.0, **(extra or {})}
     found = poses.trajectory
     if len(found) < 3:
         lost = len(poses.alarms_s) if clean else 0
         empty = (None, False, None, None, 0, 0, lost, len(poses.alarms_s), None)
-        return Cell(poses.frames, len(found) / poses.frames, *empty, **told)
+        return Cell(poses.frames, len(found) / poses.frames, *empty, **reported)
     Q, P = sample(truth, found.stamps_s), found.T_world_camera
     step_m, step_deg = _errors(Q, P, np.arange(len(found) - 1), np.arange(1, len(found)))
     wrong_step = np.concatenate([[False], (step_m > bounds.step_m) | (step_deg > bounds.step_deg)])
@@ -168,12 +169,12 @@ def cell(poses: Poses, truth: Trajectory, bounds: Bounds, clean: bool, extra: di
         int(false_alarm.sum()) + (lost if clean else 0),
         len(poses.alarms_s),
         _noticed_after(found.stamps_s, wrong, poses.alarms_s),
-        **told,
+        **reported,
     )
 
 
 def ate_rmse_m(truth: Trajectory, found: Trajectory) -> float:
-    """After SE(3) alignment; where poses on a line or in one place leave that open, after alignment of the first pose."""
+    """ATE after SE(3) alignment; if poses on a line or at one point leave the alignment undetermined, after alignment of the first pose."""
     try:
         return absolute_error(truth, found).translation_m.rmse
     except InputError:
@@ -181,7 +182,7 @@ def ate_rmse_m(truth: Trajectory, found: Trajectory) -> float:
 
 
 def _errors(Q: SE3, P: SE3, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Metres and degrees by which the motions from start to end differ."""
+    """Errors of the motions from start to end, in metres and degrees."""
     if not len(start):
         return np.zeros(0), np.zeros(0)
     E = (Q[start].inverse() @ Q[end]).inverse() @ (P[start].inverse() @ P[end])
@@ -189,7 +190,7 @@ def _errors(Q: SE3, P: SE3, start: np.ndarray, end: np.ndarray) -> tuple[np.ndar
 
 
 def _seconds(stamps_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of poses a second apart, as far as there are."""
+    """Indices of all pairs of poses that are one second apart."""
     start = np.argmin(np.abs(stamps_s[:, None] - (stamps_s - _SECOND_S)), axis=0)
     fits = np.abs(stamps_s - stamps_s[start] - _SECOND_S) < _SLACK_S
     return start[fits], np.flatnonzero(fits)
@@ -210,7 +211,7 @@ def _noticed_after(stamps_s: np.ndarray, wrong: np.ndarray, alarms_s: np.ndarray
 def diagnostics(
     tracked: list[Tracked], references_s: dict[float, float], truth: Trajectory, clean: Cell | None
 ) -> dict[str, Any]:
-    """What an odometer's own results say: NEES, medians of residual and inliers, seconds, and the cause in a phrase. clean: the unperturbed run."""
+    """Diagnostics of an odometer's results: NEES, medians of residual and inliers, seconds, and the cause of failure as text. clean: the unperturbed run."""
     results = [f.result for f in tracked[1:]]
     used = [r for r in results if r.status is not Status.FAILED]
     residual, inliers = (_median([getattr(r, name) for r in used]) for name in ("residual", "inliers"))
@@ -229,9 +230,9 @@ def _median(values: list[float]) -> float | None:
 
 
 def _nees(tracked: list[Tracked], references_s: dict[float, float], truth: Trajectory) -> float | None:
-    """Squared error of each alignment, by its information and its 6 degrees of freedom, mean over frames; None without a noise model.
+    """Mean over frames of the squared error of each alignment, weighted by its information and divided by 6; None without a noise model.
 
-    The information is of a twist in the reference camera's frame, to be put before the pose.
+    The information is that of a twist in the reference camera's frame, which multiplies the pose from the left.
     """
     values = []
     for f in tracked:
@@ -244,7 +245,7 @@ def _nees(tracked: list[Tracked], references_s: dict[float, float], truth: Traje
 
 
 def _cause(results: list[Result], residual: float | None, inliers: float | None, clean: Cell | None) -> str:
-    """The first that applies: why frames were lost, that they were under-constrained, fewer inliers, a larger residual; else nothing."""
+    """The first cause that applies: why frames were lost, under-constrained frames, fewer inliers, a larger residual; else an empty text."""
     total = max(1, len(results))
     lost = Counter(re.sub(r"[-+]?\d[\d.,]*%?", "N", r.reason) for r in results if r.status is Status.FAILED)
     if lost:

@@ -1,6 +1,6 @@
-"""Curves of speed against accuracy: one thing in steps, everything else as it is, all steps on the same frames in one run.
+"""Curves of speed against accuracy: one setting changes in steps, everything else is constant, and all steps use the same frames in one run.
 
-Times are compared within a run only: every frame goes through all variants before the next one comes.
+Times can be compared only within a run: all variants process a frame before the next frame is loaded.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,18 +20,18 @@ from iclnuim.sensor.transfer import srgb8
 
 from .cell import ate_rmse_m
 from .motion import depth_at, exposed
-from .stretch import Stretch
+from .segment import Segment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Depths of one surface differ by no larger share.
+#: Maximum relative difference between depths of one surface.
 _EDGE = 0.02
 
 
 @dataclass(frozen=True)
 class Point:
-    """One step of a curve for one method: ATE and mean processing time; frames that were tracked of those that there were."""
+    """One step of a curve for one method: number of frames, of tracked frames, ATE, and mean processing time per frame."""
 
     method: str
     curve: str
@@ -47,7 +47,7 @@ class Point:
 
 @dataclass(eq=False)
 class Variant:
-    """A method at one step. halvings: of each image before it is tracked."""
+    """A method at one step. halvings: how often each image is halved before it is tracked."""
 
     method: str
     value: float
@@ -78,7 +78,7 @@ class Variant:
 
 @dataclass(eq=False)
 class Busy(Variant):
-    """Of a camera that does not wait: frames that arrive before the last one is done are dropped, on a machine `value` times as slow."""
+    """A live camera, on a machine `value` times as slow: frames that arrive before the previous one is processed are dropped."""
 
     done_s: float = -np.inf
 
@@ -90,11 +90,11 @@ class Busy(Variant):
         self.done_s = stamp_s + self.value * (self.seconds - before)
 
 
-# -- settings of ours in steps: (method's settings, value) -> settings
+# -- settings of our odometers in steps: (settings of the method, value) -> settings
 
 
 def levels(settings: Any, value: float) -> Any:
-    """So many of the finest levels are left out."""
+    """Leave out this number of the finest levels."""
     used = [n for n, count in enumerate(settings.iterations) if count]
     if value >= len(used):
         raise InputError(f"fewer than {len(used)} levels left out", found=value)
@@ -103,13 +103,13 @@ def levels(settings: Any, value: float) -> Any:
 
 
 def iterations(settings: Any, value: float) -> Any:
-    """All counts of iterations times the value, one at least."""
+    """Multiply all numbers of iterations by the value; at least one iteration remains."""
     counts = tuple(max(1, round(value * count)) if count else 0 for count in settings.iterations)
     return replace(settings, iterations=counts)
 
 
 def pixels(settings: Any, value: float) -> Any:
-    """Gradients times the value, or every so many rows and columns: fewer pixels."""
+    """Use fewer pixels: multiply the minimum gradients by the value, or the strides in rows and columns."""
     if hasattr(settings, "strides"):
         return replace(settings, strides=tuple(max(1, round(value * stride)) for stride in settings.strides))
     return replace(settings, min_gradients=tuple(value * g for g in settings.min_gradients))
@@ -119,31 +119,31 @@ def pixels(settings: Any, value: float) -> Any:
 SETTINGS: dict[str, tuple[Callable[[Any, float], Any], tuple[float, ...], str]] = {
     "levels": (levels, (0, 1, 2), "finest levels left out"),
     "iterations": (iterations, (0.25, 0.5, 1, 2, 4), "x iterations"),
-    "pixels": (pixels, (1, 2, 4, 8), "x gradient, or every so many rows and columns"),
+    "pixels": (pixels, (1, 2, 4, 8), "x minimum gradient, or x stride"),
 }
 #: Further curves -> default values, unit.
 OTHERS: dict[str, tuple[tuple[float, ...], str]] = {
     "keyframe": ((0.02, 0.05, 0.1, 0.2, 0.4), "m to the next keyframe"),
     "resolution": ((640, 320, 160), "px wide"),
-    "realtime": ((1, 2, 4, 8, 16), "times as slow a machine, busy frames dropped"),
-    "rate": ((15, 30, 60, 120, 240), "frames a second, exposed for half of each"),
+    "realtime": ((1, 2, 4, 8, 16), "times slower machine, which drops frames while busy"),
+    "rate": ((15, 30, 60, 120, 240), "frames per second, exposed for half of each"),
 }
 CURVES = {name: (values, unit) for name, (_, values, unit) in SETTINGS.items()} | OTHERS
 
 
 def measure(
-    curve: str, methods: Sequence[str], values: Sequence[float], stretch: Stretch, progress: Callable[[], object]
+    curve: str, methods: Sequence[str], values: Sequence[float], segment: Segment, progress: Callable[[], object]
 ) -> list[Point]:
-    """All steps of all methods; progress() once a frame. Raises InputError where a method has no such setting."""
+    """Measure all steps of all methods; progress() is called once per frame. Raises InputError if a method has no such setting."""
     if curve == "rate":
-        return [point for hz in values for point in _at_rate(methods, hz, stretch, progress)]
-    variants = [_variant(curve, method, value, stretch.camera) for method in methods for value in values]
-    return _interleaved(curve, variants, stretch.frames, stretch.truth, progress)
+        return [point for hz in values for point in _at_rate(methods, hz, segment, progress)]
+    variants = [_variant(curve, method, value, segment.camera) for method in methods for value in values]
+    return _interleaved(curve, variants, segment.frames, segment.truth, progress)
 
 
-def length(curve: str, values: Sequence[float], stretch: Stretch) -> int:
-    """How many frames there are to be made."""
-    return sum(len(_stamps_s(stretch, hz)) for hz in values) if curve == "rate" else len(stretch.numbers)
+def length(curve: str, values: Sequence[float], segment: Segment) -> int:
+    """Number of frames to process."""
+    return sum(len(_stamps_s(segment, hz)) for hz in values) if curve == "rate" else len(segment.numbers)
 
 
 def _interleaved(
@@ -153,7 +153,7 @@ def _interleaved(
     truth: Trajectory,
     progress: Callable[[], object],
 ) -> list[Point]:
-    """Every frame through all variants in turn. The first goes once more before, so that compiling is not timed."""
+    """Process every frame with all variants in turn. The first frame is also processed beforehand, so that compiling is not timed."""
     first = next(iter(frames()))
     for one in variants:
         small = halved(first[1], one.halvings)
@@ -179,14 +179,14 @@ def _variant(curve: str, method: str, value: float, camera: PinholeCamera) -> Va
         return Busy(method, value, Tracker(odometer(method), camera))
     halvings = round(float(np.log2(camera.width / value)))
     if halvings < 0 or camera.width != value * 2**halvings:
-        raise InputError(f"{camera.width} pixels halved some times", found=value)
+        raise InputError(f"{camera.width} divided by a power of two", found=value)
     for _ in range(halvings):
         camera = camera.halved()
     return Variant(method, value, Tracker(odometer(method), camera), halvings)
 
 
 def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> Odometer:
-    """One of ours whose settings, all groups of them that have iterations, are changed."""
+    """One of our odometers with changed settings, in all of its groups of settings that have iterations."""
     if method in BASELINES or method == "fovis":
         raise InputError("rgbd, dvo, icp or icp_rgbd, which have such settings", found=method)
     kind: Any = type(odometer(method))
@@ -197,7 +197,7 @@ def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> 
 
 
 def halved(frame: Frame, times: int) -> Frame:
-    """2 x 2 means of grey, and of depth where its four pixels are of one surface; missing elsewhere."""
+    """The frame at half size, `times` times: 2 x 2 means of grey, and of depth where its four pixels belong to one surface; elsewhere depth is missing."""
     grey, depth_z_m = frame.grey, frame.depth_z_m
     for _ in range(times):
         h, w = (side // 2 * 2 for side in grey.shape)
@@ -208,29 +208,29 @@ def halved(frame: Frame, times: int) -> Frame:
     return Frame(grey, depth_z_m, frame.stamp_s)
 
 
-def _stamps_s(stretch: Stretch, hz: float) -> np.ndarray:
-    first_s, last_s = (stretch.stamps_s[stretch.numbers[k]] for k in (0, -1))
+def _stamps_s(segment: Segment, hz: float) -> np.ndarray:
+    first_s, last_s = (segment.stamps_s[segment.numbers[k]] for k in (0, -1))
     return first_s + np.arange(int((last_s - first_s) * hz + 1e-6) + 1) / hz
 
 
-def _at_rate(methods: Sequence[str], hz: float, stretch: Stretch, progress: Callable[[], object]) -> list[Point]:
-    """Frames at another rate, exposed for half of their time: the shorter, the sharper and the noisier (Handa et al., ECCV 2012)."""
+def _at_rate(methods: Sequence[str], hz: float, segment: Segment, progress: Callable[[], object]) -> list[Point]:
+    """Frames at another rate, exposed for half of their period: shorter exposures are sharper and noisier (Handa et al., ECCV 2012)."""
     noise, light_share = PaperRgbNoise(), np.float32(FRAME_RATE_HZ / hz)
 
     def frames() -> Iterator[tuple[float, Frame]]:
-        for stamp_s in _stamps_s(stretch, hz):
-            light = exposed(stretch, stamp_s, 0.5 / hz)
-            rng = stretch.generator(round(stamp_s * 1e4))
+        for stamp_s in _stamps_s(segment, hz):
+            light = exposed(segment, stamp_s, 0.5 / hz)
+            rng = segment.generator(round(stamp_s * 1e4))
             colour = srgb8(noise.noisy_light(np.maximum(light, 0) * light_share, rng) / light_share)
-            yield float(stamp_s), Frame.of(colour, depth_at(stretch, stamp_s), float(stamp_s))
+            yield float(stamp_s), Frame.of(colour, depth_at(segment, stamp_s), float(stamp_s))
 
-    variants = [Variant(method, hz, Tracker(odometer(method), stretch.camera)) for method in methods]
-    dense = Trajectory(_stamps_s(stretch, hz), sample(stretch.truth, _stamps_s(stretch, hz)))
+    variants = [Variant(method, hz, Tracker(odometer(method), segment.camera)) for method in methods]
+    dense = Trajectory(_stamps_s(segment, hz), sample(segment.truth, _stamps_s(segment, hz)))
     return _interleaved("rate", variants, frames, dense, progress)
 
 
 def table(points: Sequence[Point]) -> str:
-    """A line for each point."""
+    """One line per point."""
     lines = [f"{'method':<26}{'value':>8}{'tracked':>10}{'ATE [mm]':>10}{'ms':>8}"]
     for p in points:
         ate = "-" if p.ate_m is None else f"{1e3 * p.ate_m:.3f}"
@@ -239,7 +239,7 @@ def table(points: Sequence[Point]) -> str:
 
 
 def figure(curve: str, points: Sequence[Point]) -> "Figure":
-    """ATE over time a frame, a line for each method through its steps."""
+    """ATE over time per frame, with a line for each method through its steps."""
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure
 
@@ -251,7 +251,7 @@ def figure(curve: str, points: Sequence[Point]) -> "Figure":
         axes.plot(x, y, "o-", color=COLOURS[k % len(COLOURS)], linewidth=1, label=method)
         for p, px, py in zip(own, x, y, strict=True):
             axes.annotate(f"{p.value:g}", (px, py), xytext=(4, 4), textcoords="offset points", fontsize=8)
-    axes.set(xscale="log", yscale="log", xlabel="ms a frame, mean", ylabel="ATE RMSE [mm]")
+    axes.set(xscale="log", yscale="log", xlabel="mean ms per frame", ylabel="ATE RMSE [mm]")
     axes.set_title(f"{curve}: {CURVES[curve][1]}")
     axes.grid(alpha=0.3, which="both")
     drawing.legend(loc="outside right upper", fontsize=8)

@@ -1,4 +1,4 @@
-"""The curve of fusion: side of a voxel against surface error, time and memory, all sizes on the same frames in one run."""
+"""The curve of fusion: voxel size against surface error, time and memory, with all sizes on the same frames in one run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,19 +11,19 @@ from iclnuim.fusion.settings import PRESETS
 from iclnuim.fusion.surface_error import TrueSurface
 from iclnuim.fusion.volume import Volume
 
-from .stretch import Stretch
+from .segment import Segment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VALUES = (0.035, 0.0176, 4.5 / 512, 0.004)
-#: A truncation of so many voxels, at least the default.
+#: Truncation distance in voxels; the default distance is the minimum.
 _TRUNCATION = 3.0
 
 
 @dataclass(frozen=True)
 class FusedPoint:
-    """voxel_m and the distances of the vertices to the true surface in metres; ms a frame and memory of fusing."""
+    """voxel_m, and distances of the vertices to the true surface, in metres; ms: time of fusing per frame; memory_mb: memory of fusing."""
 
     voxel_m: float
     vertices: int
@@ -39,9 +39,9 @@ class FusedPoint:
 
 
 def measure(
-    values: Sequence[float], stretch: Stretch, surface: TrueSurface, progress: Callable[[], object]
+    values: Sequence[float], segment: Segment, surface: TrueSurface, progress: Callable[[], object]
 ) -> list[FusedPoint]:
-    """Fused along the true poses: every frame into all volumes, then each is meshed. The first frame is not timed."""
+    """Fuse along the true poses: every frame is fused into all volumes, then each volume is meshed. The first frame is not timed."""
     base = PRESETS["best"]
     volumes = []
     for voxel_m in values:
@@ -50,15 +50,15 @@ def measure(
         settings = base.changed(voxel_m=float(voxel_m), truncation_m=reach_m, behind_m=behind_m, max_blocks=400_000)
         volumes.append(Volume(settings, lambda volume, leaves: None))
     seconds = np.zeros(len(volumes))
-    for number in stretch.numbers:
-        colour, depth_z_m = stretch.load(number)
-        pose = stretch.pose(stretch.stamps_s[number])
+    for number in segment.numbers:
+        colour, depth_z_m = segment.load(number)
+        pose = segment.pose(segment.stamps_s[number])
         for k, volume in enumerate(volumes):
             started = time.perf_counter()
-            volume.integrate(depth_z_m, stretch.camera, pose, colour)
-            seconds[k] += (number != stretch.numbers[0]) * (time.perf_counter() - started)
+            volume.integrate(depth_z_m, segment.camera, pose, colour)
+            seconds[k] += (number != segment.numbers[0]) * (time.perf_counter() - started)
         progress()
-    after_first = max(1, len(stretch.numbers) - 1)
+    after_first = max(1, len(segment.numbers) - 1)
     return [_point(v, float(1e3 * s / after_first), surface) for v, s in zip(volumes, seconds, strict=True)]
 
 
@@ -73,7 +73,7 @@ def _point(volume: Volume, ms: float, surface: TrueSurface) -> FusedPoint:
 
 
 def table(points: Sequence[FusedPoint]) -> str:
-    """A line for each size."""
+    """One line per voxel size."""
     lines = [
         f"{'voxel [mm]':>10}{'mean [mm]':>11}{'median':>9}{'95 %':>9}{'ms':>8}{'meshing [s]':>13}{'MB':>8}{'vertices':>11}"
     ]
@@ -86,13 +86,13 @@ def table(points: Sequence[FusedPoint]) -> str:
 
 
 def figure(points: Sequence[FusedPoint]) -> "Figure":
-    """Mean distance to the true surface over time a frame and over memory."""
+    """Mean distance to the true surface over time per frame and over memory."""
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(9, 4.2), layout="constrained")
     panels = drawing.subplots(1, 2, sharey=True)
-    for axes, name, label, colour in zip(panels, ("ms", "memory_mb"), ("ms a frame", "MB"), COLOURS[:2], strict=True):
+    for axes, name, label, colour in zip(panels, ("ms", "memory_mb"), ("ms per frame", "MB"), COLOURS[:2], strict=True):
         x, y = [getattr(p, name) for p in points], [1e3 * p.mean_m for p in points]
         axes.plot(x, y, "o-", color=colour, linewidth=1)
         for p, px, py in zip(points, x, y, strict=True):

@@ -1,4 +1,4 @@
-"""All cells: every method on every perturbed stretch, each a file with what decided it, on all cores; what is there already stays.
+"""Computes all cells, every method on every perturbed segment, on all cores. Each cell is a file with the settings that decided it; existing cells are kept.
 
 OUT/recipe.json                                    versions, machine, the whole file of perturbations
 OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD.json      one cell: its identity and its figures
@@ -32,17 +32,17 @@ from ..systems.staging import StagedSequence
 from ..systems.system import System
 from .cell import Cell, Poses, cell, diagnostics, track_all
 from .plan import SEVERITIES, Plan
-from .stretch import Stretch
+from .segment import Segment
 
 _SCHEMA_VERSION = 1
 CLEAN = "clean"
-#: Libraries that took part, for the recipe.
+#: Libraries whose versions the recipe records.
 _LIBRARIES = ("numpy", "numba", "opencv-contrib-python-headless", "open3d-cpu")
 
 
 @dataclass(frozen=True)
 class Task:
-    """One perturbed stretch; severity 0 is the unperturbed one."""
+    """One perturbed segment; severity 0 is unperturbed."""
 
     sequence: str
     start: int
@@ -51,14 +51,14 @@ class Task:
 
     @property
     def place(self) -> str:
-        """Its folder below cells/."""
+        """Folder of the task, relative to cells/."""
         name = f"{self.perturbation}_{self.severity}" if self.severity else CLEAN
         return f"{self.sequence.replace('/', '_')}/{self.start}/{name}"
 
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """A sequence that stretches are taken from, and its ground truth."""
+    """A sequence from which segments are taken, and its ground truth."""
 
     name: str
     sequence: Sequence
@@ -67,7 +67,7 @@ class Base:
 
     @classmethod
     def of(cls, folder: Path) -> "Base":
-        """The name is that of the recipe that lies there, or the last two folders. Raises InputError without ground truth."""
+        """Open a sequence. Its name is that in its recipe, or the last two folders of its path. Raises InputError without ground truth."""
         sequence, truth = Sequence(folder), read_truth(folder)
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder)
@@ -80,9 +80,10 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """What is to be done in OUT: stretches of the bases, each perturbed as the plan says, every method on each.
+    """The work of a run in `out`: segments of the bases, each perturbed as in the plan, and every method on each.
 
-    methods: names of the registry, with a preset for ours; systems: of `iclnuim run`, `runs` times each. starts: how many of the plan's.
+    methods: names in the registry; preset applies to our odometers. systems: systems of `iclnuim run`, `runs` times each.
+    starts: use only this number of the plan's segments per sequence.
     """
 
     out: Path
@@ -98,30 +99,30 @@ class Matrix:
 
     @property
     def names(self) -> list[str]:
-        """Of all methods, as results call them."""
+        """Names of all methods in the results."""
         return [*self.methods, *map(label, self.systems)]
 
     def tasks(self) -> list[Task]:
-        """Unperturbed stretches first: what others are compared with."""
-        stretches = [
+        """All tasks. Unperturbed segments come first, as the others are compared with them."""
+        segments = [
             (name, start)
             for name, base in self.bases.items()
             for start in self.plan.starts_of(name, len(base.sequence))[: self.starts]
         ]
-        clean = [Task(name, start, CLEAN, 0) for name, start in stretches]
-        return clean + [Task(*s, p, k) for p in self.perturbations for k in self.severities for s in stretches]
+        clean = [Task(name, start, CLEAN, 0) for name, start in segments]
+        return clean + [Task(*s, p, k) for p in self.perturbations for k in self.severities for s in segments]
 
     def missing(self) -> int:
-        """How many cells are to be made; one of other settings is made again."""
+        """Number of cells to compute; cells with other settings are computed again."""
         return sum(len(self._missing(task, self.names)) for task in self.tasks())
 
     def run(self, workers: int, progress: Callable[[int], object]) -> None:
-        """Make the cells that are missing; progress(cells) when some were made."""
+        """Compute the missing cells; calls progress(n) after n cells."""
         make_folder(self.out, hint="another {out}")
         write_json(self.out / "recipe.json", self._recipe())
         todo = [task for task in self.tasks() if self._missing(task, self.methods)]
         perturbed = [task for task in todo if task.severity]
-        for some in ([task for task in todo if not task.severity], perturbed):  # what others are compared with first
+        for some in ([task for task in todo if not task.severity], perturbed):  # unperturbed first, for comparison
             if some:
                 self._track_all(some, workers, progress)
         for task in self.tasks():
@@ -136,41 +137,41 @@ class Matrix:
                 pool.add(k)
 
     def cells(self) -> dict[tuple[Task, str], dict[str, Any]]:
-        """The figures that are there, of tasks and methods of this matrix, and of its settings."""
+        """The figures of all existing cells with the tasks, methods and settings of this matrix."""
         pairs = [(task, name) for task in self.tasks() for name in self.names if self._is_done(task, name)]
         return {(task, name): read_json(self._file(task, name))["cell"] for task, name in pairs}
 
-    def stretch(self, task: Task) -> Stretch:
-        """The frames of a task. Raises InputError where the sequence is too short."""
+    def segment(self, task: Task) -> Segment:
+        """The frames of a task. Raises InputError if the sequence is too short."""
         base, plan = self.bases[task.sequence], self.plan
-        stretch = Stretch.of(base.sequence, base.truth, task.start, plan.frames, plan.seed)
-        return plan.apply(task.perturbation, task.severity, stretch)
+        segment = Segment.of(base.sequence, base.truth, task.start, plan.frames, plan.seed)
+        return plan.apply(task.perturbation, task.severity, segment)
 
     def _track(self, task: Task) -> int:
-        """In a process of the pool: all methods of a task that are missing, on one thread. How many."""
+        """Compute the missing methods of a task on one thread, in a process of the pool; returns their number."""
         _one_thread()
         missing = self._missing(task, self.methods)
-        stretch = self.stretch(task)
+        segment = self.segment(task)
         all_tracked = track_all(
-            [odometer(name, self.preset if name in ODOMETERS else "best") for name in missing], stretch
+            [odometer(name, self.preset if name in ODOMETERS else "best") for name in missing], segment
         )
         for name, (tracked, references_s) in zip(missing, all_tracked, strict=True):
             clean = self._clean(task, name)
-            extra = diagnostics(tracked, references_s, stretch.truth, clean)
+            extra = diagnostics(tracked, references_s, segment.truth, clean)
             bounds = self.plan.bounds
             poses = Poses.of(tracked, 0.0 if name in ODOMETERS else bounds.min_fitness)
-            self._write(task, name, cell(poses, stretch.truth, bounds, not task.severity, extra))
+            self._write(task, name, cell(poses, segment.truth, bounds, not task.severity, extra))
         return len(missing)
 
     def _run_system(self, task: Task, system: System) -> None:
-        """A system of others on the perturbed frames as a sequence in a folder; medians of the runs."""
+        """Run an external system on the perturbed frames, written as a sequence; the cell is that of the run with the median ATE."""
         work = self.out / "work" / task.place
-        stretch = self.stretch(task)
-        write_sequence(_source(stretch), work / "frames")
-        truth = sample(stretch.truth, _stamps_s(stretch))
+        segment = self.segment(task)
+        write_sequence(_source(segment), work / "frames")
+        truth = sample(segment.truth, _stamps_s(segment))
         staged = StagedSequence.of(work / "frames")
         experiment = Experiment(system, staged, work)
-        experiment.run(self.runs, 60.0 + len(stretch.numbers))
+        experiment.run(self.runs, 60.0 + len(segment.numbers))
         name = next(iter(system.trajectories)) if "live" not in system.trajectories else "live"
         found = []
         for number in range(1, self.runs + 1):
@@ -201,7 +202,7 @@ class Matrix:
         return self.out / "cells" / task.place / f"{name.replace(':', '_')}{preset}.json"
 
     def _identity(self, task: Task, name: str) -> dict[str, Any]:
-        """All that decides a cell."""
+        """All settings that decide a cell."""
         plan, p = self.plan, self.plan.perturbations.get(task.perturbation)
         system = next((s for s in self.systems if label(s) == name), None)
         return {
@@ -232,38 +233,38 @@ class Matrix:
 
 
 def label(system: System) -> str:
-    """What cells call a system of `iclnuim run`: dvo is also an odometer of ours."""
+    """Name in cells of a system of `iclnuim run`; the prefix separates it from an odometer of ours, such as dvo."""
     return f"run:{system.name}"
 
 
 def _one_thread() -> None:
-    """Processes share the cores."""
+    """Limit OpenCV to one thread, as processes share the cores."""
     import cv2
 
     cv2.setNumThreads(1)
 
 
-def _stamps_s(stretch: Stretch) -> np.ndarray:
-    return np.array([stretch.stamps_s[number] for number in stretch.numbers])
+def _stamps_s(segment: Segment) -> np.ndarray:
+    return np.array([segment.stamps_s[number] for number in segment.numbers])
 
 
-def _source(stretch: Stretch) -> FrameSource:
-    """For a sequence on disk: frames by their own numbers and stamps."""
+def _source(segment: Segment) -> FrameSource:
+    """The frames of a segment as a source for writing a sequence, with their numbers and stamps."""
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
-        colour, depth_z_m = stretch.load(number)
+        colour, depth_z_m = segment.load(number)
         return light_from_srgb8(colour), depth_z_m
 
     def truth_of(numbers: tuple[int, ...]) -> Trajectory:
-        stamps_s = np.array([stretch.stamps_s[number] for number in numbers])
-        return Trajectory(stamps_s, sample(stretch.truth, stamps_s))
+        stamps_s = np.array([segment.stamps_s[number] for number in numbers])
+        return Trajectory(stamps_s, sample(segment.truth, stamps_s))
 
-    stamps_s = {number: stretch.stamps_s[number] for number in stretch.numbers}
-    return FrameSource(stretch.camera, stretch.numbers, stamps_s, load, truth_of, {"frames": "perturbed"})
+    stamps_s = {number: segment.stamps_s[number] for number in segment.numbers}
+    return FrameSource(segment.camera, segment.numbers, stamps_s, load, truth_of, {"frames": "perturbed"})
 
 
 def _read(file: Path) -> Trajectory:
-    """Without poses where a system wrote nothing that could be read."""
+    """Read a trajectory; it is empty if the system wrote no readable file."""
     try:
         return read_trajectory(file, "tum").trajectory
     except InputError:
@@ -271,6 +272,6 @@ def _read(file: Path) -> Trajectory:
 
 
 def _median_cell(cells: list[Cell]) -> Cell:
-    """The run in the middle by ATE; one without counts as the worst."""
+    """The cell with the median ATE; a run without an ATE counts as the worst."""
     order = sorted(cells, key=lambda c: np.inf if c.ate_m is None else c.ate_m)
     return order[len(order) // 2]

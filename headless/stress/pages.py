@@ -1,4 +1,4 @@
-"""Tables and heat maps as files: a picture, and one HTML page with a part for each method."""
+"""Writes tables and heat maps: a picture, and one HTML page with a section for each method."""
 
 import html
 import math
@@ -14,20 +14,20 @@ from .summary import Group, Summary, noticed
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Ends of the colours of an ATE, in millimetres, on a logarithmic scale.
+#: Limits of the colour scale of the ATE in millimetres; it is logarithmic.
 _COLOURS_MM = (0.1, 100.0)
-#: Colours from small to large, told apart also without colour vision and in grey.
+#: Colours from small to large; they are distinguishable without colour vision and in grey.
 _SHADES = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")
 
 
 def write(summary: Summary, out: Path) -> None:
-    """stress.json and stress.html in the folder."""
+    """Write stress.json and stress.html into the folder."""
     write_json(out / "stress.json", summary.to_dict())
     atomic_write_text(out / "stress.html", page(summary))
 
 
 def figure(summary: Summary) -> "Figure":
-    """A panel for each method: perturbations down, severities across, ATE as colour and number; a cross where it fails."""
+    """A panel for each method, with a row per perturbation and a column per severity. Cells show the ATE as colour and number, or a cross for a failure."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
     from matplotlib.figure import Figure
 
@@ -55,7 +55,7 @@ def figure(summary: Summary) -> "Figure":
         axes.set_xlabel("severity")
     if image is not None:
         drawing.colorbar(
-            image, ax=panels, label="ATE [mm]; \u00d7: fails, !: without noticing", shrink=0.6, extend="both"
+            image, ax=panels, label="ATE [mm]; \u00d7: failure, !: failure not noticed", shrink=0.6, extend="both"
         )
     return drawing
 
@@ -73,18 +73,18 @@ def _mark(group: Group) -> str:
 
 
 def _place(ate_mm: float) -> float:
-    """0..1 on the scale of colours."""
+    """Position 0..1 on the colour scale."""
     low, high = np.log(_COLOURS_MM)
     return float((np.log(ate_mm) - low) / (high - low))
 
 
 def _ink(ate_mm: float) -> str:
-    """A text's colour on that of an ATE."""
+    """Text colour that is readable on the colour of an ATE."""
     return "black" if _place(ate_mm) > 0.55 else "white"
 
 
 def page(summary: Summary) -> str:
-    """All in one file, without scripts: an overview, then a part for each method."""
+    """The whole page as one file without scripts: an overview, then a section for each method."""
     parts = [_overview(summary), *(_method(summary, method) for method in summary.methods)]
     return _HEAD + "\n".join(parts) + "\n</body>\n</html>\n"
 
@@ -98,9 +98,9 @@ def _overview(summary: Summary) -> str:
     for title, values in summary.totals().items():
         rows.append(f"<tr class='total'><th>{title}</th>{''.join(f'<td>{v}</td>' for v in values)}</tr>")
     return (
-        "<h1>Where methods fail</h1>\n<p>The mildest severity at which half of the stretches or more fail: ATE above "
-        f"{1e3 * summary.plan.bounds.success_m:g} mm, or poses for less than {summary.plan.bounds.min_coverage:.0%} of the frames. "
-        "A dash: none of the five. In the tables below a number is the median ATE in mm; \u00d7: it fails, !: and calls poses good that are wrong.</p>\n"
+        "<h1>Where methods fail</h1>\n<p>The lowest severity at which at least half of the segments fail. A segment fails if the ATE is above "
+        f"{1e3 * summary.plan.bounds.success_m:g} mm, or if less than {summary.plan.bounds.min_coverage:.0%} of the frames have a pose. "
+        "A dash means that no severity fails. In the tables below, a number is the median ATE in mm; \u00d7 is a failure; ! means that the method also reports wrong poses as good.</p>\n"
         f"<div class='wide'><table><tr><th></th>{links}</tr>\n{chr(10).join(rows)}</table></div>{_relatives(summary)}"
     )
 
@@ -111,9 +111,9 @@ def _relatives(summary: Summary) -> str:
         f"<td class='left'>{_text(', '.join(alone).replace('_', ' '))}</td></tr>"
         for ours, other, total, good, theirs, alone in summary.relatives()
     ]
-    head = "<tr><th>ours</th><th>succeeds in</th><th>third-party relative</th><th>succeeds in</th><th>cells</th><th>it alone</th></tr>"
+    head = "<tr><th>ours</th><th>succeeds in</th><th>third-party method</th><th>succeeds in</th><th>cells</th><th>only the third-party method succeeds</th></tr>"
     return (
-        f"<h2>Beside third-party relatives</h2><div class='wide'><table>{head}{''.join(rows)}</table></div>"
+        f"<h2>Comparison with third-party methods</h2><div class='wide'><table>{head}{''.join(rows)}</table></div>"
         if rows
         else ""
     )
@@ -131,30 +131,30 @@ def _method(summary: Summary, method: str) -> str:
         groups, p = summary.row(method, name), summary.plan.perturbations[name]
         cells = []
         for k, g in enumerate(groups):
-            level = p.level(k) if k else "as rendered"
+            level = p.level(k) if k else "unperturbed"
             if g is None:
                 cells.append("<td></td>")
                 continue
-            told = _text(f"{level}: {g.in_words()}")
-            cells.append(f"<td style='{_style(_ate_mm(g))}' title='{told}'>{_mark(g)}</td>")
+            tooltip = _text(f"{level}: {g.in_words()}")
+            cells.append(f"<td style='{_style(_ate_mm(g))}' title='{tooltip}'>{_mark(g)}</td>")
         rows.append(
             f"<tr><th title='{_text(p.about)}'>{_text(name.replace('_', ' '))}</th>{''.join(cells)}{_verdict(summary, method, name)}</tr>"
         )
     severities = "".join(f"<th>{k}</th>" for k in range(SEVERITIES + 1))
-    head = f"<tr><th></th>{severities}<th>breaks at</th><th>does it notice</th><th>what its diagnostics say</th></tr>"
+    head = f"<tr><th></th>{severities}<th>fails at</th><th>failure noticed</th><th>diagnosed cause</th></tr>"
     return f"<h2 id='{_id(method)}'>{_text(method)}</h2>\n<div class='wide'><table>{head}\n{chr(10).join(rows)}</table></div>"
 
 
 def _verdict(summary: Summary, method: str, name: str) -> str:
-    """What breaks it, from when on, whether it notices."""
+    """Three cells: the level at which the method fails, whether it notices, and the diagnosed cause."""
     severity = summary.breaks_at(method, name)
     if severity is None:
         return "<td class='left'>-</td><td></td><td></td>"
     group = summary.row(method, name)[severity]
     assert group is not None
-    level = summary.plan.perturbations[name].level(severity) if severity else "as rendered"
-    told = "" if group.noticed is None else noticed(group)
-    return "".join(f"<td class='left'>{_text(text)}</td>" for text in (level, told, group.cause))
+    level = summary.plan.perturbations[name].level(severity) if severity else "unperturbed"
+    notice = "" if group.noticed is None else noticed(group)
+    return "".join(f"<td class='left'>{_text(text)}</td>" for text in (level, notice, group.cause))
 
 
 def _style(ate_mm: float) -> str:

@@ -1,4 +1,4 @@
-"""A file of perturbations, read and checked, and the functions that their names stand for."""
+"""Reads and checks a file of perturbations, and maps their names to functions."""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -10,13 +10,13 @@ from iclnuim.formats.files import read_text
 from iclnuim.settings import MISSING, Settings, parameter, plain, refuse_unknown
 
 from . import corruptions, filters, motion, surfaces
-from .stretch import Stretch
+from .segment import Segment
 
 #: The scales of perturbations; the first is ours.
 SCALES = {name: Path(__file__).with_name(f"{name}.toml") for name in ("perturbations", "corruptions")}
 SEVERITIES = 5
-#: Perturbation -> function(stretch, level, fixed settings by keyword).
-FUNCTIONS: dict[str, Callable[..., Stretch]] = {
+#: Perturbation -> function(segment, level, fixed settings by keyword).
+FUNCTIONS: dict[str, Callable[..., Segment]] = {
     function.__name__: function
     for function in (
         surfaces.bare_wall,
@@ -63,43 +63,43 @@ FUNCTIONS: dict[str, Callable[..., Stretch]] = {
 
 @dataclass(frozen=True)
 class Bounds(Settings):
-    """When a pose is wrong, and when a run succeeds."""
+    """Limits beyond which a pose is wrong, and conditions for the success of a run."""
 
     group = "settings of [bounds] in a file of perturbations"
 
     step_m: float = parameter(0.02, "error of one step beyond which a pose is wrong", unit="m", low=0.0)
-    step_deg: float = parameter(1.0, "the same of its rotation", unit="degrees", low=0.0)
-    second_m: float = parameter(0.05, "error over a second beyond which a pose is wrong", unit="m", low=0.0)
-    second_deg: float = parameter(2.0, "the same of its rotation", unit="degrees", low=0.0)
+    step_deg: float = parameter(1.0, "the same for its rotation", unit="degrees", low=0.0)
+    second_m: float = parameter(0.05, "error over one second beyond which a pose is wrong", unit="m", low=0.0)
+    second_deg: float = parameter(2.0, "the same for its rotation", unit="degrees", low=0.0)
     success_m: float = parameter(0.10, "ATE up to which a run succeeds", unit="m", low=0.0)
-    min_coverage: float = parameter(0.5, "share of the frames that a run that succeeds has poses of", low=0.0, high=1.0)
-    min_fitness: float = parameter(0.3, "Open3D's fitness below which it is taken to say that it failed", low=0.0)
+    min_coverage: float = parameter(0.5, "minimum share of frames with a pose for a run to succeed", low=0.0, high=1.0)
+    min_fitness: float = parameter(0.3, "fitness of Open3D below which its alignment counts as failed", low=0.0)
 
 
 @dataclass(frozen=True)
 class Calibration(Settings):
-    """When severities are worth their names, by third-party odometers: how much the median error grows at 1 and at 2; at 5 more than half fail."""
+    """Requirements on severities, measured with third-party odometers: minimum growth of the median error at 1 and at 2; at 5, more than half fail."""
 
     group = "settings of [calibration] in a file of perturbations"
 
     depth_alone: tuple[str, ...] = parameter(MISSING, "odometers that do not read colour")
-    growth_at_1: float = parameter(1.5, "of the error at severity 1, at least", low=1.0)
+    growth_at_1: float = parameter(1.5, "minimum growth of the error at severity 1", low=1.0)
     growth_at_2: float = parameter(2.0, "the same at severity 2", low=1.0)
 
 
 @dataclass(frozen=True)
 class Perturbation(Settings):
-    """What is done to frames, and how much of it at each severity, from 1 on."""
+    """A change of frames, with its level at each severity from 1 on."""
 
     group = "settings of a perturbation"
 
-    about: str = parameter(MISSING, "what it is, in a phrase")
-    unit: str = parameter(MISSING, "of its levels")
+    about: str = parameter(MISSING, "short description")
+    unit: str = parameter(MISSING, "unit of its levels")
     levels: tuple[float, ...] = parameter(MISSING, "a level for each severity")
     judged_by: str = parameter(
         "all",
-        "third-party odometers that its severities were chosen by",
-        choices={"all": "all of them", "colour": "those that read colour: depth alone is as consistent as it was"},
+        "third-party odometers by which its severities were chosen",
+        choices={"all": "all of them", "colour": "those that read colour, as depth stays consistent"},
     )
 
     def __post_init__(self) -> None:
@@ -114,7 +114,7 @@ class Perturbation(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The whole file and its text: frames of a stretch, seed, starts by sequence, bounds, perturbations by name and their fixed settings."""
+    """The content of the file: its text, number of frames of a segment, seed, starts by sequence, bounds, perturbations by name, and their fixed settings."""
 
     text: str
     frames: int
@@ -125,20 +125,20 @@ class Plan:
     perturbations: Mapping[str, Perturbation]
     fixed: Mapping[str, Mapping[str, float]]
 
-    def apply(self, name: str, severity: int, stretch: Stretch) -> Stretch:
-        """The stretch as the perturbation leaves it; severity 0: unchanged."""
+    def apply(self, name: str, severity: int, segment: Segment) -> Segment:
+        """The perturbed segment; unchanged for severity 0."""
         if severity == 0:
-            return stretch
-        return FUNCTIONS[name](stretch, self.perturbations[name].levels[severity - 1], **self.fixed[name])
+            return segment
+        return FUNCTIONS[name](segment, self.perturbations[name].levels[severity - 1], **self.fixed[name])
 
     def starts_of(self, sequence: str, length: int) -> list[int]:
-        """First frames of the stretches of a sequence of so many frames, those that the file names, or by its shares."""
+        """First frames of the segments of a sequence with `length` frames: those in the file, or computed from its shares."""
         shares = sorted({int(share * max(0, length - self.frames)) for share in self.starts["shares"]})
         fixed = list(self.starts.get(sequence, shares))
         return fixed if max(fixed) + self.frames <= length else shares
 
     def table(self) -> str:
-        """One perturbation a line, with its severities."""
+        """One line per perturbation, with its severities."""
         names = list(self.perturbations)
         width, about = max(map(len, names)), max(len(p.about) for p in self.perturbations.values())
         rows = [
@@ -149,7 +149,7 @@ class Plan:
 
 
 def read_plan(path: Path = SCALES["perturbations"]) -> Plan:
-    """Raises InputError, with the place, where the file does not fit."""
+    """Read a plan. Raises InputError, which names the location, if the file is invalid."""
     text = read_text(path, "perturbations (TOML)")
     try:
         content = tomllib.loads(text)

@@ -1,4 +1,4 @@
-"""What came of all cells, over all stretches: when each method fails, whether it notices, and how it stands beside its third-party relatives."""
+"""Results of all cells over all segments: when each method fails, whether it notices, and how it compares with related third-party methods."""
 
 import math
 from collections import Counter, defaultdict
@@ -24,10 +24,10 @@ RELATIVES = {
 
 @dataclass(frozen=True)
 class Group:
-    """The cells of a method, a perturbation and a severity, over all stretches. ate_m: median, None where half or more have none.
+    """The cells of a method, a perturbation and a severity, over all segments. stretches: number of segments. ate_m: median, None if half or more have none.
 
-    succeeded, false_successes, false_alarms, noticed: shares, of stretches, of frames twice, of the stretches with a wrong pose; None where
-    there is nothing to count. noticed_after: median frames. nees: mean. cause: the most frequent.
+    succeeded: share of segments. false_successes, false_alarms, alarms: shares of frames. noticed: share of the segments with a wrong pose;
+    None if there is none. noticed_after: median number of frames. nees: mean. cause: the most frequent one.
     """
 
     stretches: int
@@ -66,14 +66,14 @@ class Group:
 
     @property
     def failed(self) -> bool:
-        """Whether half of the stretches or more did not succeed."""
+        """Whether at least half of the segments did not succeed."""
         return self.succeeded <= 0.5
 
     def in_words(self) -> str:
         """All figures, for a tooltip."""
         parts = [
             f"ATE {_mm(self.ate_m)} mm",
-            f"{self.succeeded:.0%} of {self.stretches} stretches succeeded",
+            f"{self.succeeded:.0%} of {self.stretches} segments succeeded",
             f"coverage {self.coverage:.0%}",
             f"worst step {_mm(self.worst_step_m)} mm",
             f"false successes {self.false_successes:.1%}",
@@ -102,7 +102,7 @@ def noticed(group: Group) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Groups by method, perturbation and severity; the unperturbed one is CLEAN, 0."""
+    """Groups by method, perturbation and severity; the unperturbed group has perturbation CLEAN and severity 0."""
 
     plan: Plan
     methods: list[str]
@@ -118,26 +118,26 @@ class Summary:
         return cls(matrix.plan, methods, matrix.perturbations, {key: Group.of(some) for key, some in found.items()})
 
     def row(self, method: str, perturbation: str) -> list[Group | None]:
-        """Severities 0 to 5."""
+        """The groups of severities 0 to 5."""
         clean = self.cells.get((method, CLEAN, 0))
         return [clean, *(self.cells.get((method, perturbation, k)) for k in range(1, SEVERITIES + 1))]
 
     def breaks_at(self, method: str, perturbation: str) -> int | None:
-        """The mildest severity at which it fails, 0 where it fails unperturbed; None where it never does."""
+        """The lowest severity at which the method fails, 0 if it fails unperturbed, None if it never fails."""
         return next((k for k, g in enumerate(self.row(method, perturbation)) if g and g.failed), None)
 
     def mark(self, method: str, perturbation: str) -> str:
-        """The severity, a dash for none, nothing where it was not measured."""
+        """The lowest severity with a failure, a dash if there is none, an empty text if it was not measured."""
         severity = self.breaks_at(method, perturbation)
         return str(severity) if severity is not None else "-" if any(self.row(method, perturbation)[1:]) else ""
 
     def to_dict(self) -> dict[str, Any]:
-        """For --json and OUT/stress.json."""
+        """The content of --json and OUT/stress.json."""
         keys = ("method", "perturbation", "severity")
         return {"cells": [{**dict(zip(keys, key, strict=True)), **asdict(g)} for key, g in self.cells.items()]}
 
     def text(self) -> str:
-        """From which severity on each method fails, a line for each perturbation, and totals."""
+        """The lowest severity at which each method fails, one line per perturbation, and totals."""
         short = [name.removeprefix("baseline:") for name in self.methods]
         width = max(map(len, (*self.perturbations, "clean: false alarms")))
         lines = [f"{'fails from severity':<{width}}  {'  '.join(short)}"]
@@ -149,14 +149,14 @@ class Summary:
             cells = [f"{v:>{len(name)}}" for v, name in zip(values, short, strict=True)]
             lines.append(f"{title:<{width}}  {'  '.join(cells)}")
         for ours, other, total, good, theirs, alone in self.relatives():
-            where = f"; it alone in {', '.join(alone)}" if alone else ""
+            where = f"; only the latter in {', '.join(alone)}" if alone else ""
             lines.append(f"{ours} succeeds in {good} of {total} cells, {other} in {theirs}{where}")
         return "\n".join(lines)
 
     def calibration(self) -> str:
-        """Of third-party odometers alone: how much the median error of those that judge it grows, and how many fail at the end.
+        """For third-party odometers only: growth of their median error at severities 1 and 2, and number of failures at the highest severity.
 
-        A run that fails counts as any growth.
+        A failed run counts as infinite growth.
         """
         limits, lines, met = self.plan.calibration, [], 0
         for name in self.perturbations:
@@ -171,15 +171,15 @@ class Summary:
                 f"{name:<18}{figures}{f'{failed} of {len(readers)}':>10}  {'' if good else 'too mild'}".rstrip()
             )
         head = f"{'median growth at':<18}{'1':>9}{'2':>9}{'fail at 5':>10}"
-        return "\n".join([head, *lines, f"{met} of {len(lines)} perturbations are as strong as asked for"])
+        return "\n".join([head, *lines, f"{met} of {len(lines)} perturbations are as strong as required"])
 
     def _readers(self, name: str) -> list[str]:
-        """Third-party odometers of this summary that judge a perturbation."""
+        """Third-party odometers of this summary that calibrate a perturbation."""
         blind = self.plan.calibration.depth_alone if self.plan.perturbations[name].judged_by == "colour" else ()
         return [m for m in self.methods if m in BASELINES and m not in blind]
 
     def _growth(self, name: str, severity: int) -> float:
-        """Median over the readers of ATE by unperturbed ATE; NaN where a cell is missing."""
+        """Median over the readers of the ratio of ATE to unperturbed ATE; NaN if a cell is missing."""
         ratios = []
         for method in self._readers(name):
             clean, group = (self.row(method, name)[k] for k in (0, severity))
@@ -189,7 +189,7 @@ class Summary:
         return float(np.median(ratios)) if ratios else math.nan
 
     def relatives(self) -> list[tuple[str, str, int, int, int, list[str]]]:
-        """Ours, a third-party relative, perturbed cells that both have, those in which each succeeded, and where the relative alone did."""
+        """For each of our methods and each related third-party method: their names, the number of perturbed cells of both, the numbers of successes of each, and the cells in which only the latter succeeded."""
         found = []
         for ours, other in ((m, r) for m in self.methods for r in RELATIVES.get(m, ()) if r in self.methods):
             pairs = {key[1:]: (g, self.cells.get((other, *key[1:]))) for key, g in self.cells.items() if key[0] == ours}
@@ -201,7 +201,7 @@ class Summary:
         return found
 
     def totals(self) -> dict[str, list[str]]:
-        """Of each method, in their order."""
+        """Title -> a text for each method, in the order of the methods."""
         by_method = {m: [g for (name, p, _), g in self.cells.items() if name == m and p != CLEAN] for m in self.methods}
         cleans = [self.cells.get((m, CLEAN, 0)) for m in self.methods]
         some = [by_method[m] for m in self.methods]

@@ -8,7 +8,7 @@ from iclnuim import frames_from, write_sequence
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
-from iclnuim.headless.stress.stretch import Stretch
+from iclnuim.headless.stress.segment import Segment
 from iclnuim.sensor.transfer import srgb8
 
 CAMERA = PinholeCamera.parse("160x120")
@@ -37,11 +37,11 @@ def truth():
 
 
 @pytest.fixture(scope="session")
-def stretch(truth):
+def segment(truth):
     images = {n: look(truth.T_world_camera[n]) for n in range(FRAMES)}
     load = {n: (srgb8(light), depth_z_m) for n, (light, depth_z_m) in images.items()}.__getitem__
     stamps_s = dict(enumerate(truth.stamps_s.tolist()))
-    return Stretch(CAMERA, CAMERA, tuple(range(4, 44)), stamps_s, truth, load, seed=3)
+    return Segment(CAMERA, CAMERA, tuple(range(4, 44)), stamps_s, truth, load, seed=3)
 
 
 @pytest.fixture(scope="session")

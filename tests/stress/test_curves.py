@@ -48,11 +48,11 @@ class Slow:
 
 
 @pytest.mark.parametrize(("slowdown", "processed"), [(0.1, 40), (1, 20), (4, 7)])
-def test_frames_that_arrive_while_a_method_is_busy_are_dropped(stretch, monkeypatch, slowdown, processed):
+def test_frames_that_arrive_while_a_method_is_busy_are_dropped(segment, monkeypatch, slowdown, processed):
     clock = iter(np.repeat(np.arange(400), 1) * 0.05)
     monkeypatch.setattr("iclnuim.odometry.track.time.perf_counter", lambda: float(next(clock)))
-    busy = curves.Busy("slow", slowdown, Tracker(Slow(), stretch.camera))
-    for stamp_s, frame in stretch.frames():
+    busy = curves.Busy("slow", slowdown, Tracker(Slow(), segment.camera))
+    for stamp_s, frame in segment.frames():
         busy.add(stamp_s, frame)
     assert busy.processed == processed
 

@@ -12,19 +12,19 @@ PLAN, CORRUPTIONS = map(read_plan, SCALES.values())
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_perturbed_frame_is_the_same_whenever_it_is_made_and_the_original_stays(stretch, name):
-    number = stretch.numbers[24]
-    before = [image.copy() for image in stretch.load(number)]
+def test_a_perturbed_frame_is_the_same_whenever_it_is_made_and_the_original_stays(segment, name):
+    number = segment.numbers[24]
+    before = [image.copy() for image in segment.load(number)]
     plan = PLAN if name in PLAN.perturbations else CORRUPTIONS
-    perturbed = plan.apply(name, 4, stretch)
-    perturbed.load(stretch.numbers[3])
+    perturbed = plan.apply(name, 4, segment)
+    perturbed.load(segment.numbers[3])
     colour, depth_z_m = perturbed.load(number)
-    again = plan.apply(name, 4, stretch).load(number)
+    again = plan.apply(name, 4, segment).load(number)
     assert (colour.dtype, colour.shape) == (np.uint8, before[0].shape)
     assert (depth_z_m.dtype, depth_z_m.shape) == (np.float32, before[1].shape)
     assert np.isfinite(depth_z_m).all() and (depth_z_m >= 0).all()
     assert all(np.array_equal(a, b) for a, b in zip((colour, depth_z_m), again, strict=True))
-    assert all(np.array_equal(a, b) for a, b in zip(stretch.load(number), before, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(segment.load(number), before, strict=True))
 
 
 def test_there_are_twenty_perturbations_and_more_each_with_five_severities_of_its_own():
@@ -34,59 +34,59 @@ def test_there_are_twenty_perturbations_and_more_each_with_five_severities_of_it
         assert (steps > 0).all() or (steps < 0).all(), name
 
 
-def test_noise_once_is_that_of_the_library(stretch):
-    number = stretch.numbers[2]
-    colour, depth_z_m = PLAN.apply("noise", 2, stretch).load(number)
-    clean, true_m = stretch.load(number)
+def test_noise_once_is_that_of_the_library(segment):
+    number = segment.numbers[2]
+    colour, depth_z_m = PLAN.apply("noise", 2, segment).load(number)
+    clean, true_m = segment.load(number)
     assert PLAN.perturbations["noise"].levels[1] == 1
-    assert np.array_equal(depth_z_m, noisy_depth(true_m, "released", stretch.camera, 3, number))
+    assert np.array_equal(depth_z_m, noisy_depth(true_m, "released", segment.camera, 3, number))
     assert np.array_equal(colour, noisy_rgb(light_from_srgb8(clean), "released", 3, number))
 
 
-def test_what_is_seen_between_frames_is_what_the_scene_shows_there(stretch, look_at):
+def test_what_is_seen_between_frames_is_what_the_scene_shows_there(segment, look_at):
     """The judge is the analytic box, a third of a frame later."""
-    number = stretch.numbers[10]
-    stamp_s = stretch.stamps_s[number] + 0.011
-    shift = Shift.between(stretch, number, stamp_s)
+    number = segment.numbers[10]
+    stamp_s = segment.stamps_s[number] + 0.011
+    shift = Shift.between(segment, number, stamp_s)
     true_colour, depth_z_m = look_at(stamp_s)
-    colour, seen_m = shift.colour(stretch.load(number)[0]), shift.depth(stretch.load(number)[1])
+    colour, seen_m = shift.colour(segment.load(number)[0]), shift.depth(segment.load(number)[1])
     inside = (slice(4, -4), slice(4, -4))
     assert np.median(np.abs(colour.astype(int) - true_colour)[inside]) <= 1
     assert np.percentile(np.abs(seen_m - depth_z_m)[inside], 95) < 0.01
-    assert np.abs(stretch.load(number)[1] - depth_z_m)[inside].mean() > 3 * np.abs(seen_m - depth_z_m)[inside].mean()
+    assert np.abs(segment.load(number)[1] - depth_z_m)[inside].mean() > 3 * np.abs(seen_m - depth_z_m)[inside].mean()
 
 
 @pytest.mark.parametrize(("name", "severity"), [("rolling_shutter", 5), ("out_of_step", 3)])
-def test_rows_and_streams_show_their_own_instants(stretch, look_at, name, severity):
-    number = stretch.numbers[20]
-    colour, depth_z_m = PLAN.apply(name, severity, stretch).load(number)
+def test_rows_and_streams_show_their_own_instants(segment, look_at, name, severity):
+    number = segment.numbers[20]
+    colour, depth_z_m = PLAN.apply(name, severity, segment).load(number)
     level_s = PLAN.perturbations[name].levels[severity - 1] / 1e3
     for row in (10, 110):
         rolled_s = ((row + 0.5) / 120 - 0.5) * level_s
-        true_colour, true_m = look_at(stretch.stamps_s[number] + (rolled_s if name == "rolling_shutter" else level_s))
+        true_colour, true_m = look_at(segment.stamps_s[number] + (rolled_s if name == "rolling_shutter" else level_s))
         assert np.median(np.abs(colour[row].astype(int) - true_colour[row])) <= 1
         if name == "rolling_shutter":
             assert np.median(np.abs(depth_z_m[row] - true_m[row])) < 0.005
 
 
-def test_panes_have_the_depth_of_their_plane_and_walls_cover_what_they_say(stretch):
-    number = stretch.middle
-    _, depth_z_m = PLAN.apply("bare_wall", 3, stretch).load(number)
+def test_panes_have_the_depth_of_their_plane_and_walls_cover_what_they_say(segment):
+    number = segment.middle
+    _, depth_z_m = PLAN.apply("bare_wall", 3, segment).load(number)
     wall = np.abs(depth_z_m - 0.9) < 1e-5
     assert wall.mean() == pytest.approx(0.85, abs=0.03)
-    assert (PLAN.apply("bare_wall", 5, stretch).load(number)[1] <= 0.9 + 1e-5).all()
-    colour, depth_z_m = PLAN.apply("glass", 5, stretch).load(number)
-    assert np.array_equal(colour, stretch.load(number)[0]) and (depth_z_m <= stretch.load(number)[1]).all()
+    assert (PLAN.apply("bare_wall", 5, segment).load(number)[1] <= 0.9 + 1e-5).all()
+    colour, depth_z_m = PLAN.apply("glass", 5, segment).load(number)
+    assert np.array_equal(colour, segment.load(number)[0]) and (depth_z_m <= segment.load(number)[1]).all()
 
 
-def test_shares_are_those_that_are_asked_for(stretch):
-    holes = PLAN.apply("holes", 4, stretch)
-    assert np.mean([(holes.load(n)[1] == 0).mean() for n in stretch.numbers[:4]]) == pytest.approx(0.55, abs=0.01)
-    black = PLAN.apply("black_frames", 5, stretch)
-    dark = [not black.load(n)[0].any() for n in stretch.numbers]
+def test_shares_are_those_that_are_asked_for(segment):
+    holes = PLAN.apply("holes", 4, segment)
+    assert np.mean([(holes.load(n)[1] == 0).mean() for n in segment.numbers[:4]]) == pytest.approx(0.55, abs=0.01)
+    black = PLAN.apply("black_frames", 5, segment)
+    dark = [not black.load(n)[0].any() for n in segment.numbers]
     assert not dark[0] and 0.3 < np.mean(dark) < 0.9
-    assert PLAN.apply("speed", 2, stretch).numbers == stretch.numbers[::5]
-    assert PLAN.apply("calibration_off", 5, stretch).camera.fx == pytest.approx(1.05 * stretch.true_camera.fx)
+    assert PLAN.apply("speed", 2, segment).numbers == segment.numbers[::5]
+    assert PLAN.apply("calibration_off", 5, segment).camera.fx == pytest.approx(1.05 * segment.true_camera.fx)
 
 
 def test_a_file_that_does_not_fit_is_refused_with_its_place(tmp_path):
