@@ -1,1 +1,1 @@
-"""The farm: frames that are missing, split into chunks, rendered by many workers. Only the output folder decides what is done."""
+"""The render farm: missing frames are split into chunks and rendered by many workers. Only the output folder decides what is finished."""

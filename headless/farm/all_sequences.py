@@ -1,4 +1,4 @@
-"""All shipped sequences one after another, as one work with one progress; each can be resumed by itself, and so can the whole."""
+"""Makes all shipped sequences one after another, with one progress display. Each sequence can be resumed separately, and so can the whole."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from .run_plan import RunPlan
 
 
 class _Whole(Console):
-    """Progress of all plans together; of those to come, frames count as lacking by the journals alone."""
+    """Console with one progress display for all plans. Missing frames of later plans are counted from their journals alone."""
 
     def __init__(self, console: Console, plans: Sequence[RunPlan]) -> None:
         super().__init__(console.quiet, console.as_json)
@@ -18,7 +18,7 @@ class _Whole(Console):
         self._progress = console.progress(sum(self._later.values()), "all")
 
     def begin(self, plan: RunPlan) -> None:
-        """The next one's turn."""
+        """Begin the next plan."""
         self._later.pop(plan.job.sequence)
 
     def progress(self, total: int, label: str, unit: str = "frames") -> Progress:
@@ -28,8 +28,8 @@ class _Whole(Console):
 
 
 def make_all(plans: Sequence[RunPlan], execute: Callable[[RunPlan, Console], int], console: Console) -> int:
-    """Execute the plans in turn; the exit code. An error of one leaves the others their turn, a stop does not. Raises WorkError where
-    some failed.
+    """Execute the plans one after another; returns the exit code. After an error the next plan is executed, after a stop it is not. Raises
+    WorkError if some failed.
     """
     whole, failed = _Whole(console, plans), []
     for count, plan in enumerate(plans, 1):
@@ -48,7 +48,7 @@ def make_all(plans: Sequence[RunPlan], execute: Callable[[RunPlan, Console], int
 
 
 def _lacking(plan: RunPlan) -> int:
-    """Frames that some sequence's journal has not."""
+    """Number of frames that are missing in the journal of at least one sequence."""
     made = set(plan.numbers)
     for folder in plan.variants():
         made &= read_entries(folder / "frames.jsonl").keys()

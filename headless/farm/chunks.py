@@ -1,4 +1,4 @@
-"""How a run is divided: missing frames into chunks, a machine's cores among workers. Only the output folder decides what is done."""
+"""Divides a run: missing frames into chunks, and the cores of a machine among workers. Only the output folder decides what is finished."""
 
 import os
 import re
@@ -10,12 +10,12 @@ from typing import TypeVar
 from iclnuim.errors import InputError
 
 T = TypeVar("T")
-#: Frames that one worker renders in one go.
+#: Frames that are given to a worker together.
 Chunk = tuple[int, ...]
 
 
 def chunks_of(frames: Sequence[T], size: int) -> list[tuple[T, ...]]:
-    """Chunks of at most `size` frames (or other things), in the order given, as even as they can be. No frames, no chunks."""
+    """Chunks of at most `size` frames (or other items), in the given order and as even as possible. No frames give no chunks."""
     if size < 1:
         raise InputError("chunks of at least 1 frame", found=size)
     count = ceil(len(frames) / size)
@@ -24,22 +24,22 @@ def chunks_of(frames: Sequence[T], size: int) -> list[tuple[T, ...]]:
 
 
 def size_for_seconds(seconds: float, seconds_a_frame: float) -> int:
-    """Frames that fill `seconds`: chunks of several minutes on a cluster, where starting a worker costs half a minute."""
+    """Number of frames that take `seconds`. On a cluster, chunks take several minutes, as starting a worker costs half a minute."""
     if seconds <= 0 or seconds_a_frame <= 0:
-        raise InputError("times above 0 s", found=f"{seconds} s, {seconds_a_frame} s a frame")
+        raise InputError("times above 0 s", found=f"{seconds} s, {seconds_a_frame} s per frame")
     return max(1, min(100_000, round(seconds / seconds_a_frame)))
 
 
 def local_size(frames: int, workers: int) -> int:
-    """Chunk size on one machine: small enough that all workers end together, at least eight chunks for each of several. At its end a chunk
+    """Chunk size on one machine: with several workers, each gets at least eight chunks, so that all end at a similar time. At its end, a chunk
     waits until its last frame is closed.
     """
     return max(1, min(25, frames // (8 * workers) if workers > 1 else frames))
 
 
 def split(workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
-    """The cores of each worker: two where the number of workers does not say otherwise (`iclnuim bench farm` measures them), and never one
-    alone, which would busy-wait. Of more workers than pairs of cores, two share a pair. Raises InputError for still more.
+    """The cores of each worker. Without a number of workers, each has two cores (`iclnuim bench farm` measures this). A worker never has a
+    single core, on which it would busy-wait: with more workers than pairs of cores, two workers share a pair. Raises InputError for still more.
     """
     cores = own_cores() if cores is None else cores
     pairs = max(1, len(cores) // 2)
@@ -52,14 +52,14 @@ def split(workers: int | None = None, cores: list[int] | None = None) -> list[li
 
 
 def own_cores() -> list[int]:
-    """Those that this process may use."""
+    """The cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
     return list(range(os.cpu_count() or 1))
 
 
 def granted_cores() -> list[int]:
-    """Cores of a scheduler's task: of all that it may use, as many as the scheduler counts for it."""
+    """The cores of a scheduler's task: of all that it may use, the number granted by the scheduler."""
     own = own_cores()
     return own[: int(os.environ.get("SLURM_CPUS_PER_TASK") or len(own))]
 
@@ -76,7 +76,7 @@ def numbers_from(text: str) -> tuple[int, ...]:
 
 
 def numbers_text(numbers: Iterable[int]) -> str:
-    """The shortest text of which numbers_from makes these numbers."""
+    """The shortest text from which numbers_from returns these numbers."""
     in_a_row = groupby(enumerate(sorted(numbers)), lambda pair: pair[1] - pair[0])
     ranges = [[number for _, number in row] for _, row in in_a_row]
     return ",".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in ranges)

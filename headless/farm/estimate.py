@@ -1,4 +1,4 @@
-"""What a run takes: figures measured by tasks and kept in the cache, or defaults; from them the size of chunks and the estimate for a cluster."""
+"""Estimates the cost of a run from figures that tasks measured and stored in the cache, or from defaults; they also decide the size of chunks."""
 
 import json
 from collections.abc import Sequence
@@ -15,18 +15,18 @@ from iclnuim.job import RenderJob, bake_core_s, shipped_light
 
 from .run_plan import RunPlan
 
-#: Fewer frames than this say little.
+#: Figures measured on fewer frames are not stored.
 MIN_FRAMES = 3
-#: Core-seconds, living room at 640 x 480 (docs/farm.md): the pair of sequences of a frame.
+#: Core-seconds to write a frame of both sequences, living room at 640 x 480 (docs/farm.md).
 PAIR_CORE_S = 0.1
 START_S = 15.0
-#: Bytes of a frame: its EXR a pixel, and its four images (clean and noisy, measured on kt2) a pixel.
+#: Bytes per pixel of a frame: of its EXR, and of its four images (clean and noisy, measured on kt2).
 EXR_BYTES, PAIR_BYTES = 10.0, 4.6
 
 
 @dataclass(frozen=True)
 class Figures:
-    """`frame_core_s`: core-seconds a frame; `start_s`: until a worker's scene stands; `frames`: measured on so many, 0 for defaults."""
+    """frame_core_s: core-seconds per frame. start_s: seconds until a worker has prepared its scene. frames: number of measured frames, 0 for defaults."""
 
     frame_core_s: float
     start_s: float = START_S
@@ -34,7 +34,7 @@ class Figures:
 
 
 def default(job: RenderJob) -> Figures:
-    """Of the living room, by samples and pixels."""
+    """Default figures, from the living room, scaled by samples and pixels."""
     vga = job.camera.width * job.camera.height / (640 * 480)
     samples = job.samples or 0
     seconds = 0.35 + 0.2 * samples if job.light != "path" else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
@@ -42,7 +42,7 @@ def default(job: RenderJob) -> Figures:
 
 
 def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> Figures:
-    """Of a task's workers with `cores` each. A worker's first frame makes ready what the others use: beyond the median it belongs to the start."""
+    """Figures of a task's workers with `cores` cores each. The first frame of a worker includes preparation, so its time beyond the median counts as start."""
     if not frames_core_s or not starts_s:
         return Figures(0.0)
     middle = median(frames_core_s)
@@ -51,14 +51,14 @@ def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: i
 
 
 def known(job: RenderJob) -> Figures:
-    """Measured for such frames, else the defaults."""
+    """The figures measured for frames of this kind, else the defaults."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         return Figures(**json.loads(_file(job).read_text("utf-8"))["figures"])
     return default(job)
 
 
 def keep(job: RenderJob, figures: Figures) -> None:
-    """Into the cache, where it can be written; the latest stand."""
+    """Store figures in the cache, if it is writable; they replace earlier ones."""
     if figures.frames >= MIN_FRAMES and figures.frame_core_s > 0:
         with suppress(OSError, IclnuimError):
             _file(job).parent.mkdir(parents=True, exist_ok=True)
@@ -70,14 +70,14 @@ def _file(job: RenderJob) -> Path:
 
 
 def _key(job: RenderJob) -> dict:
-    """What the time of a frame depends on."""
+    """The settings that decide the time of a frame."""
     names = ("scene", "light", "samples", "denoise", "antialias", "lambertian", "exposure_s", "readout_s")
     return {**{name: getattr(job, name) for name in names}, "size": [job.camera.width, job.camera.height]}
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of what is still missing. `bake_core_hours` is spent only where the cache has no such light map; wall time without waiting."""
+    """Estimate for the missing work. bake_core_hours: spent only if the cache does not have the light map. wall_minutes: without waiting in the queue."""
 
     frames: int
     tasks: int
@@ -92,18 +92,18 @@ class Estimate:
     figures: str
 
     def text(self) -> str:
-        bake = f", {self.bake_core_hours:.2f} of them for the light unless it is cached"
+        bake = f", {self.bake_core_hours:.2f} of them to bake the light, unless it is cached"
         return (
             f"{self.frames} frames, {self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_a_task}\n"
             f"core-hours   {self.core_hours:.2f}{bake if self.bake_core_hours else ''}\n"
             f"gigabytes    {self.gigabytes:.2f}\n"
-            f"wall time    {self.wall_minutes:.0f} min, with nobody else in the queue\n"
+            f"wall time    {self.wall_minutes:.0f} min, without waiting in the queue\n"
             f"figures      {self.figures}"
         )
 
 
 def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
-    """`chunks`: frames of each task still to be run."""
+    """Estimate the cost of the missing work. chunks: number of frames of each task."""
     frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
     pixels = plan.job.camera.width * plan.job.camera.height
     pairs = len(plan.numbers) if plan.sequences is not None else 0
@@ -114,17 +114,17 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     rounds = ceil(len(chunks) / plan.slurm.at_once)
     light_s, dataset_s = known.start_s + bake_s / cpus, 10 + pairs_s / cpus
     wall_s = (light_s + rounds * task_s if chunks else 0) + (dataset_s if plan.sequences is not None else 0)
-    source = f"measured on {known.frames} frames" if known.frames else "defaults, nothing measured yet"
+    source = f"measured on {known.frames} frames" if known.frames else "defaults, as nothing is measured yet"
     return Estimate(
         frames=frames,
         tasks=len(chunks),
         frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
-        gigabytes=pixels * (EXR_BYTES * frames + PAIR_BYTES * pairs) / 1e9,  # with all raw frames beside the sequences
+        gigabytes=pixels * (EXR_BYTES * frames + PAIR_BYTES * pairs) / 1e9,  # with all raw frames and the sequences
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
-        figures=f"{known.frame_core_s:.2f} core-seconds a frame, {known.start_s:.0f} s to start: {source}",
+        figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: {source}",
     )

@@ -1,4 +1,4 @@
-"""Held-out views of a run: chosen or checked before anything is rendered, then a run of their own, by the same light, in a folder below."""
+"""Held-out views of a run: they are chosen or checked before rendering, then rendered as a separate run with the same light, in a subfolder."""
 
 from dataclasses import replace
 from functools import partial
@@ -20,26 +20,26 @@ from ..options import Console
 from .chunks import numbers_text
 from .run_plan import RunPlan
 
-#: Below the output folder: a run of its own, the poses, and what was asked for with the figures of every view.
+#: Folder of the separate run below the output folder, file of its poses, and record of its settings with the figures of every view.
 FOLDER, POSES, RECORD = "held_out", "views.txt", "views.json"
 
 
 def prepare(plan: RunPlan, console: Console) -> None:
-    """The held-out views that a plan asks for, as files; nothing where they stand. Raises InputError where a view is too near a training
-    view or shows what none saw, where others stand there, or things move in the scene; WorkError without Blender or embreex.
+    """Write the poses of the plan's held-out views, unless they exist. Raises InputError if a view is too close to a training view or shows
+    parts that no training view saw, if other views exist, or if the scene moves; WorkError without Blender or embreex.
     """
     if plan.farm.engine != "local":
         raise InputError("{engine} local with {held_out}: when the frames are done, the same command renders the views")
-    record, asked = plan.out / FOLDER / RECORD, _asked(plan)
+    record, requested = plan.out / FOLDER / RECORD, _identity(plan)
     if record.is_file():
-        there = read_json(record)
-        refuse_other("set of views", record, {key: there.get(key) for key in asked}, asked, "another {out}")
+        existing = read_json(record)
+        refuse_other("set of views", record, {key: existing.get(key) for key in requested}, requested, "another {out}")
         return
-    run_isolated(partial(_make, plan, asked, console), plan.job.scene)
+    run_isolated(partial(_make, plan, requested, console), plan.job.scene)
 
 
 def views_plan(plan: RunPlan) -> RunPlan:
-    """The views' own run, once the training frames stand: the light as it was settled for them, no shutter, exact images alone."""
+    """The plan for the run of the views, once the training frames exist: with the same light as these, no shutter, and no noisy sequence."""
     folder = plan.out / FOLDER
     settled = RenderJob.from_dict(read_run(plan.raw).recipe["job"])
     light = {name: getattr(settled, name) for name in ("light", "samples", "denoise")}
@@ -49,8 +49,8 @@ def views_plan(plan: RunPlan) -> RunPlan:
     return replace(plan, job=job, raw=folder / "raw", numbers=numbers, held_out="", noisy=False)
 
 
-def _asked(plan: RunPlan) -> dict:
-    """What decides the views."""
+def _identity(plan: RunPlan) -> dict:
+    """All settings that decide the views."""
     poses = load_trajectory(plan.job).T_world_camera.matrix
     return {
         "held_out": plan.held_out if plan.held_out.isdecimal() else sha256(read_bytes(_file(plan.held_out))),
@@ -66,15 +66,15 @@ def _file(name: str) -> Path:
     return shipped.trajectory_file(name) if name in shipped.sequence_names() else Path(name)
 
 
-def _make(plan: RunPlan, asked: dict, console: Console) -> None:
-    """In a process of its own, in which Blender opens the scene."""
+def _make(plan: RunPlan, identity: dict, console: Console) -> None:
+    """Choose or check the views and write them, in a separate process in which Blender opens the scene."""
     job, numbers = plan.job, np.array(plan.numbers)
     with opened_scene("held-out views", job.scene, job.reading):
         from iclnuim.blender import preflight, scene, surfaces
 
         if moving := preflight.moving_names(scene.bpy.context.scene):
             found = ", ".join(moving[:3])
-            raise InputError("a scene in which nothing moves, for {held_out}", path=job.scene, found=found)
+            raise InputError("a scene without motion, for {held_out}", path=job.scene, found=found)
         surface = surfaces.triangles()
     caster, training = RayCaster(surface.vertices, surface.triangles), load_trajectory(job).T_world_camera[numbers]
     if plan.held_out.isdecimal():
@@ -88,4 +88,4 @@ def _make(plan: RunPlan, asked: dict, console: Console) -> None:
     make_folder(plan.out / FOLDER)
     write_trajectory(plan.out / FOLDER / POSES, views, "tum")
     rows = [{"view": k, **{n: round(v, 6) for n, v in vars(view).items()}} for k, view in enumerate(figures)]
-    write_json(plan.out / FOLDER / RECORD, {**asked, "version": __version__, "views": rows})
+    write_json(plan.out / FOLDER / RECORD, {**identity, "version": __version__, "views": rows})

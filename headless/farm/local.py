@@ -1,4 +1,4 @@
-"""The local farm: chunks of a plan to worker processes; dead and stuck ones are replaced, their frames tried again."""
+"""The local farm: distributes the chunks of a plan to worker processes. Crashed and hanging workers are replaced, and their frames are tried again."""
 
 import queue
 import time
@@ -13,14 +13,14 @@ from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, FrameDone, R
 from .chunks import Chunk
 from .run_plan import FarmSettings
 
-#: Starts in a row that die before their first frame end the run.
+#: The run ends after this number of consecutive workers that end before their first frame.
 MAX_FAILED_STARTS = 3
 
 Inbox = queue.SimpleQueue[tuple[WorkerClient, Event]]
 
 
 class WorkerError(IclnuimError):
-    """What a worker reported, in its words and with its exit code."""
+    """The error reported by a worker, with its message and exit code."""
 
     def __init__(self, failed: Failed) -> None:
         super().__init__(failed.template or failed.text)
@@ -31,15 +31,14 @@ class WorkerError(IclnuimError):
 
 
 def not_started(client: WorkerClient, code: int) -> WorkError:
-    """The error of a worker that ended with `code` before it was ready."""
-    return WorkError(f"a worker does not start (code {code}): {client.log_end()}; its log: {client.log}")
+    """The error for a worker that ended with exit code `code` before it was ready."""
+    return WorkError(f"a worker failed to start (code {code}): {client.log_end()}; its log: {client.log}")
 
 
 @dataclass
 class Outcome:
-    """Frames done in this run; frames given up, with the log of the worker; whether a stop was asked for; workers that died.
-
-    black: frames that show nothing, with the likely cause.
+    """done: frames rendered in this run. failed: frames that were given up -> log of the worker. stopped: whether a stop was requested.
+    deaths: number of workers that ended unexpectedly. black: frames that are entirely black -> likely cause.
     """
 
     done: set[int] = field(default_factory=set)
@@ -51,7 +50,7 @@ class Outcome:
 
 @dataclass(eq=False)
 class Worker:
-    """A worker process of the farm, and the frames of its chunk that are left. Times are of time.monotonic()."""
+    """A worker process of the farm, and the remaining frames of its chunk. Times are those of time.monotonic()."""
 
     client: WorkerClient
     cores: list[int]
@@ -63,16 +62,16 @@ class Worker:
     last_frame_s: float = 0.0
 
     def give(self, chunk: Chunk) -> None:
-        """A chunk to render."""
+        """Give the worker a chunk to render."""
         self.busy, self.left, self.last_frame_s = True, list(chunk), time.monotonic()
         self.client.send({"frames": self.left})
 
 
 class LocalFarm:
-    """Renders chunks with one worker for each set of cores. `start(cores, inbox)` starts a worker process.
+    """Renders chunks with one worker per set of cores. `start(cores, inbox)` starts a worker process.
 
-    `on_frame(number)` is called for each frame once, `on_event(worker, event)` for all events of all workers. `first`: an idle worker
-    that runs already, on the first set of cores, and the inbox of its events.
+    `on_frame(number)` is called once for each frame, `on_event(worker, event)` for all events of all workers. `first`: an idle worker
+    that already runs on the first set of cores, and the inbox of its events.
     """
 
     def __init__(
@@ -96,11 +95,11 @@ class LocalFarm:
 
     @property
     def workers(self) -> list[Worker]:
-        """Those that live."""
+        """The running workers."""
         return list(self._workers.values())
 
     def run(self, chunks: list[Chunk]) -> Outcome:
-        """Until every frame is done or given up, or a stop is asked for. Raises WorkerError, WorkError."""
+        """Render until every frame is done or given up, or a stop is requested. Raises WorkerError, WorkError."""
         self._todo = deque(chunks)
         try:
             while not self._should_stop() and (self._todo or any(w.busy for w in self.workers)):
@@ -108,7 +107,7 @@ class LocalFarm:
                 self._receive(0.2)
                 self._kill_silent()
             self._outcome.stopped = self._should_stop()
-            for worker in self.workers:  # all end after the frame in work
+            for worker in self.workers:  # all end after their current frame
                 worker.client.stop()
             end = time.monotonic() + 60.0
             while self._workers and time.monotonic() < end:
@@ -120,7 +119,7 @@ class LocalFarm:
         return self._outcome
 
     def _assign(self) -> None:
-        """A worker for every set of cores while there is work, a chunk for every idle worker."""
+        """Give a chunk to every idle worker, and start a worker on every free set of cores while there is work."""
         for worker in self.workers:
             if self._todo and not worker.busy and not worker.client.asked_to_stop:
                 worker.give(self._todo.popleft())
@@ -151,11 +150,11 @@ class LocalFarm:
                 self._failed_starts = 0
                 self._count(worker, event.frame)
             case ChunkDone():
-                for number in list(worker.left):  # found finished, by a worker that died before it could report it
+                for number in list(worker.left):  # finished earlier, by a worker that ended before it could report this
                     self._count(worker, number)
                 worker.busy = False
                 if worker.rendered >= self._settings.max_frames or (event.rss_mb or 0.0) > self._settings.max_mb:
-                    worker.client.stop()  # the next one takes its cores once it is gone
+                    worker.client.stop()  # the next worker gets its cores when it has ended
             case Failed(bug=False):
                 raise WorkerError(event)
             case Exited():
@@ -177,7 +176,7 @@ class LocalFarm:
                 worker.client.kill()
 
     def _replace(self, worker: Worker, code: int) -> None:
-        """A worker has ended: its cores are free, its frames are tried again."""
+        """Handle the end of a worker: free its cores, and queue its remaining frames again."""
         client = worker.client
         del self._workers[client]
         self._free.append(worker.cores)
@@ -190,7 +189,7 @@ class LocalFarm:
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILED_STARTS:
                 raise not_started(client, code)
-        # at most two frames were in work, closed one and rendered one: those alone, so that the guilty one is found; the rest together
+        # at most two frames were in work (one rendered, one closed): each is tried alone to find the cause; the rest stays together
         suspects, rest = (worker.left[:2], worker.left[2:]) if worker.ready else ([], worker.left)
         alone, attempts = len(worker.left) == 1, self._settings.attempts
         for number in suspects:

@@ -1,4 +1,4 @@
-"""One command at a time on an output folder, also on shared file systems: a file with host, process and heartbeat."""
+"""Locks an output folder for one command at a time, also on shared file systems: a lock file with host, process and heartbeat."""
 
 import json
 import os
@@ -12,14 +12,14 @@ from pathlib import Path
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import not_written, process_is_running
 
-#: The holder touches its file this often; on other hosts a file that was not touched for STALE_S is stale.
+#: The holder touches the lock file every BEAT_S seconds. For other hosts, a file that was not touched for STALE_S is stale.
 BEAT_S, STALE_S = 5.0, 90.0
 
 
 class OutputLock:
-    """`with OutputLock(folder):` holds it. Raises WorkError that names who works there already.
+    """Lock, used as `with OutputLock(folder):`. Raises WorkError, which names the process that holds the lock already.
 
-    The file appears by a hard link, which is atomic on NFS too.
+    The file is created by a hard link, which is atomic on NFS too.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -33,7 +33,7 @@ class OutputLock:
             holder = self._holder()
             if holder is not None and self._lives(holder):
                 raise WorkError(
-                    f"{self.path.parent.parent}: process {holder.get('pid')} on {holder.get('host')} works there already",
+                    f"{self.path.parent.parent}: process {holder.get('pid')} on {holder.get('host')} is already using this folder",
                     hint="waiting for it, stopping it, or another {out}",
                 )
             if holder is not None:
@@ -47,7 +47,7 @@ class OutputLock:
             self.path.unlink(missing_ok=True)
 
     def held(self) -> bool:
-        """Whether the file is still ours: a holder asleep for longer than STALE_S may have lost it."""
+        """Whether this process still holds the lock; it may have lost it after a suspension longer than STALE_S."""
         return (self._holder() or {}).get("token") == self._mine["token"]
 
     def _take(self) -> bool:
@@ -70,7 +70,7 @@ class OutputLock:
             draft.unlink(missing_ok=True)
 
     def _holder(self) -> dict | None:
-        """The content of the file; {} where it cannot be read, None where there is none."""
+        """The content of the file; {} if it cannot be read, None if it does not exist."""
         try:
             content = json.loads(self.path.read_text("utf-8"))
         except FileNotFoundError:
@@ -85,7 +85,7 @@ class OutputLock:
         return self._age_s(self.path) < STALE_S
 
     def _age_s(self, path: Path) -> float:
-        """Since a file was touched, both times from the file server's clock; 0 where it is gone."""
+        """Seconds since a file was touched, both times from the file server's clock; 0 if it no longer exists."""
         probe = self.path.with_name(f".clock-{self._mine['token']}")
         try:
             probe.touch()
@@ -96,11 +96,11 @@ class OutputLock:
             probe.unlink(missing_ok=True)
 
     def _remove_stale(self, holder: dict) -> None:
-        """Remove a stale lock. One at a time, and after a second look: else a new holder's could go."""
+        """Remove a stale lock. Only one process does this at a time, and it reads the lock again first; otherwise it could remove a new holder's lock."""
         guard = self.path.with_name(f".{self.path.name}-removal")
         try:
             os.close(os.open(guard, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
-        except FileExistsError:  # another process is removing it; one that died there is not waited for
+        except FileExistsError:  # another process is removing it, or ended while doing so
             time.sleep(0.05)
             if self._age_s(guard) > STALE_S:
                 guard.unlink(missing_ok=True)
@@ -118,7 +118,7 @@ class OutputLock:
 
 
 def _born(pid: int) -> str | None:
-    """When a process of this host started, as the kernel counts; None when it is gone. Numbers are used again, births are not."""
+    """Start time of a process on this host, as counted by the kernel; None if it has ended. Process numbers are reused, start times are not."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return None if fields[0] == "Z" else fields[19]

@@ -1,4 +1,4 @@
-"""A run rendered on this machine: its folder opened and its light baked by one worker process, then frames by several."""
+"""Renders a run on this machine: one worker process opens its folder and bakes its light, then several workers render frames."""
 
 import itertools
 import os
@@ -41,22 +41,22 @@ E = TypeVar("E", bound=Event)
 
 @dataclass
 class Workers:
-    """Starts the worker processes of a run folder, and prints their notes, each once.
+    """Starts the worker processes of a run folder, and prints each of their notes once.
 
-    shared: tasks on other machines work there too, so logs and journal are named after this one, and a worker takes no more cores than
-    the scheduler granted; it is not bound to them where the scheduler has not bound this process.
+    shared: tasks on other machines use the folder too. Logs and journal are then named after this task, and a worker uses no more cores
+    than the scheduler granted. It is bound to them only if the scheduler has bound this process.
     """
 
     job: RenderJob
     out: Path
     console: Console
     shared: bool = False
-    asked: Sequence[int] = ()
+    requested: Sequence[int] = ()
     _printed: set[str] = field(default_factory=set)
     _count: Iterator[int] = field(default_factory=itertools.count)
 
     def start(self, cores: list[int], inbox: Inbox) -> WorkerClient:
-        """On these cores. Raises WorkError."""
+        """Start a worker on these cores. Raises WorkError."""
         name = f"{platform.node()}-{os.getpid()}" if self.shared else f"{os.getpid()}"
         log = self.out / ".farm" / f"{'task' if self.shared else 'worker'}-{name}-{next(self._count):02}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -68,26 +68,26 @@ class Workers:
             "cores": cores if len(granted) == len(own_cores()) else [],
             "threads": self.threads(cores),
             "journal": str(log.with_name(journal)),
-            "asked": self.asked,
+            "asked": self.requested,
         }
         return WorkerClient(worker_command(), options, self.out.resolve(), log.resolve(), inbox)
 
     def threads(self, cores: list[int]) -> int:
-        """Of a worker on these cores."""
+        """Number of threads of a worker on these cores."""
         return max(2, len(cores)) if self.shared else len(cores)
 
     def on_event(self, event: Event) -> None:
-        """Print a note that is new."""
+        """Print a note that was not printed before."""
         if isinstance(event, Note) and event.text not in self._printed:
             self._printed.add(event.text)
             self.console.note(f"note: {event.text}")
 
 
 class LocalRun:
-    """A run folder that this machine works in, as a context manager: one worker process makes it, or resumes the one there, and bakes its
-    light; then several render, or that one alone where one takes all cores.
+    """A run folder on this machine, as a context manager. One worker process makes or resumes it, and bakes its light. Then several workers
+    render, or only the first one if it uses all cores.
 
-    `run` and `job`: as the worker settled them, with no baked light where things move. shared: as of Workers.
+    run, job: as decided by the worker, for example without baked light if the scene moves. shared: see Workers.
     """
 
     def __init__(self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False) -> None:
@@ -119,7 +119,7 @@ class LocalRun:
         client.close(keep_log=not clean)
 
     def bake(self) -> bool:
-        """The light of the job into the cache, where it takes any; whether it had to be made."""
+        """Bake the light of the job into the cache, if the job uses baked light; returns whether it was baked now."""
         if self.job.light != "baked":
             return False
         self._client.send({"bake": True})
@@ -135,9 +135,9 @@ class LocalRun:
         cores: list[list[int]] | None = None,
         blend: Path | None = None,
     ) -> Outcome:
-        """The frames of `numbers` that are missing. Raises InputError, WorkError; frames given up are in the outcome.
+        """Render the missing frames of `numbers`. Raises InputError, WorkError; the outcome lists frames that were given up.
 
-        cores: of each worker, where the plan's number of workers does not decide. blend: also save the prepared scene there.
+        cores: the cores of each worker, if not decided by the plan's number of workers. blend: also save the prepared scene to this file.
         """
         stop, job = should_stop or self.should_stop, self.job
         cores, missing = cores or split(self.plan.farm.workers), self.run.missing(numbers)
@@ -151,9 +151,9 @@ class LocalRun:
             self._client.send({"blend": str(blend.resolve())})
             self._wait(ChunkDone)
         cores = cores[: len(missing)]
-        # after a bake it would keep the memory that took
-        goes_on = blend is None and not baked and cores[:1] == [own_cores()] and not stop()
-        if not goes_on:
+        # after a bake, the worker would keep the memory of the bake
+        reuse_worker = blend is None and not baked and cores[:1] == [own_cores()] and not stop()
+        if not reuse_worker:
             self.__exit__()
         if not missing or stop():
             return Outcome(stopped=stop())
@@ -169,12 +169,12 @@ class LocalRun:
                 progress.begin()
 
         self._workers.job = job
-        first = (self._client, self._inbox) if goes_on else None
+        first = (self._client, self._inbox) if reuse_worker else None
         self.farm = LocalFarm(self._workers.start, cores, done, listen, stop, self.plan.farm, first)
         return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
 
     def _wait(self, kind: type[E]) -> E:
-        """For one event; the worker's errors are ours. A stop asked for meanwhile ends it at once: nothing is lost."""
+        """Wait for one event; an error of the worker is raised here. A request to stop ends the wait at once, as nothing is lost."""
         while not self.should_stop():
             try:
                 client, event = self._inbox.get(timeout=0.2)
@@ -194,7 +194,7 @@ class LocalRun:
 
 @contextmanager
 def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> Iterator[LocalRun]:
-    """The run of `plan`, made or resumed, locked for this command. Raises InputError, WorkError that names who else works there."""
+    """Make or resume the run of `plan`, locked for this command. Raises InputError, or WorkError that names another process using the folder."""
     split(plan.farm.workers)
     load_trajectory(plan.job)
     worker_command()
@@ -205,7 +205,7 @@ def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -
         with OutputLock(out / ".farm"), LocalRun(plan, console, should_stop) as run:
             yield run
     except NotADirectoryError:
-        raise InputError("a folder", path=out, found="a file on the way there", hint="another {out}") from None
+        raise InputError("a folder", path=out, found="a file in its path", hint="another {out}") from None
     except OSError as error:
         raise WorkError(f"{out}: {error.strerror or error}", hint="another {out}") from None
     finally:
@@ -216,26 +216,26 @@ def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -
 
 
 def report(outcome: Outcome, console: Console) -> int:
-    """What became of the frames; the exit code. Raises WorkError where some failed."""
+    """Report the outcome; returns the exit code. Raises WorkError if frames failed."""
     if outcome.black:
         first = min(outcome.black)
         of = f"{len(outcome.black)} of {len(outcome.done)} frames are black, the first is {first}"
         console.note(f"note: {of}: {outcome.black[first]}")
     if outcome.stopped:
-        console.note("stopped: the frames so far are valid; the same command goes on from here")
+        console.note("stopped: all finished frames are valid; the same command resumes the run")
         return 130
     if outcome.deaths:
-        console.note(f"{outcome.deaths} workers ended before their time and were replaced")
+        console.note(f"{outcome.deaths} workers ended unexpectedly and were replaced")
     if outcome.failed:
         listed = "; ".join(f"frame {n}: {log}" for n, log in sorted(outcome.failed.items())[:10])
         count = len(outcome.failed)
-        raise WorkError(f"{count} frames failed and were given up, the rest is done; their logs: {listed}")
+        raise WorkError(f"{count} frames failed and were given up, all others are done; logs of the failed: {listed}")
     return 0
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and SIGTERM ask for a stop after the current frame; a second one ends the process at once, frames stay valid."""
+    """Handle Ctrl-C and SIGTERM: the first requests a stop after the current frame, the second ends the process at once. Frames stay valid."""
     received: list[int] = []
 
     def note(number: int, _frame: object) -> None:

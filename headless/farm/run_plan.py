@@ -1,4 +1,4 @@
-"""All that a run was asked for: job, frames, sequences, and how the work is shared. Its record in the run folder is what `resume` reads."""
+"""The plan of a run: job, frames, sequences, and how the work is distributed. `resume` reads its record in the run folder."""
 
 import json
 import re
@@ -23,7 +23,7 @@ from iclnuim.settings import Settings, refuse_unknown, setting
 from .chunks import numbers_from, numbers_text
 
 SCHEMA_VERSION = 2
-#: Where a run's record lies, below the run folder.
+#: The record of a run, relative to the run folder.
 RECORD = ".farm/command.json"
 _KEYS = (
     "schema_version",
@@ -43,49 +43,55 @@ _KEYS = (
 
 @dataclass(frozen=True)
 class FarmSettings(Settings):
-    """How the work is shared: nothing here changes a pixel."""
+    """How the work is distributed; these settings do not change a pixel."""
 
     group: ClassVar[str] = "the farm"
 
-    engine: str = setting("local", "where it runs", choices={"local": "this machine", "slurm": "an existing Slurm"})
+    engine: str = setting(
+        "local", "where it runs", choices={"local": "this machine", "slurm": "an existing Slurm cluster"}
+    )
     workers: int | None = setting(
-        None, "processes that render, at most one for each core; default: one for every two cores", low=1
+        None, "number of rendering processes, at most one per core; default: one per two cores", low=1
     )
     worker_timeout_s: float = setting(
         120.0,
-        "a worker that has sent nothing for so long is replaced; it sends a heartbeat every 2 s",
+        "a worker that has sent nothing for this time is replaced; it sends a heartbeat every 2 s",
         unit="s",
         low=5.0,
         option="--worker-timeout",
     )
     start_timeout_s: float = setting(1800.0, "the same, until the scene is prepared", unit="s", low=1.0, option="")
     frame_timeout_s: float = setting(
-        3600.0, "the same, without a finished frame: heartbeats may outlive the renderer", unit="s", low=1.0, option=""
+        3600.0,
+        "the same, without a finished frame, as heartbeats go on if rendering hangs",
+        unit="s",
+        low=1.0,
+        option="",
     )
-    attempts: int = setting(3, "a frame that has ended so many workers is given up", low=1, option="")
-    max_frames: int = setting(2000, "a worker is replaced after so many frames", low=1, option="")
+    attempts: int = setting(3, "a frame is given up after it has ended this number of workers", low=1, option="")
+    max_frames: int = setting(2000, "a worker is replaced after this number of frames", low=1, option="")
     max_mb: float = setting(6000.0, "a worker is replaced when it takes more memory", unit="MB", low=1.0, option="")
 
 
 @dataclass(frozen=True)
 class SlurmSettings(Settings):
-    """What a task asks for. Keys of the TOML file are these names; options of the command line take precedence over the file."""
+    """Resources of a task. The keys of the TOML file are these names; command-line options take precedence over the file."""
 
     group: ClassVar[str] = "Slurm's settings"
 
-    partition: str | None = setting(None, "Slurm's partition")
-    account: str | None = setting(None, "Slurm's account, which pays")
-    qos: str | None = setting(None, "Slurm's quality of service", option="")
-    constraint: str | None = setting(None, "features of the nodes", option="")
-    time: str | None = setting(None, "limit of a task, such as 30, 2:00:00 or 1-12; default: from the estimate")
+    partition: str | None = setting(None, "Slurm partition")
+    account: str | None = setting(None, "Slurm account that is charged")
+    qos: str | None = setting(None, "Slurm quality of service", option="")
+    constraint: str | None = setting(None, "required features of the nodes", option="")
+    time: str | None = setting(None, "time limit of a task, such as 30, 2:00:00 or 1-12; default: from the estimate")
     memory: str = setting("4G", "memory of a task, such as 4G or 900M")
     cpus: int = setting(4, "cores of a task, two for each worker process", low=1)
     chunk_minutes: float = setting(6.0, "work of a frame task", unit="min", low=1e-6)
-    at_once: int = setting(256, "tasks that run at the same time, at most", low=1, option="")
+    at_once: int = setting(256, "maximum number of tasks that run at the same time", low=1, option="")
     scratch: str | None = setting(
-        None, "folder on the node for Blender's raw frames, such as '$TMPDIR'; the node's variables are filled in"
+        None, "folder on the node for Blender's raw frames, such as '$TMPDIR'; variables are expanded on the node"
     )
-    python: str | None = setting(None, "what runs Python on the nodes, such as a container", option="")
+    python: str | None = setting(None, "command that runs Python on the nodes, such as a container", option="")
     setup: tuple[str, ...] = ()
     extra: dict[str, str] = field(default_factory=dict)
 
@@ -103,7 +109,7 @@ class SlurmSettings(Settings):
 
 
 def minutes(text: str | int) -> int:
-    """Slurm's forms: M, M:S, H:M:S, D-H, D-H:M, D-H:M:S; rounded up. Raises InputError."""
+    """Minutes of a time in Slurm's formats M, M:S, H:M:S, D-H, D-H:M, D-H:M:S, rounded up. Raises InputError."""
     form = re.fullmatch(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?", str(text))
     if form is None:
         raise InputError("a time such as 30, 2:00:00 or 1-12", setting="time", found=text)
@@ -119,7 +125,7 @@ def minutes(text: str | int) -> int:
 
 
 def read_settings(path: Path) -> SlurmSettings:
-    """Settings of a TOML file. Raises InputError for unknown keys and values that do not fit."""
+    """Read the settings in a TOML file. Raises InputError for unknown keys and invalid values."""
     try:
         content: dict[str, Any] = tomllib.loads(read_text(path, "Slurm settings in TOML"))
     except tomllib.TOMLDecodeError as error:
@@ -134,10 +140,10 @@ def read_settings(path: Path) -> SlurmSettings:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Frames `numbers` of `job` into the run folder `raw`, and with `sequences` the sequences clean/ and noisy/ beside it.
+    """Render frames `numbers` of `job` into the run folder `raw`, and with `sequences` write the sequences clean/ and noisy/ next to it.
 
-    working_folder: where the command was given; a user's own noise model may lie there. held_out: how many held-out views are to be rendered
-    too, or their trajectory, "" for none. noisy: also noisy/.
+    working_folder: folder in which the command was called; it may contain the user's own noise model. held_out: number of held-out views,
+    or their trajectory, "" for none. noisy: whether noisy/ is written too.
     """
 
     job: RenderJob
@@ -154,28 +160,28 @@ class RunPlan:
 
     @property
     def command(self) -> str:
-        """`make` where there are sequences, else `render`."""
+        """`make` if the plan has sequences, else `render`."""
         return "render" if self.sequences is None else "make"
 
     @property
     def out(self) -> Path:
-        """What --out of the command was."""
+        """The value of the command's --out."""
         return self.raw if self.sequences is None else self.raw.parent
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """Of the sequences."""
+        """Formats of the sequences."""
         return () if self.sequences is None else self.sequences.formats
 
     def variants(self) -> dict[Path, SequenceSettings]:
-        """Folder -> settings of the sequences. Raises InputError for an unknown noise model or parameter."""
+        """Folder -> settings, for each sequence. Raises InputError for an unknown noise model or parameter."""
         if self.sequences is None:
             return {}
         clean, noisy = self.sequences.without_noise(), self.sequences.sequence_settings()
         return {self.out / "clean": clean, **({self.out / "noisy": noisy} if self.noisy else {})}
 
     def missing(self) -> list[int]:
-        """Frames that are neither finished nor turned into pairs, by the files of the folder."""
+        """Frames that are neither rendered nor written to the sequences, according to the files of the folder."""
         if not (self.raw / "sequence.json").is_file():
             return list(self.numbers)
         run, made = read_run(self.raw), set()
@@ -185,7 +191,7 @@ class RunPlan:
         return run.missing([n for n in self.numbers if n not in made])
 
     def to_dict(self) -> dict[str, Any]:
-        """The record; without the run folder, which may be moved."""
+        """The record. It does not contain the run folder, which may be moved."""
         return {
             "schema_version": SCHEMA_VERSION,
             "command": self.command,
@@ -203,9 +209,9 @@ class RunPlan:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], raw: Path) -> "RunPlan":
-        """The inverse, for the folder where the run lies now. Raises InputError for unknown keys and values that do not fit.
+        """The plan of a record, for the current folder of the run. Raises InputError for unknown keys and invalid values.
 
-        The folder in which the command was given is searched for a user's own noise model.
+        The folder in which the command was called is added to the search path, for the user's own noise model.
         """
         if content.get("schema_version") == 1:
             return _from_version_1(content, raw)
@@ -223,21 +229,21 @@ class RunPlan:
         return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"], *views)
 
     def write_record(self) -> None:
-        """Beside the frames."""
+        """Write the record into the run folder."""
         (self.raw / RECORD).parent.mkdir(parents=True, exist_ok=True)
         write_json(self.raw / RECORD, self.to_dict())
 
 
 def find_run(folder: Path) -> Path:
-    """The run folder (that of the frames) of what --out was. Raises InputError where no command was recorded."""
+    """The run folder (that of the frames) for a value of --out. Raises InputError if no command was recorded."""
     for raw in (folder, folder / "raw"):
         if (raw / RECORD).is_file():
             return raw
-    raise InputError("a folder in which `iclnuim render` or `make` was begun", path=folder, found=f"no {RECORD}")
+    raise InputError("the output folder of `iclnuim render` or `make`", path=folder, found=f"no {RECORD}")
 
 
 def read_plan(raw: Path) -> RunPlan:
-    """The recorded plan of a run folder. Raises InputError, naming the record, where it cannot be used."""
+    """Read the recorded plan of a run folder. Raises InputError, which names the record, if it is invalid."""
     try:
         return RunPlan.from_dict(read_json(raw / RECORD), raw)
     except KeyError as error:
@@ -252,10 +258,10 @@ def _find_modules_of(record: Mapping[str, Any]) -> None:
 
 
 def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
-    """The plan of a run that iclnuim 0.1.0 began: the job of its recipe, the rest from the options that were recorded then."""
+    """The plan of a run begun by iclnuim 0.1.0: the job comes from its recipe, the rest from the recorded options."""
     if not (raw / "sequence.json").is_file():
-        expected = "a run that has begun to render: 0.1.0 has only submitted it"
-        raise InputError(expected, path=raw, hint="its command again")
+        expected = "a run that has begun to render; version 0.1.0 only submitted this one"
+        raise InputError(expected, path=raw, hint="running its command again")
     _find_modules_of(record)
     options, job = record["options"], RenderJob.from_dict(read_run(raw).recipe["job"])
     frames = options["frames"] or ("::30" if options["quick"] else "::")

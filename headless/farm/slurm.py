@@ -1,4 +1,4 @@
-"""Slurm: light, arrays of frame tasks and the data set, handed over to an existing Slurm by submitit, each after the one before."""
+"""Slurm: submits light, arrays of frame tasks and the data set to an existing Slurm cluster with submitit. Each stage depends on the previous one."""
 
 import json
 import re
@@ -23,13 +23,13 @@ from .estimate import known as known_figures
 from .run_plan import RunPlan, SlurmSettings, minutes
 from .tasks import Task
 
-#: A task may be put back into the queue this often because its time was up; each time it has done some frames.
+#: Maximum number of times that a task is requeued at its time limit; each time it has finished some frames.
 MAX_TIMEOUTS = 20
-#: Seconds before the end of its time at which a task puts itself back; of a short time a quarter.
+#: A task requeues itself this many seconds before its time limit, or at three quarters of a short limit.
 NOTICE_S = 60
-#: Of a Slurm that is not asked, as its own default has it.
+#: Slurm's default, used if Slurm is not queried.
 MAX_ARRAY_SIZE = 1001
-#: Below the run folder, beside the logs of the jobs.
+#: Record of the submitted jobs, relative to the run folder, next to their logs.
 _SUBMITTED = ".farm/slurm/submitted.json"
 NAMES = {stage: f"iclnuim-{stage}" for stage in ("light", "frames", "dataset")}
 
@@ -38,7 +38,7 @@ Chunks = tuple[Chunk, ...]
 
 @dataclass(frozen=True)
 class Submitted:
-    """A job that was handed over: its number, stage, and for an array the frames of each task."""
+    """A submitted job: its number, its stage, and for an array the frames of each task."""
 
     job: str
     stage: str
@@ -46,7 +46,7 @@ class Submitted:
 
     @property
     def tasks(self) -> dict[str, tuple[int, ...]]:
-        """Task as squeue names it -> its frames."""
+        """Name of a task in squeue -> its frames."""
         if len(self.chunks) == 1:
             return {self.job: self.chunks[0]}
         return {f"{self.job}_{k}": frames for k, frames in enumerate(self.chunks)} or {self.job: ()}
@@ -54,8 +54,8 @@ class Submitted:
 
 @dataclass(frozen=True)
 class Batch:
-    """Jobs to be submitted, in the order in which they depend on each other, with the frames of each array's tasks, and what they are
-    expected to take; tasks that wait or run already.
+    """stages: the jobs to submit, in the order of their dependencies, with the frames of each array's tasks. estimate: their expected cost.
+    waiting: tasks that already wait or run -> their state.
     """
 
     stages: list[tuple[str, Chunks]]
@@ -64,15 +64,15 @@ class Batch:
 
 
 def run(plan: RunPlan, print_only: bool, console: Console) -> int:
-    """Submit, and print what was submitted and how to go on; `print_only`: the job scripts, nothing is submitted. Raises InputError, WorkError."""
+    """Submit the missing work, and print the submitted jobs and the next commands. `print_only`: print the job scripts, submit nothing. Raises InputError, WorkError."""
     if print_only:
         return _show(plan, console)
     if not all(shutil.which(name) for name in ("sbatch", "srun", "squeue", "scontrol")):
         needed = "sbatch, srun, squeue, scontrol on the PATH"
-        raise WorkError(f"no Slurm here ({needed})", hint="a login node, or {print_only}")
+        raise WorkError(f"Slurm is not available here ({needed})", hint="a login node, or {print_only}")
     batch = prepare(plan)
     if not batch.stages:
-        queued = f"nothing to submit: what is missing is in the queue ({counted(batch.waiting)})"
+        queued = f"nothing to submit: all missing work is in the queue ({counted(batch.waiting)})"
         console.note(queued if batch.waiting else "nothing is missing")
         return 0
     jobs, what = submit(plan, batch), {"light": "light", "dataset": "data set"}
@@ -80,19 +80,19 @@ def run(plan: RunPlan, print_only: bool, console: Console) -> int:
     for job in jobs:
         frames = f"{sum(map(len, job.chunks))} frames in {len(job.chunks)} task{'s' * (len(job.chunks) != 1)}"
         console.note(f"submitted: {what.get(job.stage, frames)} as job {job.job}")
-    console.note(f"go on with: iclnuim status {plan.out}; iclnuim resume {plan.out}")
+    console.note(f"next: iclnuim status {plan.out}; iclnuim resume {plan.out}")
     return 0
 
 
 def _show(plan: RunPlan, console: Console) -> int:
-    """The job scripts as submitit writes them, also where there is no Slurm."""
+    """Print the job scripts as submitit writes them; this also works without Slurm."""
     try:
         batch = prepare(plan)
     except WorkError as error:
-        console.note(f"as for an empty queue: {error}")
+        console.note(f"an empty queue is assumed: {error}")
         batch = prepare(plan, ask=False)
     executor, texts = _executor(plan), []
-    for stage, chunks in batch.stages:  # those that wait for others name them by stage
+    for stage, chunks in batch.stages:  # dependencies are shown by stage, as job numbers are unknown
         after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
         executor.parameters = {}
         executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, after))
@@ -106,7 +106,7 @@ def _show(plan: RunPlan, console: Console) -> int:
 
 
 def prepare(plan: RunPlan, ask: bool = True) -> Batch:
-    """What is neither done nor in the queue. `ask` Slurm, else suppose an empty queue. Raises InputError, WorkError."""
+    """The work that is neither finished nor in the queue. `ask`: query Slurm, else assume an empty queue. Raises InputError, WorkError."""
     _refuse_other_job(plan)
     jobs = recorded(plan.raw) if ask else []
     waiting = in_queue(jobs)
@@ -116,17 +116,19 @@ def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     size = size_for_seconds(60 * plan.slurm.chunk_minutes, known.frame_core_s / plan.slurm.cpus)
     chunks = chunks_of(missing, size)
     answer = re.search(r"^MaxArraySize\s*=\s*(\d+)", _ask("scontrol", "show", "config") if ask else "", re.M)
-    most = max(1, int(answer[1])) if answer else MAX_ARRAY_SIZE  # MaxArraySize counts from 0
+    max_size = max(1, int(answer[1])) if answer else MAX_ARRAY_SIZE  # MaxArraySize counts from 0
     dataset_waits = any(job.stage == "dataset" and job.job in waiting for job in jobs)
     stages: list[tuple[str, Chunks]] = [("light", ())] if chunks else []
-    stages += [("frames", part) for part in chunks_of(chunks, most)]  # as few arrays as allowed, of even length
+    stages += [
+        ("frames", part) for part in chunks_of(chunks, max_size)
+    ]  # the fewest possible arrays, of similar length
     if plan.sequences is not None and (chunks or not (dataset_waits or complete(plan))):
         stages.append(("dataset", ()))
     return Batch(stages, estimate(plan, [len(frames) for frames in chunks], known), waiting)
 
 
 def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
-    """Submit the batch; what was submitted before a failure is cancelled. Raises WorkError with Slurm's message."""
+    """Submit the batch; if a job fails to submit, the earlier ones are cancelled. Raises WorkError with Slurm's message."""
     executor = _executor(plan)
     from submitit.core.utils import FailedJobError, FailedSubmissionError
 
@@ -150,7 +152,7 @@ def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
 
 
 def complete(plan: RunPlan) -> bool:
-    """Whether the recipe of every sequence is finished, with all frames asked for."""
+    """Whether the recipe of every sequence is finished and contains all frames of the plan."""
     files = [folder / "recipe.json" for folder in plan.variants()]
     recipes = [read_recipe(file) for file in files if file.is_file()]
     counts = [recipe["frames"]["count"] for recipe in recipes if recipe.get("finished")]
@@ -158,7 +160,7 @@ def complete(plan: RunPlan) -> bool:
 
 
 def _executor(plan: RunPlan) -> Any:
-    """submitit's; it also writes scripts where there is no Slurm."""
+    """submitit's executor, which also writes scripts without Slurm."""
     try:
         from submitit.slurm.slurm import SlurmExecutor
     except ImportError:
@@ -171,17 +173,17 @@ def _executor(plan: RunPlan) -> Any:
 
     folder = plan.raw.resolve() / ".farm/slurm"
     if "%" in str(folder):
-        expected = "an output folder without %, which Slurm reads as its own"
+        expected = "an output folder without %, which Slurm interprets as a placeholder"
         raise InputError(expected, path=plan.raw, hint="another {out}")
     return Executor(folder, max_num_timeout=MAX_TIMEOUTS, python=plan.slurm.python)
 
 
 def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
-    """sbatch options under submitit's names; a task gets four times the time expected of it, and half an hour at least."""
+    """sbatch options under submitit's names. The time limit of a task is four times its estimate, at least half an hour."""
     task = {"light": expected.light_minutes, "frames": expected.task_minutes, "dataset": expected.dataset_minutes}
     time_min = minutes(settings.time) if settings.time else max(30, ceil(4 * task[stage]))
     setup = [*settings.setup]
-    if settings.scratch is not None:  # the node's own variables are filled in there
+    if settings.scratch is not None:  # variables are expanded on the node
         quoted = re.sub(r'(["`\\])', r"\\\1", settings.scratch)
         setup += [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
     given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
@@ -195,7 +197,7 @@ def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, depende
         "srun_args": [f"--cpus-per-task={settings.cpus}"],  # since 22.05 srun does not take it from sbatch
         "wckey": None,
         "setup": setup or None,
-        # a task that was preempted, or whose node died, goes back into the queue; one whose light failed goes
+        # a task that was preempted, or whose node failed, is requeued; one whose light task failed is cancelled
         "additional_parameters": {"requeue": True, "kill-on-invalid-dep": "yes", **settings.extra},
         **{name: value for name, value in given.items() if value},
         **({"dependency": dependency} if dependency else {}),
@@ -203,7 +205,7 @@ def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, depende
 
 
 def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
-    """Frames after the light if it was good; the data set after all others, successful or not: it reports what is missing."""
+    """Frame tasks depend on the success of the light task. The data set runs after all others, successful or not, and reports missing frames."""
     if stage == "light":
         return None
     if stage == "frames":
@@ -213,19 +215,19 @@ def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
 
 
 def _refuse_other_job(plan: RunPlan) -> None:
-    """Refused before submitting, not by a log hours later. A worker may settle for no denoising, and for path tracing where things move."""
+    """Raise InputError before submitting, if the folder has a run of another job. A worker may have disabled denoising, or chosen path tracing for a scene that moves."""
     if not (plan.raw / "sequence.json").is_file():
         return
-    there, asked = read_run(plan.raw).recipe["job"], plan.job.to_dict()
-    free = asked["light"] == "auto" or (there.get("light"), asked["light"]) == ("path", "baked")
-    settled = {"light", "samples"} if free else set()
-    names = set(asked) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - settled
-    begun, wanted = ({name: job.get(name) for name in names} for job in (there, asked))
-    refuse_other("run", plan.raw, begun, wanted, "another {out}")
+    begun, requested = read_run(plan.raw).recipe["job"], plan.job.to_dict()
+    free = requested["light"] == "auto" or (begun.get("light"), requested["light"]) == ("path", "baked")
+    decided = {"light", "samples"} if free else set()
+    names = set(requested) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - decided
+    existing, new = ({name: job.get(name) for name in names} for job in (begun, requested))
+    refuse_other("run", plan.raw, existing, new, "another {out}")
 
 
 def in_queue(jobs: list[Submitted]) -> dict[str, str]:
-    """Tasks of `jobs` that wait or run -> their state. Raises WorkError where Slurm does not answer."""
+    """Tasks of `jobs` that wait or run -> their state. Raises WorkError if Slurm does not answer."""
     if not jobs:
         return {}
     lines = _ask("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
@@ -235,12 +237,12 @@ def in_queue(jobs: list[Submitted]) -> dict[str, str]:
 
 
 def counted(states: dict[str, str]) -> str:
-    """`3 running, 10 pending`."""
+    """Number of tasks by state, such as `3 running, 10 pending`."""
     return ", ".join(f"{n} {state.lower()}" for state, n in sorted(Counter(states.values()).items(), reverse=True))
 
 
 def recorded(raw: Path) -> list[Submitted]:
-    """Jobs handed over for a run folder so far; none where nothing is recorded."""
+    """Jobs submitted so far for a run folder; none if nothing is recorded."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         content = json.loads((raw / _SUBMITTED).read_text("utf-8"))
         return [Submitted(j["job"], j["stage"], tuple(map(tuple, j["chunks"]))) for j in content["jobs"]]
@@ -248,14 +250,14 @@ def recorded(raw: Path) -> list[Submitted]:
 
 
 def record(raw: Path, jobs: list[Submitted]) -> None:
-    """Write down what was handed over so far."""
+    """Record the jobs submitted so far."""
     content = [{"job": j.job, "stage": j.stage, "chunks": [list(c) for c in j.chunks]} for j in jobs]
     (raw / _SUBMITTED).parent.mkdir(parents=True, exist_ok=True)
     write_json(raw / _SUBMITTED, {"jobs": content})
 
 
 def last_error(raw: Path) -> str | None:
-    """The error of the task that failed last, from the logs beside the frames."""
+    """The error of the task that failed last, from the logs in the run folder."""
     logs = sorted((raw / ".farm/slurm").glob("*_log.err"), key=lambda path: path.stat().st_mtime, reverse=True)
     for log in logs:
         if found := re.findall(r"^(?:[\w.]*\.)?\w*Error: (.+)$", log.read_text("utf-8", "replace"), re.M):
@@ -270,4 +272,4 @@ def _ask(*command: str) -> str:
         reason = str(error)
     except subprocess.CalledProcessError as error:
         reason = " ".join(error.stderr.split()) or f"exit code {error.returncode}"
-    raise WorkError(f"{command[0]}: {reason}; run this where Slurm's commands work")
+    raise WorkError(f"{command[0]}: {reason}; run this on a machine where Slurm's commands work")

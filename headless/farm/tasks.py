@@ -1,7 +1,7 @@
-"""The tasks into which a scheduler's render falls: light, some frames, the data set. They share a run folder without locks on frames.
+"""The tasks of a render by a scheduler: light, some frames, the data set. They share a run folder without locks on frames.
 
-Frames are whole or absent and of equal bytes whoever renders them, so two tasks at the same frame do no harm. Only the data set, whose
-journals have one writer, is made under the folder's lock.
+A frame file is complete or absent, and has the same bytes whoever renders it, so two tasks may render the same frame. Only the data set,
+whose journals have one writer, holds the lock of the folder.
 """
 
 import logging
@@ -30,13 +30,13 @@ from .run_plan import RunPlan
 
 
 class SequenceStage:
-    """The sequences of a plan: finished frames turned into sequences, while others are still being rendered.
+    """Writes the sequences of a plan from finished frames, while other frames are still being rendered.
 
-    Make it before the run is opened: its processes are forked then, while there are no threads (frame_pool.py). `begin(run)` as soon as the
-    run stands, then `add(number)` a rendered frame at any time; `complete()` waits for all, then writes lists and recipes.
+    Create it before the run is opened: it forks its processes, while there are no threads (frame_pool.py). Call `begin(run)` when the run
+    exists, then `add(number)` for each rendered frame; `complete()` waits for all frames, then writes lists and recipes.
 
-    Images are made on `workers` cores; journals are written, pairs read back, and raw frames dropped on the caller's thread, whenever
-    it asks for something. The first error ends the stage and is raised by `close` and by `complete`.
+    Images are made on `workers` cores. Journals are written, image pairs read back, and raw frames removed on the caller's thread, during
+    its calls. The first error ends the stage; `close` and `complete` raise it.
     """
 
     def __init__(self, plan: RunPlan, workers: int, on_frame: Callable[[int], None] = lambda number: None) -> None:
@@ -50,14 +50,14 @@ class SequenceStage:
         self.close()
 
     def begin(self, raw: RunFolder) -> None:
-        """Begin the sequences of this run, or go on with them. Raises InputError where a folder holds others."""
+        """Begin or resume the sequences of this run. Raises InputError if a folder contains other sequences."""
         plan = self._plan
         self._raw = raw
         self._writer = SequenceWriter(frames_of_run(raw, plan.numbers), plan.variants(), plan.formats)
         self._lacking = set(self._writer.missing)
 
     def add(self, number: int) -> None:
-        """A frame whose raw file stands; those whose pairs stand already are dropped."""
+        """Add a frame whose raw file exists; if the sequences already contain it, its raw file is removed."""
         if number in self._lacking:
             self._lacking.remove(number)
             self._pool.add(number)
@@ -65,7 +65,7 @@ class SequenceStage:
             self._drop(number)
 
     def add_finished(self, numbers: Iterable[int]) -> list[int]:
-        """Add those of `numbers` that are rendered already; the frames that the sequences still lack then."""
+        """Add those of `numbers` that are already rendered; returns the frames that are still missing."""
         there = sorted(set(self._raw.frame_numbers()).intersection(numbers))
         finished = set(there).difference(self._raw.missing(there))
         for number in sorted(finished):
@@ -74,16 +74,16 @@ class SequenceStage:
 
     @property
     def broken(self) -> bool:
-        """Whether an error has ended it."""
+        """Whether an error has ended the stage."""
         self._pool.collect()
         return self._pool.failed
 
     def close(self) -> None:
-        """Finish what was added; raises the first error. Safe to call twice."""
+        """Finish the added frames; raises the first error. Safe to call twice."""
         self._pool.close()
 
     def complete(self) -> None:
-        """All frames are in: lists and recipes, then bags and logs. Raises InputError, WorkError."""
+        """After all frames: write lists and recipes, then bags and logs. Raises InputError, WorkError."""
         self.close()
         for out, written in zip(self._plan.variants(), self._writer.complete(), strict=True):
             self._plan.logs.write(written.folders[0], out)
@@ -99,7 +99,7 @@ class SequenceStage:
 
 
 class _ImageMaker:
-    """Makes a frame's images; reads of run and sequences what it needs at its first frame, when they stand, in each process for itself."""
+    """Makes the images of a frame. Each process reads the run and the sequences at its first frame, when they exist."""
 
     def __init__(self, plan: RunPlan) -> None:
         self._plan = plan
@@ -114,7 +114,7 @@ class _ImageMaker:
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
-    """The first task: a run folder with its recipe, and the light map in the cache. Raises InputError, WorkError."""
+    """The first task: make the run folder with its recipe, and bake the light map into the cache. Raises InputError, WorkError."""
     with LocalRun(plan, console, should_stop, shared=True) as run:
         run.bake()
 
@@ -122,7 +122,7 @@ def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lam
 def frames(
     plan: RunPlan, console: Console, on_frame: Callable[[int], None], should_stop: Callable[[], bool] = lambda: False
 ) -> Outcome:
-    """The task between: the plan's frames that are missing. Raises InputError, WorkError; frames given up are in the outcome."""
+    """The second task: render the missing frames of the plan. Raises InputError, WorkError; the outcome lists frames that were given up."""
     if not (plan.raw / "sequence.json").is_file():
         light(plan, console, should_stop)
     missing = plan.missing()
@@ -139,14 +139,14 @@ def frames(
 
 
 def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 2 * STALE_S) -> int:
-    """The last task: both sequences; how many frames they hold. Raises WorkError where frames are missing, once all others are in."""
+    """The last task: write both sequences; returns their number of frames. Raises WorkError if frames are missing, after all others are written."""
     run = read_run(plan.raw)
-    with ExitStack() as held:
-        stage = held.enter_context(SequenceStage(plan, len(granted_cores()), on_frame))
+    with ExitStack() as stack:
+        stage = stack.enter_context(SequenceStage(plan, len(granted_cores()), on_frame))
         end = time.monotonic() + patience_s
-        while True:  # where the holder died on another machine, until its heartbeat is old
+        while True:  # if the holder ended on another machine, wait until its heartbeat is stale
             try:
-                held.enter_context(OutputLock(plan.raw / ".farm"))
+                stack.enter_context(OutputLock(plan.raw / ".farm"))
                 break
             except WorkError:
                 if time.monotonic() > end:
@@ -173,7 +173,7 @@ def run(
     on_frame: Callable[[int], None],
     should_stop: Callable[[], bool] = lambda: False,
 ) -> int:
-    """The task `light`, `frames` or `dataset`; its exit code. Raises InputError, WorkError."""
+    """Run the task `light`, `frames` or `dataset`; returns its exit code. Raises InputError, WorkError."""
     if stage == "frames":
         return report(frames(plan, console, on_frame, should_stop), console)
     if stage == "light":
@@ -185,7 +185,7 @@ def run(
 
 @dataclass(frozen=True)
 class Task:
-    """One task as Slurm runs it: a stage of the plan recorded in `record` for the run folder `raw`; `frames` of a frame task."""
+    """One task for Slurm: a stage of the plan in `record`, for the run folder `raw`. frames: those of a frame task."""
 
     record: Mapping[str, Any]
     raw: str
@@ -193,7 +193,7 @@ class Task:
     frames: tuple[int, ...] = ()
 
     def __call__(self) -> int:
-        """Runs on a node; returns the exit code 0. Raises what failed, so that Slurm counts the task as failed."""
+        """Run the task on a node; returns the exit code 0. Errors are raised, so that Slurm counts the task as failed."""
         console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
         if self.frames:
             plan = replace(plan, numbers=self.frames)
@@ -201,16 +201,16 @@ class Task:
         return run(self.stage, plan, console, lambda number: progress.advance())
 
     def checkpoint(self) -> object:
-        """submitit asks before time is up, or when a task must make room: the same task again, frames that are finished are skipped."""
+        """Called by submitit before the time limit, or at a preemption: submits the same task again, which skips finished frames."""
         from submitit.helpers import DelayedSubmission
 
-        logging.getLogger("submitit").info("back into the queue; finished frames stand")
+        logging.getLogger("submitit").info("requeued; finished frames are kept")
         return DelayedSubmission(self)
 
 
 @dataclass
 class _Times:
-    """What frames and starts of workers took, for estimates."""
+    """Times of frames and of starts of workers, for estimates."""
 
     workers: Workers
     frames_core_s: list[float] = field(default_factory=list)
@@ -221,5 +221,5 @@ class _Times:
         if isinstance(event, Ready):
             self.starts_s.append(time.monotonic() - worker.started_s)
         if isinstance(event, FrameDone) and event.cycles is not None:
-            seconds = max(event.cycles, event.close or 0.0)  # a frame is closed while the next is in Cycles
+            seconds = max(event.cycles, event.close or 0.0)  # a frame is closed while Cycles renders the next one
             self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)

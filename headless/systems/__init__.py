@@ -1,1 +1,1 @@
-"""Systems that estimate camera motion, ours and other people's, each a small TOML file; run, timed, and judged by what they wrote."""
+"""Runs systems that estimate camera motion, ours and third-party ones, measures their time, and evaluates the trajectories that they wrote. A small TOML file describes each system."""

@@ -1,9 +1,9 @@
-"""A system on a sequence, several times, in a folder that can be taken up again:
+"""Runs a system on a sequence several times, in a folder that can be resumed:
 
-OUT/results.json                        the rows of all systems and sequences there, as `bench odometry` reads them
+OUT/results.json                        the rows of all systems and sequences in OUT, as read by `bench odometry`
 OUT/SYSTEM/SEQUENCE/recipe.json         the system's file, its options, the sequence, versions
-OUT/SYSTEM/SEQUENCE/stage/              the view of the sequence that the system is given
-OUT/SYSTEM/SEQUENCE/run_1/ and on       out/ (the system's working folder), log.txt, ended.json, matched/NAME.txt (what is measured)
+OUT/SYSTEM/SEQUENCE/stage/              the view of the sequence for the system
+OUT/SYSTEM/SEQUENCE/run_1/, run_2/ ...  out/ (the system's working folder), log.txt, ended.json, matched/NAME.txt (the evaluated trajectory)
 """
 
 import platform
@@ -19,7 +19,7 @@ from iclnuim.errors import WorkError
 from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256, whole_folder, write_json
 from iclnuim.shipped import source_commit
 
-from .judge import Verdict, judge, row
+from .evaluation import Evaluation, evaluate_run, row
 from .process import Ended, run_command
 from .staging import StagedSequence, unpacked
 from .system import System
@@ -51,9 +51,9 @@ class Experiment:
         return self.out.resolve().joinpath(*names)
 
     def prepare(self) -> dict[str, object]:
-        """Make folder, recipe and view, or open those that are there; what the command's placeholders stand for, but {out}.
+        """Make folder, recipe and view, or open the existing ones. Returns the values of the command's placeholders except {out}.
 
-        Raises InputError where another experiment lies there, WorkError where something is missing or cannot be written.
+        Raises InputError if the folder contains another experiment, WorkError if something is missing or cannot be written.
         """
         stage, settings = self.folder / "stage", self.system.settings
         program = self.system.found_program()
@@ -64,22 +64,22 @@ class Experiment:
             and subprocess.run(self.system.filled(settings.check, values), capture_output=True).returncode
         ):
             raise WorkError(f"{self.system.name} cannot run with {program}", hint=settings.install)
-        recipe, place = self._recipe(program), self.folder / "recipe.json"
-        if place.is_file():
-            there, asked = ({key: one.get(key) for key in _IDENTITY} for one in (read_json(place), recipe))
-            refuse_other("experiment", place, there, asked, "another {out}")
+        recipe, path = self._recipe(program), self.folder / "recipe.json"
+        if path.is_file():
+            existing, requested = ({key: one.get(key) for key in _IDENTITY} for one in (read_json(path), recipe))
+            refuse_other("experiment", path, existing, requested, "another {out}")
         make_folder(self.folder, hint="another {out}")
         if not stage.is_dir():
             with whole_folder(stage) as temporary:
                 self.sequence.write(settings.stage, temporary)
-        if not place.is_file():
-            write_json(place, recipe)
+        if not path.is_file():
+            write_json(path, recipe)
         return values
 
     def run(self, runs: int, limit_s: float, on_run: Callable[[], object] = lambda: None) -> list[dict]:
-        """As many runs as are missing to `runs`, one after the other; the rows of all of them, one for each trajectory.
+        """Run the system until there are `runs` runs; returns the rows over all of them, one for each trajectory.
 
-        A run that was killed at a shorter limit is done again. Interrupted, the run at work is removed, and the others stay.
+        A run that was killed at a shorter time limit is repeated. An interruption removes the current run and keeps the others.
         """
         values = self.prepare()
         for place in (places := [self.folder / f"run_{number}" for number in range(1, runs + 1)]):
@@ -102,7 +102,8 @@ class Experiment:
             write_json(temporary / "ended.json", {"ended": asdict(ended), "limit_s": limit_s, "command": command})
 
     def _row(self, name: str, places: list[Path], ended: list[Ended]) -> dict:
-        runs = [(e, judge(self.sequence, self.system, name, place, e)) for place, e in zip(places, ended, strict=True)]
+        pairs = zip(places, ended, strict=True)
+        runs = [(e, evaluate_run(self.sequence, self.system, name, place, e)) for place, e in pairs]
         alone = name == "final" or len(self.system.trajectories) == 1
         values = row(self.system.title if alone else f"{self.system.title} {name}", len(self.sequence.pairs), runs)
         return {**values, "each": [_both(*run) for run in runs]}
@@ -126,8 +127,8 @@ class Experiment:
         }
 
 
-def _both(ended: Ended, verdict: Verdict) -> dict:
-    return {**asdict(ended), **asdict(verdict), "notes": list(verdict.notes)}
+def _both(ended: Ended, evaluation: Evaluation) -> dict:
+    return {**asdict(ended), **asdict(evaluation), "notes": list(evaluation.notes)}
 
 
 def _is_done(place: Path, limit_s: float) -> bool:
@@ -137,24 +138,24 @@ def _is_done(place: Path, limit_s: float) -> bool:
     return content["ended"]["how"] != "time limit" or content["limit_s"] >= limit_s
 
 
-def merged(races: list[dict]) -> list[dict]:
-    """Results with the rows of systems, which have no preset of ours, put beside the other rows of their sequence; of two rows of one
-    system the later counts.
+def merged(comparisons: list[dict]) -> list[dict]:
+    """Merge the rows of systems, which have no preset, with the other rows of their sequence. The later of two rows of one system replaces
+    the earlier.
     """
     found: list[dict] = []
-    for race in sorted(races, key=lambda race: race["preset"] is None):
-        there = next((one for one in found if one["sequence"] == race["sequence"]), None)
-        if race["preset"] is not None or there is None:
-            found.append(race)
+    for comparison in sorted(comparisons, key=lambda one: one["preset"] is None):
+        existing = next((one for one in found if one["sequence"] == comparison["sequence"]), None)
+        if comparison["preset"] is not None or existing is None:
+            found.append(comparison)
             continue
-        names = [row["odometer"] for row in race["runs"]]
-        there["runs"] = [row for row in there["runs"] if row["odometer"] not in names] + race["runs"]
+        names = [row["odometer"] for row in comparison["runs"]]
+        existing["runs"] = [row for row in existing["runs"] if row["odometer"] not in names] + comparison["runs"]
     return found
 
 
-def write_results(out: Path, races: list[dict]) -> list[dict]:
-    """Put results beside those that OUT/results.json has, and return all of them."""
-    place = out / "results.json"
-    everything = merged([*(read_json(place)["races"] if place.is_file() else ()), *races])
-    write_json(place, {"races": everything})
+def write_results(out: Path, comparisons: list[dict]) -> list[dict]:
+    """Merge results into OUT/results.json, and return all of them."""
+    path = out / "results.json"
+    everything = merged([*(read_json(path)["races"] if path.is_file() else ()), *comparisons])
+    write_json(path, {"races": everything})
     return everything

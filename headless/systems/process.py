@@ -1,4 +1,4 @@
-"""One command in a process group of its own, with a time limit: what it took, and how it ended. Nothing of it is left running."""
+"""Runs one command in its own process group with a time limit, and measures time and memory. No process of the group is left running."""
 
 import os
 import signal
@@ -12,13 +12,13 @@ from pathlib import Path
 
 from iclnuim.errors import WorkError
 
-#: Seconds between two looks at the memory.
-_LOOK_S = 0.05
+#: Interval between two measurements of memory.
+_SAMPLE_S = 0.05
 
 
 @dataclass(frozen=True)
 class Ended:
-    """Wall and processor seconds, peak memory in bytes (of all its processes together, looked at every 50 ms), and how it ended:
+    """Wall time and processor time in seconds, peak memory in bytes (sum over its processes, sampled every 50 ms), and how it ended:
     "exit 0", "SIGSEGV", "time limit".
     """
 
@@ -34,9 +34,9 @@ class Ended:
 def run_command(
     command: list[str], folder: Path, log: Path, limit_s: float, environment: Mapping[str, str] | None = None
 ) -> Ended:
-    """Run a command in `folder`, its output in `log`; at the limit its whole process group is killed, and whatever it leaves behind at its end.
+    """Run a command in `folder`, with its output in `log`. Its process group is killed at the time limit, and when the command ends.
 
-    Raises WorkError where it cannot be started; KeyboardInterrupt passes through once the group is killed.
+    Raises WorkError if it cannot be started. KeyboardInterrupt is re-raised after the group is killed.
     """
     started = time.monotonic()
     with open(log, "wb") as output:
@@ -73,7 +73,7 @@ def _kill(group: int) -> None:
 
 
 class _Watch:
-    """A thread that looks at the memory of a process and its children, and kills the group at its deadline."""
+    """A thread that samples the memory of a process and its children, and kills the group at the deadline."""
 
     def __init__(self, process: int, deadline: float) -> None:
         self.late, self.peak_bytes = False, 0
@@ -88,14 +88,14 @@ class _Watch:
     def _run(self) -> None:
         while not self.late:
             self.peak_bytes = max(self.peak_bytes, _resident_bytes(self._process))
-            if self._over.wait(max(0.0, min(_LOOK_S, self._deadline - time.monotonic()))):
+            if self._over.wait(max(0.0, min(_SAMPLE_S, self._deadline - time.monotonic()))):
                 return
             self.late = time.monotonic() >= self._deadline
         _kill(self._process)
 
 
 def _resident_bytes(process: int) -> int:
-    """Of a process and its children, as Linux tells it; 0 elsewhere."""
+    """Resident memory of a process and its children, from Linux's /proc; 0 on other systems."""
     total, left = 0, [process]
     page = os.sysconf("SC_PAGE_SIZE")
     while left:

@@ -1,7 +1,7 @@
-"""The view of a sequence that a system is given: links to the images under the names it wants, lists of them, its settings file.
+"""Makes the view of a sequence for a system: links to the images under the names that it requires, lists of images, and its settings file.
 
-Stamps have six digits; whole seconds are added where the first would be too near 0, and the result is moved back by as many. The ground
-truth is no part of the view.
+Stamps have six digits. If the first stamp would be too close to 0, whole seconds are added, and subtracted from the result. The view does
+not contain the ground truth.
 """
 
 import gzip
@@ -32,7 +32,7 @@ _PACKED: dict[str, Callable] = {".xz": lzma.open, ".gz": gzip.open}
 
 @dataclass(frozen=True, eq=False)
 class StagedSequence:
-    """What a system runs on, and is judged by: the sequence's own stamps (n,) in seconds, and those of the view, `offset_s` later."""
+    """Images and camera for a system, and the ground truth for its evaluation. Stamps (n,) in seconds are those of the sequence; those of the view are `offset_s` later."""
 
     name: str
     pairs: tuple[ImagePair, ...]
@@ -41,7 +41,7 @@ class StagedSequence:
 
     @classmethod
     def of(cls, folder: Path, camera: SequenceCamera | None = None, first: int | None = None) -> "StagedSequence":
-        """The pairs of a folder, or its first ones. Raises InputError where there are none, or no camera is known."""
+        """The image pairs of a folder, or its `first` ones. Raises InputError if there are none, or the camera is unknown."""
         pairs = find_pairs(folder)[:first]
         if missing := [path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()]:
             raise InputError("all images of the sequence", path=folder, found=f"no {missing[0]}")
@@ -57,7 +57,7 @@ class StagedSequence:
 
     @property
     def list_sha256(self) -> str:
-        """Stands for which images at which stamps."""
+        """Hash that identifies the images and their stamps."""
         return sha256(
             "\n".join(
                 f"{p.stamp_s:.6f} {os.path.abspath(p.rgb)} {os.path.abspath(p.depth)}" for p in self.pairs
@@ -65,15 +65,15 @@ class StagedSequence:
         )
 
     def offset_s(self, settings: StageSettings) -> float:
-        """Whole seconds that the view's stamps are later."""
+        """Whole seconds added to the stamps of the view."""
         return float(max(0, math.ceil(settings.first_stamp_s - self.pairs[0].stamp_s)))
 
     def units(self, settings: StageSettings) -> float:
-        """Depth units a metre of the view."""
+        """Depth units per metre in the view."""
         return settings.depth_units or self.camera.depth_units_per_metre
 
     def values(self, settings: StageSettings, stage: Path) -> dict[str, object]:
-        """What the placeholders of a system's command stand for."""
+        """Values of the placeholders in a system's command."""
         c = self.camera.pinhole
         return {
             **{name: repr(float(getattr(c, name))) for name in ("fx", "fy", "cx", "cy")},
@@ -84,11 +84,11 @@ class StagedSequence:
         }
 
     def write(self, settings: StageSettings, stage: Path) -> None:
-        """The view as a folder. Raises InputError where two frames have one stamp of six digits, or depth does not fit the units asked for."""
+        """Write the view. Raises InputError if two frames have the same stamp in six digits, or if depth does not fit the requested units."""
         offset_s = self.offset_s(settings)
         stamps = [f"{pair.stamp_s + offset_s:.6f}" for pair in self.pairs]
         if len(set(stamps)) < len(stamps):
-            raise InputError("stamps a microsecond or more apart", path=self.name)
+            raise InputError("stamps at least a microsecond apart", path=self.name)
         names = stamps if settings.names == "stamp" else [f"{number:06}" for number in range(len(stamps))]
         lists = {}
         for kind, folder in (("rgb", settings.rgb), ("depth", settings.depth)):
@@ -97,9 +97,9 @@ class StagedSequence:
             endings = [image.suffix if kind == "rgb" else ".png" for image in images]
             files = [f"{folder}/{name}{ending}" for name, ending in zip(names, endings, strict=True)]
             own = self.camera.depth_units_per_metre
-            asked = self.units(settings) if kind == "depth" else own
+            units = self.units(settings) if kind == "depth" else own
             for image, file in zip(images, files, strict=True):
-                _place(image, stage / file, own, asked)
+                _place(image, stage / file, own, units)
             lists[kind] = ImageList(tuple(map(float, stamps)), tuple(files), tuple(stamps))
             write_image_list(stage / f"{kind}.txt", lists[kind])
         rgb, depth = lists["rgb"], lists["depth"]
@@ -110,16 +110,16 @@ class StagedSequence:
             atomic_write_text(stage / settings.settings_file, text)
 
 
-def _place(image: Path, file: Path, own: float, asked: float) -> None:
-    """A link to the image; depth in other units a metre than those asked for, or stored as an array, is written anew."""
-    if image.suffix == file.suffix and own == asked:
+def _place(image: Path, file: Path, own: float, units: float) -> None:
+    """Link to the image. Depth in other units per metre than `units`, or stored as an array, is converted to a new file."""
+    if image.suffix == file.suffix and own == units:
         os.symlink(os.path.abspath(image), file)
     else:
-        write_png(file, depth16_from_metres(read_depth_m(image, own), asked))
+        write_png(file, depth16_from_metres(read_depth_m(image, own), units))
 
 
 def unpacked(options: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """The options with every file as a full path, packed ones (.xz, .gz) unpacked into `folder`. Raises WorkError where that fails."""
+    """The options with files as absolute paths; compressed files (.xz, .gz) are unpacked into `folder`. Raises WorkError if that fails."""
     found = {}
     for name, value in options.items():
         path = Path(value).expanduser()

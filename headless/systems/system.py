@@ -1,4 +1,4 @@
-"""A system as its TOML file describes it: its command, the view of a sequence that it wants, and the trajectories that it writes."""
+"""A system, as described by its TOML file: its command, the view of a sequence that it requires, and the trajectories that it writes."""
 
 import os
 import re
@@ -18,37 +18,40 @@ from iclnuim.odometry.registry import BASELINES, ODOMETERS
 from iclnuim.settings import MISSING, Settings, parameter
 
 _HERE = Path(__file__).parent
-#: The odometers of `iclnuim odometry` by the names that they have here, and the file that they share.
+#: Name of a system -> odometer of `iclnuim odometry`, and the file that these systems share.
 _ODOMETRY = {**{f"ours:{name}": name for name in ODOMETERS}, **{name: name for name in BASELINES}}
 _ODOMETRY_FILE = _HERE / "odometry.toml"
 
 
 @dataclass(frozen=True)
 class StageSettings(Settings):
-    """The view of a sequence that a system is given: a folder of links to its images, and lists of them."""
+    """The view of a sequence for a system: a folder with links to its images, and lists of them."""
 
     group = "settings of [stage] in a system's file"
 
     names: str = parameter(
-        "number", "names of the images", choices={"number": "000000.png and on", "stamp": "1.033333.png and on"}
+        "number", "names of the images", choices={"number": "000000.png, ...", "stamp": "1.033333.png, ..."}
     )
     rgb: str = parameter("rgb", "folder of the colour images")
     depth: str = parameter("depth", "folder of the depth images")
     order: str = parameter(
         "rgb-first",
         "order of associations.txt",
-        choices={"rgb-first": "stamp rgb stamp depth, as TUM's", "depth-first": "stamp depth stamp rgb, as ICL-NUIM's"},
+        choices={
+            "rgb-first": "stamp rgb stamp depth, as in TUM",
+            "depth-first": "stamp depth stamp rgb, as in ICL-NUIM",
+        },
     )
     depth_units: float | None = parameter(
-        None, "depth units a metre that the system takes for granted; default: the sequence's", low=1.0, high=1e6
+        None, "depth units per metre that the system assumes; default: those of the sequence", low=1.0, high=1e6
     )
     first_stamp_s: float = parameter(
         1.0,
-        "whole seconds are added to all stamps so that the first is not below this, and taken off the result again; many systems stop at a stamp of 0",
+        "minimum of the first stamp: whole seconds are added to all stamps, and subtracted from the result; many systems stop at a stamp of 0",
         unit="s",
     )
     settings: str | None = parameter(
-        None, "settings file to be made of the camera; default: none", choices=lambda: dict.fromkeys(SLAM_SETTINGS, "")
+        None, "settings file to write from the camera; default: none", choices=lambda: dict.fromkeys(SLAM_SETTINGS, "")
     )
     settings_file: str = parameter("settings.yaml", "its name in the view")
 
@@ -63,7 +66,7 @@ class ResultSettings(Settings):
     format: str | None = parameter(
         None, "its format; default: by name and content", choices=lambda: dict.fromkeys(FORMATS, "")
     )
-    counted: bool = parameter(False, "its stamps are no times but numbers of the view's frames, from 0")
+    counted: bool = parameter(False, "its stamps are frame numbers of the view, from 0, instead of times")
 
 
 @dataclass(frozen=True)
@@ -72,20 +75,18 @@ class SystemSettings(Settings):
 
     group = "settings of a system's file"
 
-    about: str = parameter(MISSING, "what it is, in one line")
+    about: str = parameter(MISSING, "description in one line")
     command: tuple[str, ...] = parameter(MISSING, "program and arguments, with placeholders")
-    title: str | None = parameter(None, "what tables call it; default: its name")
-    program: str | None = parameter(
-        None, "what {program} stands for, looked up on PATH; python: the Python that runs iclnuim"
-    )
-    install: str | None = parameter(None, "how to get it, for the error where it is missing")
-    check: tuple[str, ...] | None = parameter(None, "a command that fails where something is missing; default: none")
+    title: str | None = parameter(None, "its name in tables; default: the name of the file")
+    program: str | None = parameter(None, "value of {program}, looked up on PATH; python: the Python that runs iclnuim")
+    install: str | None = parameter(None, "how to install it, for the error if it is missing")
+    check: tuple[str, ...] | None = parameter(None, "a command that fails if something is missing; default: none")
     stage: StageSettings = StageSettings()
 
 
 @dataclass(frozen=True)
 class System:
-    """A system with its options filled in. `content`: the file as it was read; `here`: the folder that {here} stands for."""
+    """A system with the values of its options. content: the parsed file. here: the value of {here}, the folder of the file."""
 
     name: str
     settings: SystemSettings
@@ -96,7 +97,7 @@ class System:
     here: Path
 
     def filled(self, texts: tuple[str, ...], values: Mapping[str, object]) -> list[str]:
-        """The texts with every placeholder {name} replaced. Raises InputError for one that there is not."""
+        """The texts with all placeholders {name} replaced. Raises InputError for an unknown placeholder."""
         known = {**self.options, "here": str(self.here), "odometer": _ODOMETRY.get(self.name, ""), **values}
 
         def value(found: re.Match) -> str:
@@ -111,7 +112,7 @@ class System:
         return self.settings.title or self.name
 
     def found_program(self) -> str:
-        """The program's path. Raises WorkError, with how to install it, where it is not there."""
+        """Path of the program. Raises WorkError, which explains how to install it, if it is not found."""
         name = self.options["program"] or self.filled(self.settings.command[:1], {})[0]
         path = sys.executable if name == "python" else shutil.which(os.path.expanduser(name))
         if path is None:
@@ -120,21 +121,21 @@ class System:
 
 
 def built_in() -> list[str]:
-    """Names of the systems in the box."""
+    """Names of the built-in systems."""
     return [*sorted(file.stem for file in _HERE.glob("*.toml") if file != _ODOMETRY_FILE), *_ODOMETRY]
 
 
 def user_folder() -> Path:
-    """Where users put their own: ICLNUIM_SYSTEMS, or iclnuim/systems below XDG_CONFIG_HOME, or ~/.config/iclnuim/systems."""
+    """Folder of the user's own systems: ICLNUIM_SYSTEMS, or iclnuim/systems below XDG_CONFIG_HOME, or ~/.config/iclnuim/systems."""
     if own := os.environ.get("ICLNUIM_SYSTEMS"):
         return Path(own).expanduser()
     return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config").expanduser() / "iclnuim/systems"
 
 
 def read_system(name: str, given: Mapping[str, str]) -> System:
-    """The system of a TOML file's path, or of a name: in the user's folder, or in the box. `given`: values of its options.
+    """Read a system by the path of its TOML file, or by name from the user's folder or the built-in ones. given: values of its options.
 
-    Raises InputError for an unknown one, a file that does not fit, and options that are missing or unknown.
+    Raises InputError for an unknown system, an invalid file, and missing or unknown options.
     """
     file = _file_of(name)
     short = name if file == _ODOMETRY_FILE else file.stem
@@ -171,7 +172,7 @@ def _file_of(name: str) -> Path:
 
 
 def _options(declared: Mapping[str, object], given: Mapping[str, str]) -> dict[str, str]:
-    """Values by name; one that is declared as "" must be given; without a program the command's first word is one."""
+    """Option -> value. An option declared as "" must be given; without `program`, the first word of the command is the program."""
     if unknown := sorted(set(given) - set(declared)):
         raise InputError(f"options {', '.join(declared)}", found=", ".join(unknown), hint="{set} NAME=VALUE")
     options = {key: str(value) for key, value in {**declared, **given}.items()}

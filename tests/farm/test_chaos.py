@@ -70,7 +70,7 @@ def test_thirty_kills_a_full_disk_and_a_stopped_worker_and_the_data_set_is_the_s
 
 def test_of_two_commands_on_one_folder_one_works_and_the_other_says_so(undisturbed):
     out, (pid, said, code), (_, words, refused) = undisturbed
-    assert refused == 3 and f"process {pid} on {os.uname().nodename} works there already" in words
+    assert refused == 3 and f"process {pid} on {os.uname().nodename} is already using this folder" in words
     assert code == 0, said
     assert sorted(number for number, _ in finished(out)) == list(range(60))
 

@@ -73,7 +73,7 @@ def test_views_are_a_run_of_their_own_by_the_light_that_training_has(tmp_path, l
 def test_views_that_stand_are_kept_and_others_are_refused(tmp_path):
     plan = plan_of(tmp_path, "--held-out", "4")
     begin(plan)
-    (tmp_path / "held_out/views.json").write_text(json.dumps(held_out._asked(plan)))
+    (tmp_path / "held_out/views.json").write_text(json.dumps(held_out._identity(plan)))
     held_out.prepare(plan, Console(quiet=True))  # opens nothing
     for words, said in (
         (("--held-out", "5"), "held_out 4 there, 5 requested"),

@@ -12,7 +12,10 @@ from iclnuim.headless.farm.lock import STALE_S, OutputLock
 
 
 def test_a_second_one_is_told_who_works_there(tmp_path):
-    with OutputLock(tmp_path / "run"), pytest.raises(WorkError, match=f"process {os.getpid()} on .* works there"):
+    with (
+        OutputLock(tmp_path / "run"),
+        pytest.raises(WorkError, match=f"process {os.getpid()} on .* is already using this folder"),
+    ):
         OutputLock(tmp_path / "run").__enter__()
     with OutputLock(tmp_path / "run"):
         pass

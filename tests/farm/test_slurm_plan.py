@@ -132,7 +132,7 @@ def test_printing_without_slurm_as_engine_is_bad_input(capsys):
 def test_without_slurm_the_command_says_so(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert main(["render", "kt2", "--engine", "slurm", "--out", str(tmp_path / "o")]) == 3
-    assert "no Slurm here" in capsys.readouterr().err and not (tmp_path / "o").exists()
+    assert "Slurm is not available here" in capsys.readouterr().err and not (tmp_path / "o").exists()
 
 
 def test_light_frames_and_data_set_wait_for_each_other(pretended, tmp_path, capsys):

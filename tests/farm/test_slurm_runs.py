@@ -114,7 +114,7 @@ def test_a_task_that_must_make_room_goes_back_into_the_queue_and_on(cluster, tmp
     cluster.slurm.call("scancel", "--signal", "USR2", cluster.tasks("running")[0])
     cluster.wait_until_empty()
     logs = "".join(p.read_text() for p in (out / ".farm/slurm").glob("*log.*"))
-    assert "back into the queue" in logs
+    assert "requeued" in logs
     assert cluster.status(out)["missing"] == 0
 
 

@@ -27,7 +27,7 @@ CASES = {
     "a second late": (
         30,
         False,
-        ["stamps are +1 s off: 0.000 mm there", "30 stamps that are no frame's", "covers 50%"],
+        ["stamps are +1 s off: 0.000 mm with this offset corrected", "30 stamps that match no frame", "covers 50%"],
     ),
     "between frames": (
         0,
@@ -38,7 +38,7 @@ CASES = {
         ],
     ),
     "cut": (29, True, ["ended by SIGKILL", "covers 48% of the frames"]),
-    "90 Hz": (60, True, ["120 stamps that are no frame's"]),
+    "90 Hz": (60, True, ["120 stamps that match no frame"]),
     "stops at zero": (60, True, []),
 }
 

@@ -1,7 +1,7 @@
-// DVO's dense tracking with its default configuration, frame to frame, on a staged sequence. dvo_core of
-// github.com/tum-vision/dvo_slam as a library in DVO (its sources need no ROS but Sophus and TBB), then:
+// DVO's dense tracking with its default configuration, frame to frame, on a staged sequence. Build dvo_core of
+// github.com/tum-vision/dvo_slam as a library in DVO (its sources need Sophus and TBB, but no ROS), then:
 // g++ -O2 -msse4 dvo_tum.cpp -o dvo_tum -IDVO/include -ISOPHUS -I/usr/include/eigen3 -I/usr/include/opencv4 -LDVO/lib -ldvo_core -lopencv_core -lopencv_imgproc -lopencv_imgcodecs -ltbb
-// After a frame without a motion the next one is tracked against the last that had one.
+// After a frame without a motion, the next frame is tracked against the last frame that had one.
 #include <dvo/core/surface_pyramid.h>
 #include <dvo/dense_tracking.h>
 

@@ -1,6 +1,6 @@
-// FOVIS with its default options on a staged sequence. libfovis (github.com/fovis/fovis) in FOVIS, then:
+// FOVIS with its default options on a staged sequence. Install libfovis (github.com/fovis/fovis) in FOVIS, then:
 // g++ -O2 fovis_tum.cpp -o fovis_tum -IFOVIS/include -I/usr/include/eigen3 -I/usr/include/opencv4 -LFOVIS/lib -Wl,-rpath,FOVIS/lib -lfovis -lopencv_core -lopencv_imgcodecs
-// with -march=native only if libfovis was built with it. A frame without a motion is left out.
+// Add -march=native only if libfovis was built with it. Frames without a motion are left out.
 #include <fovis/fovis.hpp>
 #include <iostream>
 #include <limits>

@@ -1,4 +1,4 @@
-// What the drivers share: the staged sequence's list and images, and lines of a TUM trajectory.
+// Shared by the drivers: reads the list and images of a staged sequence, and writes lines of a TUM trajectory.
 #pragma once
 #include <Eigen/Geometry>
 #include <fstream>
@@ -20,7 +20,7 @@ struct Arguments {  // STAGE ASSOCIATIONS FX FY CX CY UNITS OUT
 
 struct Pair {
   std::string stamp;
-  cv::Mat grey, depth;  // 8 bits; 16 bits in the sequence's units, 0 where there is none
+  cv::Mat grey, depth;  // 8 bits; 16 bits in the units of the sequence, 0 = missing
 };
 
 class Sequence {

@@ -1,6 +1,6 @@
-"""What a system wrote, read and matched to the frames' own stamps, and the figures of several runs as a row of `bench odometry`.
+"""Reads the trajectory that a system wrote, matches it to the stamps of the frames, and evaluates it; combines several runs into a row of `bench odometry`.
 
-Only the trajectory counts: how a process ended is reported beside it.
+Only the trajectory is evaluated; how the process ended is reported in a note.
 """
 
 import math
@@ -24,16 +24,16 @@ from .process import Ended
 from .staging import StagedSequence
 from .system import ResultSettings, System
 
-#: A pose belongs to a frame whose stamp is nearer than this, and than a quarter of a frame: six digits, or a float's.
+#: A pose matches a frame if their stamps differ by less than 1 ms and by less than a quarter of a frame: enough for six digits, or a float.
 _MATCH_S, _MATCH_SHARE = 1e-3, 0.25
-#: Coverage below which a row says so.
+#: Coverage below which a note reports it.
 _WHOLE = 0.9
 _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Of one trajectory of one run: how many of the frames have a pose, RMSE in metres (None where there is none), and what is to be said."""
+class Evaluation:
+    """Result of one trajectory of one run: number of frames with a pose, RMSE in metres (None if it cannot be computed), and notes."""
 
     matched: int
     ate_rmse_m: float | None
@@ -41,18 +41,18 @@ class Verdict:
     notes: tuple[str, ...]
 
 
-def judge(sequence: StagedSequence, system: System, name: str, run: Path, ended: Ended) -> Verdict:
-    """Reads the trajectory `name` that a run wrote into run/out, writes it as run/matched/NAME.txt (TUM, the frames' own stamps), and measures that file."""
+def evaluate_run(sequence: StagedSequence, system: System, name: str, run: Path, ended: Ended) -> Evaluation:
+    """Read the trajectory `name` that a run wrote into run/out, write it as run/matched/NAME.txt (TUM, with the stamps of the frames), and evaluate that file."""
     result, notes = system.trajectories[name], _how(ended)
     file = run / "out" / result.file
     try:
-        written, said = _read(file, run / "matched", result, cut=ended.how != "exit 0")
-        found, more = _matched(sequence, system, result, written)
-        notes = [*said, *more, *notes]
+        written, read_notes = _read(file, run / "matched", result, cut=ended.how != "exit 0")
+        found, match_notes = _matched(sequence, system, result, written)
+        notes = [*read_notes, *match_notes, *notes]
     except InputError as error:
         empty = f"wrote nothing{_last_line(run / 'log.txt')}"
         what = empty if _empty(file) else error.worded().removeprefix(f"{file.parent}/")
-        return Verdict(0, None, None, (what, *notes))
+        return Evaluation(0, None, None, (what, *notes))
     target = run / "matched" / f"{name}.txt"
     write_trajectory(target, found, "tum")
     return _measured(sequence, read_trajectory(target, "tum").trajectory, notes)
@@ -74,17 +74,17 @@ def _last_line(log: Path) -> str:
 
 
 def _read(file: Path, matched: Path, result: ResultSettings, cut: bool) -> tuple[Trajectory, list[str]]:
-    """Lines that hold NaN or infinity are frames that the system did not track: they are left out, and counted. cut: the last line may be
-    a part of one.
+    """Read a trajectory. Lines with NaN or infinity are frames that the system did not track; they are left out, and a note counts them.
+    cut: the last line may be incomplete.
     """
     matched.mkdir(exist_ok=True)
     lines = read_text(file, "a trajectory").splitlines(keepends=True)
     notes, whole = [], lines[:-1] if cut and not lines[-1].endswith("\n") else lines
     good = [line for line in whole if not _not_finite(line)]
     if left_out := len(whole) - len(good):
-        notes.append(f"{left_out} poses of NaN or infinity")
+        notes.append(f"{left_out} poses with NaN or infinity")
         if not any(line.strip() and not line.lstrip().startswith("#") for line in good):
-            raise InputError("finite poses", found="NaN or infinity alone")
+            raise InputError("finite poses", found="only NaN or infinity")
     if len(good) < len(lines):
         file = matched / f"whole_{file.name}"
         atomic_write_text(file, "".join(good))
@@ -103,7 +103,7 @@ def _not_finite(line: str) -> bool:
 def _matched(
     sequence: StagedSequence, system: System, result: ResultSettings, written: Trajectory
 ) -> tuple[Trajectory, list[str]]:
-    """The poses that belong to a frame, at the frame's own stamp. Raises InputError where none or few do."""
+    """The poses that match a frame, with the stamp of that frame, and notes. Raises InputError if less than half match."""
     own_s = sequence.stamps_s
     if result.counted:
         numbers = np.rint(frames_of_stamps(written.stamps_s, 1.0)).astype(int)
@@ -116,38 +116,38 @@ def _matched(
     pairs = associate(own_s, theirs_s, AssociationSettings(max_difference_s=window_s))
     left = len(written) - len(pairs)
     if 2 * len(pairs) < min(len(written), len(own_s)):
-        found = f"{left} of {len(written)} that are no frame's, {theirs_s[0]:.6f} to {theirs_s[-1]:.6f} s"
+        found = f"{left} of {len(written)} that match no frame, {theirs_s[0]:.6f} to {theirs_s[-1]:.6f} s"
         fit = best_offset(sequence.truth, Trajectory(theirs_s, written.T_world_camera)) if sequence.truth else None
         found += f"; they fit best {-fit[0]:+.9g} s off" if fit else ""
-        raise InputError(f"the frames' stamps, {own_s[0]:.6f} to {own_s[-1]:.6f} s", found=found)
-    notes = [f"{left} stamps that are no frame's"] if left else []
+        raise InputError(f"the stamps of the frames, {own_s[0]:.6f} to {own_s[-1]:.6f} s", found=found)
+    notes = [f"{left} stamps that match no frame"] if left else []
     return Trajectory(own_s[pairs.first], written.T_world_camera[pairs.second]), notes
 
 
-def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Verdict:
+def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Evaluation:
     coverage = len(found) / len(sequence.pairs)
     if coverage < _WHOLE:
         notes.insert(0, f"covers {coverage:.0%} of the frames")
     truth = sequence.truth
     if truth is None:
-        return Verdict(len(found), None, None, tuple(notes))
+        return Evaluation(len(found), None, None, tuple(notes))
     errors: list[float | None] = []
     for measure in (absolute_error, partial(relative_error, settings=_SECOND)):
         try:
             errors.append(measure(truth, found).translation_m.rmse)
         except InputError as error:
-            notes += [] if errors else [error.worded()]  # too short for pairs a second apart is nothing to be said
+            notes += [] if errors else [error.worded()]  # no note for a trajectory too short for pairs one second apart
             errors.append(None)
     if errors[0] is not None and (better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), errors[0])):
-        shift = f"stamps are {-better.offset_s:+.9g} s off: {1e3 * better.rmse_m:.3f} mm there"
+        shift = f"stamps are {-better.offset_s:+.9g} s off: {1e3 * better.rmse_m:.3f} mm with this offset corrected"
         notes.insert(0, shift)
-    return Verdict(len(found), errors[0], errors[1], tuple(notes))
+    return Evaluation(len(found), errors[0], errors[1], tuple(notes))
 
 
-def row(name: str, frames: int, runs: Sequence[tuple[Ended, Verdict]]) -> dict:
-    """Several runs as a row of `bench odometry`: medians over the runs that have a figure, quartiles of the ATE, and every run's notes.
+def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dict:
+    """Combine several runs into a row of `bench odometry`: medians over the runs that have a figure, quartiles of the ATE, and the notes of all runs.
 
-    Times are the whole process's, reading the images and starting included, by frame.
+    Times per frame are those of the whole process, including its start and reading the images.
     """
     ates = [v.ate_rmse_m for _, v in runs if v.ate_rmse_m is not None]
     ms = [1e3 * ended.wall_s / frames for ended, v in runs if v.matched]
@@ -177,9 +177,9 @@ def _middle(values: list) -> float | None:
     return float(np.median(values)) if values else None
 
 
-def _joined(runs: Sequence[tuple[Ended, Verdict]]) -> list[str]:
-    """Every note once, with the runs that it is of where these are not all."""
-    texts = dict.fromkeys(note for _, verdict in runs for note in verdict.notes)
+def _joined(runs: Sequence[tuple[Ended, Evaluation]]) -> list[str]:
+    """Every note once, preceded by the numbers of its runs unless it applies to all."""
+    texts = dict.fromkeys(note for _, evaluation in runs for note in evaluation.notes)
     found = []
     for text in texts:
         numbers = [str(number) for number, (_, v) in enumerate(runs, 1) if text in v.notes]
