@@ -77,7 +77,7 @@ class SystemSettings(Settings):
 
     about: str = parameter(MISSING, "description in one line")
     command: tuple[str, ...] = parameter(MISSING, "program and arguments, with placeholders")
-    title: str | None = parameter(None, "its name in tables; default: the name of the file")
+    title: str | None = parameter(None, "its name in tables; default: the name of the system")
     program: str | None = parameter(None, "value of {program}, looked up on PATH; python: the Python that runs iclnuim")
     install: str | None = parameter(None, "how to install it, for the error if it is missing")
     check: tuple[str, ...] | None = parameter(None, "a command that fails if something is missing; default: none")
