@@ -1,9 +1,9 @@
 #!/bin/sh
-# Installs iclnuim into .venv beside this script: the system libraries that Blender's Python package bpy needs, then the package itself.
+# Installs the system libraries that Blender's Python package bpy needs, then iclnuim into .venv next to this script.
 # usage: ./setup.sh [EXTRA ...]    extras: test, dev, ros, slurm
 #
-# Python 3.11 gets bpy 4.5 LTS, Python 3.13 gets bpy 5.2 LTS. Where neither is installed, uv (from PyPI) fetches 3.11, or the Python of an
-# installed Blender is used. PYTHON=python3.12 ./setup.sh installs without bpy. VENV=... names another folder than .venv.
+# Python 3.11 gets bpy 4.5 LTS, Python 3.13 gets bpy 5.2 LTS. If neither is installed, uv (from PyPI) fetches 3.11, or the Python of an
+# installed Blender is used. PYTHON=python3.12 ./setup.sh installs without bpy. VENV=FOLDER installs into another folder than .venv.
 set -eu
 cd "$(dirname "$0")"
 venv=${VENV:-.venv}
@@ -13,7 +13,7 @@ note() { echo "setup.sh: $*" >&2; }
 fail() { note "$*"; exit 1; }
 version() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null || true; }
 
-# has_bpy PYTHON: is there a bpy package for this Python?
+# has_bpy PYTHON: succeeds if there is a bpy package for this Python
 has_bpy() { case $(version "$1") in 3.11 | 3.13) true ;; *) false ;; esac }
 
 installed_python() {
@@ -25,7 +25,7 @@ installed_python() {
 }
 
 fetched_python() {
-  note "no Python 3.11 or 3.13 found; uv tries to fetch 3.11"
+  note "no Python 3.11 or 3.13 found; fetching 3.11 with uv"
   scratch=$(mktemp -d)
   fetched=$(
     uv=$(command -v uv) || {
@@ -54,7 +54,7 @@ else
     found=$(version python3)
     advice="install Python 3.11 (with pyenv: pyenv install 3.11; on Ubuntu: ppa:deadsnakes/ppa, python3.11-venv) and run ./setup.sh again"
     [ "$found" != 3.12 ] || advice="$advice; or install without Blender: PYTHON=python3 ./setup.sh"
-    fail "needs Python 3.11 or 3.13, found ${found:-none} and could not fetch 3.11: $advice"
+    fail "expected Python 3.11 or 3.13, found ${found:-none}, and 3.11 could not be fetched: $advice"
   }
 fi
 
@@ -63,9 +63,9 @@ case $found in
   3.11 | 3.13) ;;
   3.12)
     libraries="libgl1 libgomp1 libx11-6 libusb-1.0-0"
-    note "Blender's package bpy does not exist for Python 3.12: evaluation, noise, odometry and fusion will work, rendering needs Python 3.11 or 3.13"
+    note "there is no package bpy for Python 3.12: evaluation, noise, odometry and fusion will work; rendering needs Python 3.11 or 3.13"
     ;;
-  *) fail "$python is Python ${found:-of no version}, expected 3.11 or 3.13 (3.12 works without Blender); try: PYTHON=/path/to/python3.11 ./setup.sh" ;;
+  *) fail "$python: expected Python 3.11 or 3.13 (3.12 works without Blender), found ${found:-no version}; try: PYTHON=/path/to/python3.11 ./setup.sh" ;;
 esac
 
 missing=""
@@ -78,7 +78,7 @@ fi
 if [ -n "$missing" ]; then
   as_root=""
   if [ "$(id -u)" != 0 ]; then
-    command -v sudo >/dev/null || fail "needs system packages; run as root: apt-get install$missing"
+    command -v sudo >/dev/null || fail "system packages are missing; run as root: apt-get install$missing"
     as_root=sudo
   fi
   $as_root apt-get update -q
@@ -87,5 +87,5 @@ fi
 
 extras=$(echo "$*" | tr ' ' ',')
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
-# bytecode is written where a module is first imported: compiling all of it takes longer than unpacking
+# bytecode is written when a module is first imported, as compiling all of it takes longer than unpacking
 "$venv/bin/python" -m pip install -q --no-compile --editable ".${extras:+[$extras]}"

@@ -1,1 +1,1 @@
-"""Measurements of the project itself, from a checkout: not part of the wheel or of the extension."""
+"""Measurements of the project itself. They need a checkout, and are not part of the wheel or the extension."""

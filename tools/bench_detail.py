@@ -1,4 +1,4 @@
-"""`iclnuim bench detail`: what more triangles and more texels give, what they cost, and what of them is never seen."""
+"""`iclnuim bench detail`: measures the benefit and cost of more triangles and texels, and their share that is never seen."""
 
 from __future__ import annotations
 
@@ -15,27 +15,31 @@ from iclnuim.headless.options import Actions, Console, action, renamed
 
 
 def configure(actions: Actions) -> None:
-    help = "triangles and texels against depth error, colour error and times; what of them no path sees"
+    help = "triangles and texels against depth error, colour error and times; their share that no trajectory sees"
     detail = action(actions, "detail", help, "iclnuim bench detail --plot detail.png", _detail)
     detail.add_argument("rooms", nargs="*", metavar="ROOM", help="default: living_room office")
     detail.add_argument(
         "--levels", type=_numbers, default=(0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0), metavar="D,D",
-        help="of detail, for depth, colour, build and frame time; default: 0.25,0.35,0.5,0.7,1,1.4,2",
+        help="levels of detail, for depth, colour, build and frame time; default: 0.25,0.35,0.5,0.7,1,1.4,2",
     )  # fmt: skip
     detail.add_argument(
         "--lit", type=_numbers, default=(0.25, 0.5, 1.0, 2.0), metavar="D,D",
-        help="levels that are lit too, for the bake's time; default: 0.25,0.5,1,2; `none`: no light at all",
+        help="levels with baked light, for the time of the bake; default: 0.25,0.5,1,2; `none`: no light",
     )  # fmt: skip
     detail.add_argument(
         "--maps", type=_numbers, default=(512, 1024, 1536, 2048), metavar="N,N",
-        help="sides of light maps; default: 512,1024,1536,2048; `none`: leave them out",
+        help="sizes of light maps in texels; default: 512,1024,1536,2048; `none`: leave them out",
     )  # fmt: skip
-    detail.add_argument("--map-size", type=int, default=1024, metavar="N", help="of the lit levels; default: 1024")
-    detail.add_argument("--map-samples", type=int, default=2, metavar="N", help="of the lit levels; default: 2")
-    detail.add_argument("--views", type=int, default=12, metavar="N", help="spread over all paths; default: 12")
-    detail.add_argument("--every", type=int, default=30, metavar="N", help="of the poses that may see; default: 30")
+    help = "light map size of the lit levels; default: 1024"
+    detail.add_argument("--map-size", type=int, default=1024, metavar="N", help=help)
+    help = "light map samples of the lit levels; default: 2"
+    detail.add_argument("--map-samples", type=int, default=2, metavar="N", help=help)
+    help = "number of views, spread over all trajectories; default: 12"
+    detail.add_argument("--views", type=int, default=12, metavar="N", help=help)
+    help = "for visibility, use every Nth pose; default: 30"
+    detail.add_argument("--every", type=int, default=30, metavar="N", help=help)
     detail.add_argument("--camera", default="320x240", metavar="WxH", help="default: 320x240")
-    detail.add_argument("--plot", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    detail.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
     renamed(detail, "--chart", "--plot", type=Path)
 
 
@@ -53,7 +57,7 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
     if args.views < 2 or args.every < 1:
         raise InputError("--views of at least 2, --every of at least 1", found=f"{args.views}, {args.every}")
     try:
-        with output.blender_output_in(Path(os.devnull)):  # the very import of bpy may print
+        with output.blender_output_in(Path(os.devnull)):  # even the import of bpy may print
             import bpy  # noqa: F401
         import embreex  # noqa: F401
     except ImportError as error:
@@ -70,11 +74,11 @@ def _measure(rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, 
     progress = console.progress(steps, "bench detail", "steps")
     levels, maps, unseen = {}, {}, []
     for room in rooms:
-        levels[room] = detail.race(
+        levels[room] = detail.measure_levels(
             room, args.levels, args.lit, args.views, camera, args.map_size, args.map_samples, console.note, progress.advance
         )  # fmt: skip
         sizes = [int(n) for n in args.maps]
-        maps[room] = detail_maps.race(room, sizes, args.views, camera, 32, console.note, progress.advance)
+        maps[room] = detail_maps.measure_sizes(room, sizes, args.views, camera, 32, console.note, progress.advance)
         light = maps[room][-1].folder if maps[room] else None
         unseen.append(detail_unseen.measure(room, args.every, camera, light, lambda: None))
         progress.advance()

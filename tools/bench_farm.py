@@ -1,4 +1,4 @@
-"""`iclnuim bench farm` and `iclnuim bench chaos`: how fast the farm is, and what it takes without a scratch."""
+"""`iclnuim bench farm` and `iclnuim bench chaos`: measure the speed of the farm, and the damage after kills, stops and a full disk."""
 
 from __future__ import annotations
 
@@ -28,34 +28,38 @@ def configure(actions: Actions) -> None:
 
 
 def _configure_farm(actions: Actions) -> None:
-    help = "frames an hour against workers and threads, time lost to start-up, and a model of many machines"
+    help = "frames per hour by workers and threads, time lost to start-up, and a model of many machines"
     farm = action(actions, "farm", help, "iclnuim bench farm kt2 --plot farm.png", _farm)
     farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     farm.add_argument("--light", choices=("baked", "path"), help="default: both")
-    farm.add_argument("--frames", type=int, metavar="N", help="for each split; default: 160 baked, 64 path-traced")
-    farm.add_argument("--samples", type=int, default=4, metavar="N", help="of path tracing; default: 4")
-    farm.add_argument(
-        "--repeat", type=int, default=1, metavar="N", help="rounds, of which the fastest counts; default: 1"
-    )
+    farm.add_argument("--frames", type=int, metavar="N", help="frames per split; default: 160 baked, 64 path-traced")
+    farm.add_argument("--samples", type=int, default=4, metavar="N", help="samples of path tracing; default: 4")
+    help = "number of repetitions, of which the fastest is reported; default: 1"
+    farm.add_argument("--repeat", type=int, default=1, metavar="N", help=help)
     farm.add_argument("--camera", metavar="WxH", help="default: 640x480")
     farm.add_argument("--nodes", type=int, default=1000, metavar="N", help="machines of the model; default: 1000")
-    farm.add_argument("--sequences", type=int, default=10_000, metavar="N", help="of the model; default: 10000")
-    farm.add_argument("--plot", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    farm.add_argument(
+        "--sequences", type=int, default=10_000, metavar="N", help="sequences of the model; default: 10000"
+    )
+    farm.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
     renamed(farm, "--chart", "--plot", type=Path)
 
 
 def _configure_chaos(actions: Actions) -> None:
-    help = "make killed, stopped and left without space again and again, and plain Blender under the same kills"
+    help = "damage after repeated kills, stops and a full disk during `make`, and after the same kills of plain Blender"
     chaos = action(actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --plot chaos.png", _chaos)
     chaos.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     chaos.add_argument("--kills", type=int, default=30, metavar="N", help="default: 30")
     chaos.add_argument("--camera", default="640x480", metavar="WxH", help="default: 640x480")
-    chaos.add_argument("--seed", type=int, default=0, metavar="N", help="of the moments and the victims; default: 0")
-    chaos.add_argument("--undisturbed", type=Path, metavar="DIR", help="of `make`, same settings; default: made here")
-    where = "keeps what was made; default: a temporary folder"
+    chaos.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="random seed of the moments and the victims; default: 0"
+    )
+    help = "output of an undisturbed `make` with the same settings; default: made by this command"
+    chaos.add_argument("--undisturbed", type=Path, metavar="DIR", help=help)
+    where = "folder for the output, which is kept; default: a temporary folder"
     chaos.add_argument("--work", type=Path, metavar="DIR", help=where)
     chaos.add_argument("--no-plain", action="store_true", help="leave plain Blender out")
-    chaos.add_argument("--plot", type=Path, metavar="FILE", help="as a picture (.png, .pdf, .svg)")
+    chaos.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
     renamed(chaos, "--chart", "--plot", type=Path)
 
 
@@ -64,27 +68,27 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
 
     from . import farm_chart, farm_model, farm_throughput
 
-    fewest, results, models = farm_throughput.fewest_frames(), [], []
-    if args.frames is not None and args.frames < fewest:
-        raise InputError(f"--frames from {fewest} up on this machine", found=args.frames)
+    min_frames, results, models = farm_throughput.min_frames(), [], []
+    if args.frames is not None and args.frames < min_frames:
+        raise InputError(f"--frames of at least {min_frames} on this machine", found=args.frames)
     for light in [args.light] if args.light else ["baked", "path"]:
         job = _job(args, light)
-        frames = args.frames or max(160 if light == "baked" else 64, fewest)
-        measured = farm_throughput.race(job, frames, args.repeat, console.note)
+        frames = args.frames or max(160 if light == "baked" else 64, min_frames)
+        measured = farm_throughput.measure_splits(job, frames, args.repeat, console.note)
         known = {"sequences": args.sequences, "frames_a_sequence": len(load_trajectory(job))}
         models.append(farm_model.of(farm_throughput.best(measured), **known))
         results += measured
     if args.plot:
         plots.save(farm_chart.figure(results, models, args.nodes), args.plot)
     values = {"splits": list(map(asdict, results)), "models": [farm_model.figures(m, args.nodes) for m in models]}
-    words = [farm_chart.table(results), *(farm_model.summary(m, args.nodes) for m in models)]
-    console.result(values, "\n".join(words))
+    texts = [farm_chart.table(results), *(farm_model.summary(m, args.nodes) for m in models)]
+    console.result(values, "\n".join(texts))
     return 0
 
 
 def _job(args: argparse.Namespace, light: str) -> RenderJob:
     if args.repeat < 1 or args.samples < 1:
-        raise InputError("--repeat and --samples from 1 up", found=min(args.repeat, args.samples))
+        raise InputError("--repeat and --samples of at least 1", found=min(args.repeat, args.samples))
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     job = jobs.shipped_job(args.sequence).changed(light=light, camera=camera)
     return job.changed(samples=args.samples, denoise=False) if light == "path" else job
@@ -130,14 +134,14 @@ def _undisturbed(args: argparse.Namespace, base: Path, console: Console) -> Path
     from .farm_chaos import Chaos
 
     begun, rng = time.monotonic(), np.random.default_rng(0)
-    left_alone = Chaos(args.sequence, ("--camera", args.camera), base / "undisturbed", rng)
-    left_alone.complete()
+    undisturbed = Chaos(args.sequence, ("--camera", args.camera), base / "undisturbed", rng)
+    undisturbed.complete()
     console.note(f"undisturbed: {time.monotonic() - begun:.0f} s")
-    return left_alone.out
+    return undisturbed.out
 
 
 def _plain(args: argparse.Namespace, base: Path, console: Console) -> Any:
-    """The same prepared scene, camera keyed, by an animation render of Blender's own."""
+    """Render the same prepared scene, with its animated camera, by Blender's own animation render."""
     from .plain_blender import PlainBlender
 
     blend = base / "scene.blend"

@@ -1,4 +1,4 @@
-"""Counts the product: lines and modules of addon/ and headless/, as formatted by ruff. `python tools/count_lines.py [--by-folder]`."""
+"""Counts lines and modules of the product, addon/ and headless/, as formatted by ruff. `python tools/count_lines.py [--by-folder]`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What detail costs and what it gives: a room built at several levels, its depth and colour against those of the finest."""
+"""Measures cost and benefit of detail: a room is built at several levels, and its depth and colour are compared with those of the finest level."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from iclnuim.worker_events import Event, FrameDone
 
 from .detail_colour import by_lamp
 
-#: Depth beyond this is the painted surroundings: not a matter of triangles.
-_FARTHEST_M = 15.0
-#: A pixel off by more than this has another surface, or one with another form.
+#: Depth beyond this is the painted surroundings, which do not depend on triangles.
+_MAX_DEPTH_M = 15.0
+#: A pixel with a larger error shows another surface, or one of another shape.
 OFF_M = 0.005
 Note = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Light:
-    """Of a lit level: seconds of its bake, seconds of a frame in Cycles (median)."""
+    """Times of a level with baked light: seconds of the bake, and median seconds per frame in Cycles."""
 
     bake_s: float
     frame_s: float
@@ -45,9 +45,9 @@ class Light:
 
 @dataclass(frozen=True)
 class Level:
-    """A room at a level of detail. Depth errors against the finest level, in metres; off_share: of pixels off by more than OFF_M.
+    """A room at a level of detail. mean_m, p99_m: depth errors against the finest level. off_share: share of pixels with an error beyond OFF_M.
 
-    frame_s: seconds of a frame by a lamp at the camera, one ray a pixel. psnr_db, median_of_255: its colour against the finest's; None for the finest.
+    frame_s: seconds per frame lit by a lamp at the camera, one ray per pixel. psnr_db, median_of_255: colour against that of the finest level; None for the finest.
     """
 
     detail: float
@@ -63,17 +63,17 @@ class Level:
 
 
 def views_of(room: str, count: int) -> Trajectory:
-    """`count` poses spread over the room's four shipped paths, 0.1 s apart, as a path of its own."""
+    """A trajectory of `count` poses, spread over the room's four shipped trajectories, with stamps 0.1 s apart."""
     every = [read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory for kt in shipped.TRAJECTORY_NAMES]
     R, t = (
-        np.concatenate([getattr(path.T_world_camera, name) for path in every]) for name in ("rotation", "translation")
+        np.concatenate([getattr(one.T_world_camera, name) for one in every]) for name in ("rotation", "translation")
     )
     picked = np.linspace(0, len(t) - 1, count + 2).round().astype(int)[1:-1]
     return Trajectory(np.arange(count) / 10.0, SE3(R[picked], t[picked]))
 
 
 class Room:
-    """A shipped room at any level of detail, seen from the same places; files go to `folder`."""
+    """A shipped room at any level of detail, seen from the same poses. Files are written to `folder`."""
 
     def __init__(self, name: str, views: Trajectory, camera: PinholeCamera, folder: Path, note: Note) -> None:
         self.name, self.views, self.camera, self.folder, self.note = name, views, camera, folder, note
@@ -81,7 +81,7 @@ class Room:
         write_trajectory(self._path, views, "tum")
 
     def build(self, detail: float) -> tuple[int, float]:
-        """Into the session and a .blend; triangles, and seconds of processor time."""
+        """Build the room in the session, and save it as a .blend; returns triangles and seconds of processor time."""
         # the operator reports "Saved copy as ..." through Python's own stdout
         with output.blender_output_in(self.folder / "build.log"), redirect_stdout(io.StringIO()):
             scene.open_empty()
@@ -92,19 +92,19 @@ class Room:
         return len(surfaces.triangles().triangles), seconds
 
     def depth(self) -> np.ndarray:
-        """(n, h, w) planar metres of the scene in the session, by Embree."""
+        """(n, h, w) planar depth in metres of the scene in the session, by Embree."""
         found = surfaces.triangles()
         caster = RayCaster(found.vertices, found.triangles)
         poses = self.views.T_world_camera
         return np.stack([caster.depth(self.camera, poses[k]) for k in range(len(self.views))])
 
     def colour(self) -> tuple[np.ndarray, float]:
-        """(n, h, w, 3) scene-linear of the scene in the session, by a lamp at the camera; seconds of a frame."""
+        """(n, h, w, 3) scene-linear colour of the scene in the session, lit by a lamp at the camera, and seconds per frame."""
         with output.blender_output_in(self.folder / "lamp.log"):
             return by_lamp(self.name, self.views, self.camera, self.folder)
 
     def lit(self, detail: float, map_size: int, map_samples: int) -> Light:
-        """By baked light: seconds of the bake (as it was made), and of a frame."""
+        """Times with baked light: seconds of the bake (recorded when it was made), and per frame."""
         job = RenderJob(
             f"{self.name}/views",
             str(self._blend(detail)),
@@ -121,7 +121,7 @@ class Room:
         return self.folder / f"{self.name}-{detail:g}.blend"
 
 
-def race(
+def measure_levels(
     room: str,
     levels: Sequence[float],
     lit: Sequence[float],
@@ -132,7 +132,7 @@ def race(
     note: Note,
     on_step: Callable[[], object],
 ) -> list[Level]:
-    """All levels, coarsest first; those in `lit` with baked light too. The finest is what the others are held against."""
+    """Measure all levels, coarsest first; those in `lit` also with baked light. The others are compared with the finest level."""
     with tempfile.TemporaryDirectory() as folder:
         scene = Room(room, views_of(room, views), camera, Path(folder), note)
         found: list[Level] = []
@@ -154,7 +154,7 @@ def race(
 
 
 def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
-    """All frames of a job, (n, h, w, 3) scene-linear, and the median seconds of one in Cycles, the first left out."""
+    """All frames of a job, (n, h, w, 3) scene-linear, and the median seconds per frame in Cycles, without the first."""
     times: list[float] = []
 
     def listen(event: Event) -> None:
@@ -170,21 +170,21 @@ def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
 
 
 def depth_error(depth_z_m: np.ndarray, finest_z_m: np.ndarray) -> tuple[float, float, float]:
-    """Mean and 99th percentile of |dZ| in metres, and the share of pixels off by more than OFF_M, where both see the room."""
-    both = (depth_z_m > 0) & (finest_z_m > 0) & (finest_z_m < _FARTHEST_M)
+    """Mean and 99th percentile of |dZ| in metres, and the share of pixels with an error beyond OFF_M, over pixels where both see the room."""
+    both = (depth_z_m > 0) & (finest_z_m > 0) & (finest_z_m < _MAX_DEPTH_M)
     off = np.abs(depth_z_m - finest_z_m)[both]
     return float(off.mean()), float(np.percentile(off, 99)), float((off > OFF_M).mean())
 
 
 def difference(rgb: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Mean PSNR in dB over views (n, h, w, 3), and the median difference of a colour value, of 255; display values."""
+    """Mean PSNR in dB over views (n, h, w, 3), and the median difference of colour values, 0..255; both of display values."""
     off = srgb_from_light(rgb) - srgb_from_light(other)
     square = np.maximum((off**2).mean((1, 2, 3)), 1e-9)
     return float(np.mean(-10 * np.log10(square))), float(255 * np.median(np.abs(off)))
 
 
 def knee(cost: Sequence[float], error: Sequence[float]) -> int:
-    """The point of a falling curve that lies farthest below the line from its first point to its last, both axes scaled to 0..1.
+    """Index of the point of a falling curve that is farthest below the line from its first point to its last, with both axes scaled to 0..1.
 
     Satopaa, Albrecht, Irwin, Raghavan: Finding a kneedle in a haystack, ICDCSW 2011.
     """

@@ -1,4 +1,4 @@
-"""Detail as a chart and as a table: triangles against errors and times, map sizes against error and time, and where the knee lies."""
+"""Chart and tables of detail: triangles against errors and times, light map sizes against error and time, and the knee of the curve."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _MAPS = ("map", "bake s", "PSNR dB to the largest", "median of 255", "frame s")
 
 
 def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Figure:
-    """Depth error, colour error and times against triangles; colour error against the light map's size, where it was measured.
+    """Depth error, colour error and times against triangles; colour error against light map size, if it was measured.
 
-    The knee is ringed, the default filled.
+    A ring marks the knee, a filled dot the default.
     """
     with_maps = any(maps.values())
     drawn = Figure(figsize=(12, 7.6) if with_maps else (15, 4.6), layout="constrained")
@@ -41,8 +41,8 @@ def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Fig
     for k, (room, levels) in enumerate(rooms.items()):
         style = {"color": COLOURS[k], "label": room.replace("_", " ")}
         _depth(panels[0], levels, style, label_at=((5, 4), (-8, -13))[k % 2])
-        told = [level for level in levels if level.psnr_db is not None]
-        panels[1].plot(_x(told), [level.psnr_db for level in told], marker="o", **style)
+        compared = [level for level in levels if level.psnr_db is not None]
+        panels[1].plot(_x(compared), [level.psnr_db for level in compared], marker="o", **style)
         _times(panels[2], levels, style)
         if with_maps:
             _sizes(panels[3], maps[room], style)
@@ -59,16 +59,16 @@ def _times(axes: Axes, levels: Sequence[Level], style: dict) -> None:
 
 
 def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
-    told = [m for m in row if m.psnr_db is not None]
+    compared = [m for m in row if m.psnr_db is not None]
     largest = "".join(f", {m.size}: {m.bake_s:.0f} s" for m in row if m.psnr_db is None)
     axes.plot(
-        [m.size for m in told],
-        [m.psnr_db or 0.0 for m in told],
+        [m.size for m in compared],
+        [m.psnr_db or 0.0 for m in compared],
         "o-",
         color=style["color"],
         label=style["label"] + largest,
     )
-    for m in told:
+    for m in compared:
         axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(8, -4), textcoords="offset points", fontsize=8)
 
 
@@ -77,9 +77,9 @@ def _x(levels: Sequence[Level]) -> list[float]:
 
 
 def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int, int]) -> None:
-    told = [level for level in levels if level.mean_m > 0]
-    axes.plot(_x(told), [1e3 * level.mean_m for level in told], marker="o", markerfacecolor="white", **style)
-    for level in told:
+    shown = [level for level in levels if level.mean_m > 0]
+    axes.plot(_x(shown), [1e3 * level.mean_m for level in shown], marker="o", markerfacecolor="white", **style)
+    for level in shown:
         axes.annotate(
             f"{level.detail:g}",
             (level.triangles / 1000, 1e3 * level.mean_m),
@@ -88,7 +88,7 @@ def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int
             fontsize=8,
         )
     axes.margins(y=0.1)
-    default = [level for level in told if level.detail == 1.0]
+    default = [level for level in shown if level.detail == 1.0]
     axes.plot(_x(default), [1e3 * level.mean_m for level in default], "o", color=style["color"])
     at = levels[knee_of(levels)]
     axes.plot(_x([at]), [1e3 * at.mean_m], "o", markersize=14, markerfacecolor="none", markeredgecolor=style["color"])
@@ -97,16 +97,20 @@ def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int
 def _label(panels: Sequence[Axes]) -> None:
     titles = (
         {
-            "ylabel": "mean depth error to the finest (mm)",
+            "ylabel": "mean depth error against the finest level (mm)",
             "yscale": "log",
             "title": "numbers: detail; filled: default; ring: knee",
         },
-        {"ylabel": "PSNR to the finest (dB)", "title": "colour, by a lamp at the camera"},
+        {"ylabel": "PSNR against the finest level (dB)", "title": "colour, lit by a lamp at the camera"},
         {"ylabel": "seconds", "yscale": "log", "title": "times"},
-        {"ylabel": "PSNR to the largest map (dB)", "xscale": "log", "title": "light map; numbers: bake"},
+        {
+            "ylabel": "PSNR against the largest map (dB)",
+            "xscale": "log",
+            "title": "light map; numbers: time of the bake",
+        },
     )
-    for axes, words in zip(panels, titles, strict=False):
-        axes.set(xlabel="side of the light map (texels)" if "xscale" in words else "thousand triangles", **words)
+    for axes, texts in zip(panels, titles, strict=False):
+        axes.set(xlabel="size of the light map (texels)" if "xscale" in texts else "thousand triangles", **texts)
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)
     if len(panels) == len(titles):
@@ -126,7 +130,7 @@ def knee_of(levels: Sequence[Level]) -> int:
 
 
 def table(levels: Sequence[Level]) -> str:
-    """One row a level, in Markdown; the knee is marked."""
+    """One row per level, in Markdown; the knee is marked."""
     marked = knee_of(levels)
     return "\n".join(
         [_line(_HEADER), _line(["---"] * len(_HEADER)), *(_row(v, k == marked) for k, v in enumerate(levels))]
@@ -151,17 +155,17 @@ def _row(level: Level, is_knee: bool) -> str:
 
 
 def maps_table(row: Sequence[MapSize]) -> str:
-    """One row a size of the light map."""
+    """One row per size of the light map, in Markdown."""
     lines = [_line(_MAPS), _line(["---"] * len(_MAPS))]
     for m in row:
-        told = m.psnr_db is not None
+        compared = m.psnr_db is not None
         lines.append(
             _line(
                 (
                     m.size,
                     f"{m.bake_s:.0f}",
-                    f"{m.psnr_db:.1f}" if told else "",
-                    f"{m.median_of_255:.2f}" if told else "",
+                    f"{m.psnr_db:.1f}" if compared else "",
+                    f"{m.median_of_255:.2f}" if compared else "",
                     f"{m.frame_s:.3f}",
                 )
             )
@@ -170,9 +174,9 @@ def maps_table(row: Sequence[MapSize]) -> str:
 
 
 def unseen_line(share: Unseen) -> str:
-    """In words."""
-    texels = "" if share.texels is None else f", {share.texels:.1%} of the light map's texels in use"
-    return f"{share.room}: no shipped path sees {share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface{texels} ({share.poses} poses)"
+    """A sentence about the parts that are never seen."""
+    texels = "" if share.texels is None else f", {share.texels:.1%} of the used texels of the light map"
+    return f"{share.room}: no shipped trajectory sees {share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface{texels} ({share.poses} poses)"
 
 
 def _line(cells: Sequence[object]) -> str:

@@ -1,4 +1,4 @@
-"""A room's colours without a bake and nearly without noise: lit by nothing but a point lamp at the camera, so that one ray a pixel is enough."""
+"""Renders the colours of a room without a bake and almost without noise: its only light is a point lamp at the camera, so that one ray per pixel is enough."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
 
-#: Lights white paper at 2.5 m to about half of white.
+#: White paper at 2.5 m appears at about half of white.
 _POWER_W = 120.0
 
 
 def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) -> tuple[np.ndarray, float]:
-    """(n, h, w, 3) scene-linear of the scene in the session, and the median seconds of a frame, the first left out.
+    """(n, h, w, 3) scene-linear colour of the scene in the session, and the median seconds per frame, without the first.
 
-    The scene keeps the lamp; its own lamps and sky are put out; what glows, glows.
+    The lamp stays in the scene. The scene's own lamps and sky are disabled; emissive materials are not.
     """
     job = RenderJob(room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True)
     settings.apply(job)
     scene = bpy.context.scene
     scene.cycles.max_bounces, scene.cycles.use_light_tree = 0, False
-    scene.cycles.light_sampling_threshold = 0.0  # faint light would be left to chance
+    scene.cycles.light_sampling_threshold = 0.0  # otherwise weak light is sampled at random
     scene.world = None
     for thing in scene.objects:
         if thing.type == "LIGHT":

@@ -1,4 +1,4 @@
-"""What a larger light map gives: a shipped room's frames by maps of several sizes, against those by the largest."""
+"""Measures the benefit of larger light maps: frames of a shipped room with maps of several sizes, compared with those of the largest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .detail import difference, frames_of, views_of
 
 @dataclass(frozen=True)
 class MapSize:
-    """size: side in texels; bake_s: as it was made; errors against the largest (None: it is the largest); folder of the light."""
+    """size: width and height in texels. bake_s: recorded when it was baked. psnr_db, median_of_255: errors against the largest (None for the largest). folder: the light."""
 
     size: int
     bake_s: float
@@ -29,7 +29,7 @@ class MapSize:
     folder: Path
 
 
-def race(
+def measure_sizes(
     room: str,
     sizes: Sequence[int],
     views: int,
@@ -38,8 +38,8 @@ def race(
     note: Callable[[str], None],
     on_step: Callable[[], object],
 ) -> list[MapSize]:
-    """All sizes, smallest first; light that is in the cache is not baked again, and a size that the room's charts do not fit is
-    left out with a word.
+    """Measure all sizes, smallest first. Light in the cache is not baked again. A size that is too small for the charts of the room is left
+    out with a note.
     """
     found: list[MapSize] = []
     largest: np.ndarray | None = None

@@ -1,4 +1,4 @@
-"""What of a room no shipped path sees: shares of its triangles, of its surface, and of the light map's texels."""
+"""Measures which part of a room no shipped trajectory sees: shares of its triangles, its surface, and the texels of its light map."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.raycast.caster import Visibility
 
-#: Pieces are seen or not as a whole: no edge longer than this.
+#: Longest edge of the pieces whose visibility is tested.
 PIECE_M = 0.1
-#: What lies farther from the world's origin is the painted surroundings.
+#: Surfaces farther from the world's origin are the painted surroundings.
 _OUTSIDE_M = 8.0
 
 
 @dataclass(frozen=True)
 class Unseen:
-    """poses: looked from. triangles, surface (by area, the painted surroundings left out), texels: shares, 0..1, that no pose sees.
+    """poses: number of poses. triangles, surface (by area, without the painted surroundings), texels: shares, 0..1, that no pose sees.
 
-    texels is None where no light map is at hand.
+    texels is None without a light map.
     """
 
     room: str
@@ -37,7 +37,7 @@ class Unseen:
 
 
 def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on_pose: Callable[[], object]) -> Unseen:
-    """From every Nth pose of the room's four paths; `light`: the folder of its baked light. Triangles seen in part are seen."""
+    """Shares that are not seen from every Nth pose of the room's four trajectories. light: folder of its baked light. A triangle seen in part counts as seen."""
     with output.blender_output_in(Path(os.devnull)):
         scene.open_scene(room)
         whole = model.scene_model()
@@ -57,7 +57,7 @@ def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on
 
 
 def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(2, m, 3, 2) places in the light map of front and back, and (2, m) which sides have one; triangles as scene_model has them."""
+    """(2, m, 3, 2) positions in the light map of front and back, and (2, m) which sides have one; triangles in the order of scene_model."""
     layout = light_map.load_layout(folder)
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         parts = surfaces.parts(depsgraph)
@@ -71,7 +71,7 @@ def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _texels(whole: SceneModel, uv: np.ndarray, has: np.ndarray, seen: np.ndarray) -> float:
-    """Share of the map's used area that is not seen, side by side. Pieces are cut as those of `seen` were, with the map's own places."""
+    """Share of the used area of the light map that is not seen, over both sides of the triangles. Pieces are cut like those of `seen`, with their positions in the map."""
     total = unseen = 0.0
     for side in (0, 1):
         pieces, origin = replace(whole, uv=uv[side]).cut(PIECE_M)

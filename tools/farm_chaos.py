@@ -1,4 +1,4 @@
-"""Chaos: `make` killed, stopped and left without space again and again, the same command after each; then compared with an undisturbed run."""
+"""Chaos test: `make` is repeatedly killed, stopped and left without disk space, and the same command resumes it; the result is compared with an undisturbed run."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import CHILD
 
-#: Frames that must be finished anew before anything happens.
+#: Number of new frames that must be finished before each disturbance.
 FRAMES_BETWEEN = 3
-#: After this many seconds without a word a worker is replaced: shorter than a user's, for one is stopped on purpose.
+#: Timeout of a worker; it is shorter than the default, as a worker is stopped on purpose.
 STUCK_AFTER_S = 10
 
 
 @dataclass(frozen=True)
 class Damage:
-    """After all that happened: frames asked for; pictures that are not whole or differ (broken) and that are absent or empty (lost).
+    """State after all disturbances. frames: number of requested frames. broken: images that are incomplete or differ. lost: images that are missing or empty.
 
-    `twice`: frames finished more than once; `outlived`: workers still there half a minute after their command was killed;
-    `names`: the files that are broken or lost.
+    twice: frames finished more than once. outlived: workers that still run half a minute after their command was killed.
+    names: broken or lost files.
     """
 
     frames: int
@@ -50,15 +50,15 @@ class Damage:
 
 
 def kinds(kills: int) -> list[str]:
-    """What happens in turn: kills of a worker, the parent, both, and in between a full disk and a stopped worker."""
-    happens = [("worker", "parent", "both")[k % 3] for k in range(kills)]
-    happens.insert(len(happens) // 4, "full")
-    happens.insert(len(happens) // 2, "stop")
-    return happens
+    """The sequence of disturbances: kills of a worker, of the parent, and of both in turn, with one full disk and one stopped worker in between."""
+    found = [("worker", "parent", "both")[k % 3] for k in range(kills)]
+    found.insert(len(found) // 4, "full")
+    found.insert(len(found) // 2, "stop")
+    return found
 
 
 class Chaos:
-    """`make SEQUENCE OPTIONS` into `out`, disturbed at moments that `rng` chooses. Raises WorkError where a promise is broken."""
+    """Runs `make SEQUENCE OPTIONS` into `out`, disturbed at random moments drawn from `rng`. Raises WorkError if the command does not behave as guaranteed."""
 
     def __init__(self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator) -> None:
         self.out, self._rng = Path(out), rng
@@ -68,26 +68,27 @@ class Chaos:
         self.happened: Counter[str] = Counter()
 
     def start(self, **options: Any) -> subprocess.Popen:
-        """The command once more."""
+        """Start the command."""
         return subprocess.Popen(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options)
 
-    def run(self, happens: list[str], note: Callable[[str], None]) -> None:
-        """Everything in `happens`, each in a start of its own; then the command to its end."""
-        for kind in happens:
+    def run(self, disturbances: list[str], note: Callable[[str], None]) -> None:
+        """Start the command once for each disturbance, then run it to its end."""
+        for kind in disturbances:
             self.disturb(kind)
             self.happened[kind] += 1
-            note(f"{sum(self.happened.values())} of {len(happens)}: {kind}; {len(finished(self.out))} frames finished")
+            count = sum(self.happened.values())
+            note(f"{count} of {len(disturbances)}: {kind}; {len(finished(self.out))} frames finished")
         self.complete()
 
     def complete(self) -> None:
-        """The command, left alone. Raises WorkError where it fails."""
+        """Run the command undisturbed. Raises WorkError if it fails."""
         parent = self.start()
-        words = parent.communicate()[1]
+        errors = parent.communicate()[1]
         if parent.returncode:
-            raise WorkError(f"code {parent.returncode} of an undisturbed command: {words.strip()[-500:]}")
+            raise WorkError(f"an undisturbed command ended with code {parent.returncode}: {errors.strip()[-500:]}")
 
     def disturb(self, kind: str) -> None:
-        """Start, and after three more frames, at a random moment, let it happen."""
+        """Start the command, and disturb it at a random moment after three more frames."""
         if kind == "full":
             return self._fill_the_disk()
         parent = self.start()
@@ -111,38 +112,38 @@ class Chaos:
         return None
 
     def _recover(self, kind: str, parent: subprocess.Popen, victim: psutil.Process | None) -> None:
-        """A command that lost a worker goes on without it; then Ctrl-C ends it cleanly."""
+        """Check that a command that lost a worker continues, and that Ctrl-C then ends it cleanly."""
         self._wait_for_frames(parent)
         if kind == "stop" and victim and still_there([victim], STUCK_AFTER_S + 20):
             raise WorkError("a stopped worker was not replaced")
         parent.send_signal(signal.SIGINT)
-        words = parent.communicate(timeout=120)[1]
-        if parent.returncode not in (0, 130) or "Traceback" in words:
-            raise WorkError(f"code {parent.returncode} after Ctrl-C: {words.strip()[-500:]}")
+        errors = parent.communicate(timeout=120)[1]
+        if parent.returncode not in (0, 130) or "Traceback" in errors:
+            raise WorkError(f"code {parent.returncode} after Ctrl-C: {errors.strip()[-500:]}")
 
     def _fill_the_disk(self) -> None:
-        """No file of the command may grow beyond a fraction of a frame. It must say so in a line and with code 3."""
+        """Limit the size of the command's files to a fraction of a frame. The command must report this in one line, with exit code 3."""
         camera = read_run(self.out / "raw").camera
         limit = (camera.width * camera.height * 2,) * 2
         parent = self.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
-        words = parent.communicate(timeout=600)[1]
-        if parent.returncode != 3 or "cannot write" not in words or "Traceback" in words:
-            raise WorkError(f"code {parent.returncode} on a full disk: {words.strip()[-500:]}")
+        errors = parent.communicate(timeout=600)[1]
+        if parent.returncode != 3 or "cannot write" not in errors or "Traceback" in errors:
+            raise WorkError(f"code {parent.returncode} on a full disk: {errors.strip()[-500:]}")
 
     def _wait_for_frames(self, parent: subprocess.Popen, seconds: float = 600) -> None:
-        """Until three more are finished, not counting those of workers whose parent was killed."""
+        """Wait until three more frames are finished, without those of workers whose parent was killed."""
         orphans = {process.pid for process in self._orphans}
         before, until = len(finished(self.out)), time.monotonic() + seconds
         while sum(pid not in orphans for _, pid in finished(self.out)[before:]) < FRAMES_BETWEEN:
             if parent.poll() is not None:
-                words = parent.communicate()[1].strip()[-300:]
-                raise WorkError(f"the command ended (code {parent.returncode}) before it could be disturbed: {words}")
+                errors = parent.communicate()[1].strip()[-300:]
+                raise WorkError(f"the command ended (code {parent.returncode}) before it could be disturbed: {errors}")
             if time.monotonic() > until:
-                raise WorkError(f"no {FRAMES_BETWEEN} frames in {seconds:.0f} s")
+                raise WorkError(f"fewer than {FRAMES_BETWEEN} new frames in {seconds:.0f} s")
             time.sleep(0.02)
 
     def damage(self, undisturbed: Path) -> Damage:
-        """What is left, against a folder of the same command that nothing happened to."""
+        """Compare the output with that of the same command without disturbances."""
         ours, whole = contents(self.out), contents(undisturbed)
         numbers = [n.split("/")[-1] for n in whole if n.startswith("clean/rgb/")]
         names = sorted(n for n in ours.keys() | whole.keys() if ours.get(n) != whole.get(n))
@@ -156,7 +157,7 @@ class Chaos:
 
 
 def finished(out: Path) -> list[tuple[int, int]]:
-    """Frames, and the process that finished each, in that order, as the workers' journal has it."""
+    """(frame, process that finished it), in the order of the workers' journal."""
     journal, found = out / "raw/.farm/finished.jsonl", []
     for line in journal.read_text("utf-8", "replace").split("\n")[:-1] if journal.exists() else []:
         with contextlib.suppress(ValueError):
@@ -166,7 +167,7 @@ def finished(out: Path) -> list[tuple[int, int]]:
 
 
 def contents(out: Path) -> dict[str, bytes]:
-    """Every file of both sequences. The commit of a checkout that others work in may change meanwhile; it decides no pixel."""
+    """Every file of both sequences. The recorded commit is removed, as it may change between the runs and decides no pixel."""
     files = [p for name in ("clean", "noisy") for p in (out / name).rglob("*") if p.is_file()]
     found = {str(p.relative_to(out)): p.read_bytes() for p in files}
     for name in ("clean/recipe.json", "noisy/recipe.json"):
@@ -178,12 +179,12 @@ def contents(out: Path) -> dict[str, bytes]:
 
 
 def children(parent: subprocess.Popen) -> list[psutil.Process]:
-    """The workers of a command, not the processes that make its sequences' images; none where it is gone."""
+    """The workers of a command, without the processes that write images of its sequences; none if the command has ended."""
     with contextlib.suppress(psutil.NoSuchProcess):
         return [p for p in psutil.Process(parent.pid).children() if str(CHILD) in p.cmdline()]
     return []
 
 
 def still_there(processes: list[psutil.Process], seconds: float) -> list[psutil.Process]:
-    """Those that have not ended by then."""
+    """The processes that still run after this time."""
     return psutil.wait_procs(processes, timeout=seconds)[1]

@@ -1,4 +1,4 @@
-"""The farm in pictures and tables: throughput by split, the model of many machines, and what kills left behind."""
+"""Charts and tables of the farm: throughput by split, the model of many machines, and the damage after kills."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 _SPLITS = (
     "light",
     "workers x threads",
-    "frames an hour",
-    "of the best",
+    "frames per hour",
+    "relative to the best",
     "cores busy",
     "start-up s",
     "of a 5-minute chunk",
 )
-_DAMAGE = ("", "frames", "kills", "broken", "lost", "finished twice", "workers left over")
+_DAMAGE = ("", "frames", "kills", "broken", "lost", "finished twice", "workers still running")
 
 
 def figure(results: Sequence[Throughput], models: Sequence[Model], nodes: int) -> Figure:
-    """Frames an hour by split; share of a chunk lost to start-up by its length; hours for many sequences by machines."""
+    """Three panels: frames per hour by split; share of a chunk's time lost to start-up, by its length; hours for many sequences, by number of machines."""
     drawn = Figure(figsize=(14, 4.4), layout="constrained")
     FigureCanvasAgg(drawn)
     rate, lost, scale = drawn.subplots(1, 3)
@@ -52,11 +52,11 @@ def _draw_rates(axes: Axes, results: Sequence[Throughput]) -> None:
         own = [r for r in results if r.name == name]
         best = max(r.frames_an_hour for r in own)
         places = [splits.index((r.workers, r.threads)) + (k - (len(names) - 1) / 2) * width for r in own]
-        label = f"{name}: 100 % = {best:.0f} an hour"
+        label = f"{name}: 100 % = {best:.0f} per hour"
         bars = axes.bar(places, [100 * r.frames_an_hour / best for r in own], width, color=COLOURS[k], label=label)
         axes.bar_label(bars, [f"{100 * r.busy_share:.0f} %\nbusy" for r in own], fontsize=7)
     axes.set_xticks(range(len(splits)), [f"{workers} x {threads}" for workers, threads in splits])
-    axes.set(xlabel="workers x threads", ylabel="frames an hour, % of the best split", ylim=(0, 140))
+    axes.set(xlabel="workers x threads", ylabel="frames per hour, % of the best split", ylim=(0, 140))
     axes.legend(frameon=False, loc="upper left", fontsize=8)
 
 
@@ -78,11 +78,11 @@ def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
         axes.plot(limit, model.seconds(limit) / 3600, "o", color=colour)
     axes.axvline(nodes, color="grey", linestyle=":", linewidth=1)
     axes.set(xscale="log", yscale="log", ylabel=f"hours for {model.sequences} sequences, by model")
-    axes.set_xlabel(f"machines (dotted: {nodes}; dot: more change nothing)")
+    axes.set_xlabel(f"machines (dotted: {nodes}; dot: more do not help)")
 
 
 def table(results: Sequence[Throughput]) -> str:
-    """One row a split, in Markdown."""
+    """One row per split, in Markdown."""
     best = {r.name: max(o.frames_an_hour for o in results if o.name == r.name) for r in results}
     return _table(_SPLITS, [_split_row(r, best[r.name]) for r in results])
 
@@ -94,7 +94,7 @@ def _split_row(r: Throughput, best: float) -> Iterable[str]:
 
 
 def damage_figure(damages: Mapping[str, Damage]) -> Figure:
-    """Broken and lost frames after the same number of kills."""
+    """Chart of broken and lost frames after the same number of kills."""
     drawn = Figure(figsize=(6.5, 3.2), layout="constrained")
     FigureCanvasAgg(drawn)
     axes = drawn.subplots()
@@ -105,14 +105,14 @@ def damage_figure(damages: Mapping[str, Damage]) -> Figure:
     axes.set_yticks(range(len(damages)), damages)
     axes.invert_yaxis()
     first = next(iter(damages.values()))
-    axes.set(xlabel=f"frames of {first.frames} after {first.kills} kill -9, the same command again after each")
+    axes.set(xlabel=f"frames of {first.frames} after {first.kills} kill -9, each followed by the same command")
     axes.margins(x=0.1)
     axes.legend(frameon=False, loc="center right")
     return drawn
 
 
 def damage_table(damages: Mapping[str, Damage]) -> str:
-    """In Markdown."""
+    """The damage as a table in Markdown."""
     rows = [(n, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived) for n, d in damages.items()]
     return _table(_DAMAGE, rows)
 

@@ -1,4 +1,4 @@
-"""Time for many sequences on many nodes, by model: start-up + chunk + frame time, and where more nodes no longer help."""
+"""Models the time for many sequences on many nodes from start-up, chunk and frame times, and the number of nodes beyond which more do not help."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .farm_throughput import Throughput
 
 @dataclass(frozen=True)
 class Model:
-    """A worker starts in `startup_s`, then renders a chunk of frames at `frame_s` each. All chunks are alike.
+    """A worker starts in `startup_s`, then renders a chunk of frames in `frame_s` each. All chunks are equal.
 
-    `workers_a_node` at once on a node; light is baked before in `bake_s`, once for each scene, all scenes at the same time;
-    `bytes_a_frame` go to a shared file system that takes `bytes_a_second` in all. Waiting in a queue is not in the model.
+    A node runs `workers_a_node` workers. Light is baked before, in `bake_s`, once per scene, for all scenes in parallel. A shared file
+    system receives `bytes_a_frame`, with `bytes_a_second` in total. The model does not include waiting in a queue.
     """
 
     name: str
@@ -34,16 +34,16 @@ class Model:
 
     @property
     def chunks(self) -> int:
-        """A chunk is of one sequence: a worker builds one scene and opens one run."""
+        """Number of chunks. A chunk belongs to one sequence, as a worker opens one scene and one run."""
         return self.sequences * ceil(self.frames_a_sequence / self.frames_a_chunk)
 
     @property
     def chunk_seconds(self) -> float:
-        """Of one chunk on one worker, its start included."""
+        """Time of one chunk on one worker, including the worker's start."""
         return self.startup_s + self.frames_a_sequence * self.sequences / self.chunks * self.frame_s
 
     def seconds(self, nodes: int) -> float:
-        """Wall time: light, then as many rounds of chunks as it takes, or the file system's time where that is longer."""
+        """Wall time: light, then the rounds of chunks, or the time of the file system if that is longer."""
         rounds = ceil(self.chunks / (nodes * self.workers_a_node))
         return self.bake_s + max(rounds * self.chunk_seconds, self._stored_s)
 
@@ -52,21 +52,21 @@ class Model:
         return self.sequences * self.frames_a_sequence * self.bytes_a_frame / self.bytes_a_second
 
     def efficiency(self, nodes: int) -> float:
-        """Share of the nodes' time that goes into frames."""
+        """Share of the nodes' time that is spent on frames."""
         work_s = self.sequences * self.frames_a_sequence * self.frame_s
         return work_s / (self.seconds(nodes) * nodes * self.workers_a_node)
 
     def stops_scaling(self) -> tuple[int, str]:
-        """The number of nodes beyond which more of them change nothing, and why."""
+        """The number of nodes beyond which more do not help, and why."""
         by_chunks = ceil(self.chunks / self.workers_a_node)
         by_store = int(self.chunks * self.chunk_seconds / (self._stored_s * self.workers_a_node))
         if by_store < by_chunks:
-            return max(1, by_store), f"the file system at {self.bytes_a_second / 1e9:g} GB/s is full"
+            return max(1, by_store), f"the file system at {self.bytes_a_second / 1e9:g} GB/s is the limit"
         return by_chunks, "every worker has one chunk"
 
 
 def of(measured: Throughput, **known: Any) -> Model:
-    """The model of what was measured on this machine as a node."""
+    """The model with this machine, as measured, as a node."""
     return Model(
         name=measured.name,
         startup_s=measured.startup_s,
@@ -77,19 +77,19 @@ def of(measured: Throughput, **known: Any) -> Model:
 
 
 def figures(model: Model, nodes: int) -> dict:
-    """The model, and what it says for that many nodes."""
+    """The model, and its results for a number of nodes."""
     limit, why = model.stops_scaling()
     hours, efficiency = round(model.seconds(nodes) / 3600, 3), round(model.efficiency(nodes), 3)
-    told = {"nodes": nodes, "hours": hours, "efficiency": efficiency, "scales_to_nodes": limit, "then": why}
-    return {**asdict(model), "frames_a_chunk": model.frames_a_chunk, **told}
+    results = {"nodes": nodes, "hours": hours, "efficiency": efficiency, "scales_to_nodes": limit, "then": why}
+    return {**asdict(model), "frames_a_chunk": model.frames_a_chunk, **results}
 
 
 def summary(model: Model, nodes: int) -> str:
-    """In words."""
+    """The results of the model as a sentence."""
     limit, why = model.stops_scaling()
     return (
         f"{model.name}: {model.sequences} sequences of {model.frames_a_sequence} frames on {nodes} nodes of {model.workers_a_node} workers: "
-        f"{model.seconds(nodes) / 3600:.2f} h, {100 * model.efficiency(nodes):.0f} % of it frames "
-        f"(start-up {model.startup_s:.1f} s, chunks of {model.frames_a_chunk} frames, {model.frame_s:.3f} s a frame); "
+        f"{model.seconds(nodes) / 3600:.2f} h, {100 * model.efficiency(nodes):.0f} % of it on frames "
+        f"(start-up {model.startup_s:.1f} s, chunks of {model.frames_a_chunk} frames, {model.frame_s:.3f} s per frame); "
         f"scales to {limit} nodes, then {why}"
     )

@@ -1,4 +1,4 @@
-"""Frames an hour against workers and threads, share of time lost to start-up, and how busy the cores are: measured on this machine."""
+"""Measures on this machine: frames per hour by workers and threads, share of time lost to start-up, and utilisation of the cores."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from iclnuim.job import RenderJob
 
 @dataclass(frozen=True)
 class Throughput:
-    """One split. Start-up: until every worker has its first frame; the rate and the busy share are of the time after that."""
+    """Result of one split. Start-up ends when every worker has its first frame; rate and busy share are measured after that."""
 
     name: str
     light: str
@@ -36,20 +36,20 @@ class Throughput:
 
 
 def splits(cores: list[int]) -> list[tuple[int, int]]:
-    """(workers, threads) worth a look: one of two threads, then all the ways to use every core."""
+    """(workers, threads) to measure: one worker with two threads, then all splits that use every core."""
     count = len(cores)
     alone = [(1, min(2, count))]
     whole = [(count // threads, threads) for threads in (count, 2, 1) if count % threads == 0]
     return list(dict.fromkeys(alone + whole))
 
 
-def fewest_frames() -> int:
-    """That every worker of every split gets chunks of two frames: only then some are seen while all are at work."""
+def min_frames() -> int:
+    """Number of frames with which every worker of every split gets chunks of two frames, so that frames finish while all workers are busy."""
     return 16 * len(own_cores())
 
 
 def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
-    """`frames` of the job, spread over its trajectory, into a folder that is removed. The light map must be in the cache."""
+    """Render `frames` frames of the job, spread over its trajectory, into a folder that is removed. The light map must be in the cache."""
     own, count = own_cores(), len(load_trajectory(job))
     cores = [own[k * threads : (k + 1) * threads] for k in range(workers)]
     numbers = tuple(k * count // frames for k in range(frames))
@@ -62,30 +62,30 @@ def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughp
 
 
 class _Clock:
-    """Hears of every frame; knows when all workers were at work, and what processor time they had by then and at the last frame."""
+    """Called for every frame. Records time and processor time when all workers are busy for the first time, and at the last frame while they are."""
 
-    def __init__(self, held: LocalRun, workers: int) -> None:
-        self._held, self._workers, self._count = held, workers, 0
+    def __init__(self, run: LocalRun, workers: int) -> None:
+        self._run, self._workers, self._count = run, workers, 0
         self._begun = time.perf_counter()
         self._first: tuple[float, float, int] | None = None
         self._last: tuple[float, float, int] | None = None
 
     def frame(self, number: int) -> None:
         self._count += 1
-        farm = self._held.farm
+        farm = self._run.farm
         workers = farm.workers if farm else []
         now = time.perf_counter(), sum(_cpu_seconds(w.client.pid) for w in workers), self._count
         if self._first is None and sum(w.rendered > 0 for w in workers) >= self._workers:
             self._first = now
         if self._first is not None and len(workers) == self._workers and all(w.left for w in workers):
-            self._last = now  # while all are at work: the tail is not the rate
+            self._last = now  # only while all are busy, as the end of the run would lower the rate
 
     def result(self, job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
         wall_s = time.perf_counter() - self._begun
         first, last = self._first, self._last
         if first is None or last is None or last == first:
             raise InputError(
-                f"frames enough for {workers} workers to be at work together",
+                f"enough frames to keep {workers} workers busy at the same time",
                 found=frames,
                 hint=f"--frames {3 * frames}",
             )
@@ -107,7 +107,7 @@ class _Clock:
 
 
 def _cpu_seconds(pid: int) -> float:
-    """User and system time of a process so far; 0 where it is gone."""
+    """User and system time of a process so far; 0 if it has ended."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -115,8 +115,8 @@ def _cpu_seconds(pid: int) -> float:
         return 0.0
 
 
-def race(job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]) -> list[Throughput]:
-    """Every split of this machine's cores; of `repeat` rounds the fastest of each, for others may load the machine meanwhile."""
+def measure_splits(job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]) -> list[Throughput]:
+    """Measure every split of this machine's cores; the fastest of `repeat` rounds counts, as other programs may load the machine."""
     kept: dict[tuple[int, int], Throughput] = {}
     for _ in range(repeat):
         for split in splits(own_cores()):
@@ -128,13 +128,13 @@ def race(job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]) 
 
 
 def best(results: list[Throughput]) -> Throughput:
-    """The split with the most frames an hour."""
+    """The split with the most frames per hour."""
     return max(results, key=lambda r: r.frames_an_hour)
 
 
 def row(r: Throughput) -> str:
-    """One line of words."""
+    """The result as one line of text."""
     return (
-        f"{r.name}: {r.workers} x {r.threads} threads: {r.frames_an_hour:8.0f} frames an hour, "
+        f"{r.name}: {r.workers} x {r.threads} threads: {r.frames_an_hour:8.0f} frames per hour, "
         f"cores {100 * r.busy_share:.0f} % busy, start-up {r.startup_s:.1f} s ({100 * r.startup_share:.0f} % of {r.wall_s:.0f} s)"
     )

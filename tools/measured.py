@@ -1,11 +1,11 @@
-"""Makes the measured tables and charts of the pages anew, each by the command that stands beside it here.
+"""Regenerates the measured tables and charts of the pages, each with the command that is listed here.
 
     python tools/measured.py --list                    pages, marks, commands
     python tools/measured.py --only light              one mark, or those of a page: docs/odometry
-    python tools/measured.py --only farm --keep out/measured    also keep what the commands printed; what is kept is not measured again
+    python tools/measured.py --only farm --keep out/measured    also store the output of the commands; stored output is not measured again
 
-In a page a table stands between `<!-- measured: MARK -->` and `<!-- end of MARK -->`; the script writes what is between them, and the
-pictures where the pages show them. Commands run in the checkout's top folder; sequences are those that `iclnuim make all` leaves in out/.
+In a page, a table is between `<!-- measured: MARK -->` and `<!-- end of MARK -->`. The script writes the text between these marks, and the
+pictures that the pages show. Commands run in the top folder of the checkout; sequences are those that `iclnuim make all` writes to out/.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SURFACES = {
 
 @dataclass(frozen=True)
 class Measured:
-    """One table: its mark in a page, the commands (words after `iclnuim`; --json is added), and how what they print becomes the text."""
+    """One table: its mark in a page, the commands (words after `iclnuim`; --json is added), and the function that makes the text from their output."""
 
     page: str
     mark: str
@@ -57,7 +57,7 @@ class Measured:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """In Markdown."""
+    """A table in Markdown."""
     return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (header, ["---"] * len(header), *rows))
 
 
@@ -97,7 +97,7 @@ def _levels(room: str) -> Callable[[Sequence[Any]], str]:
             level = f"{v['detail']:g}" + (", the knee" if v["detail"] == knee else "")
             name = (f"**{level}**" if v["detail"] == 1 else level, f"{v['triangles']:,}")
             times = (f"{v['build_s']:.1f} s", f"{v['frame_s']:.3f} s")
-            if v["psnr_db"] is None:  # the finest, which the others are held against
+            if v["psnr_db"] is None:  # the finest level, with which the others are compared
                 rows.append((*name, "", "", "", "", *times))
                 continue
             depth = (f"{1e3 * v['mean_m']:.2g} mm", f"{1e3 * v['p99_m']:.2g} mm", f"{v['off_share']:.2%}")
@@ -108,7 +108,7 @@ def _levels(room: str) -> Callable[[Sequence[Any]], str]:
 
 
 def _maps(found: Sequence[Any]) -> str:
-    """Of both rooms, and what no shipped trajectory sees."""
+    """One row per room and size of the light map."""
     rows = []
     for room, sizes in found[0]["maps"].items():
         for m in sizes:
@@ -126,9 +126,9 @@ def _unseen(found: Sequence[Any]) -> str:
 
 
 def _systems(found: Sequence[Any]) -> str:
-    """ATE in mm, a row for each sequence; with the share of frames that have a pose where some have none."""
-    races = {one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]}
-    names = [n for n in dict.fromkeys(n for runs in races.values() for n in runs) if not n.endswith(" live")]
+    """ATE in mm, one row per sequence; with the share of frames that have a pose, if some have none."""
+    runs_of = {one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]}
+    names = [n for n in dict.fromkeys(n for runs in runs_of.values() for n in runs) if not n.endswith(" live")]
 
     def cell(run: dict | None) -> str:
         if run is None:
@@ -138,13 +138,13 @@ def _systems(found: Sequence[Any]) -> str:
 
     rows = [
         (sequence.replace("_", " ").replace("/", " "), *(cell(runs.get(name)) for name in names))
-        for sequence, runs in sorted(races.items())
+        for sequence, runs in sorted(runs_of.items())
     ]
     return table(("", *names), rows)
 
 
 def _benchmark(name: str) -> Callable[[Sequence[Any]], str]:
-    """One of the benchmark's tables; of the six figures of an ATE only the RMSE."""
+    """One of the benchmark's tables; only the RMSE of the six statistics of an ATE."""
 
     def text(found: Sequence[Any]) -> str:
         one = found[-1]["tables"][name]
@@ -157,7 +157,7 @@ def _benchmark(name: str) -> Callable[[Sequence[Any]], str]:
 
 
 def _speed(found: Sequence[Any]) -> str:
-    """Median and 95th percentile in ms a frame, ATE in mm."""
+    """Median and 95th percentile in ms per frame, and ATE in mm."""
     return _odometers(found, lambda r: f"{r['ms_median']:.1f}, {r['ms_95']:.1f}: {_mm(r)}")
 
 
@@ -219,7 +219,7 @@ def _models(found: Sequence[Any]) -> str:
 
 
 def _surface(found: Sequence[Any]) -> str:
-    """Of `fuse` and `evaluate surface` in turn."""
+    """One row per surface, from the output of `fuse` and `evaluate surface` alternately."""
     rows = []
     for name, made, error in zip(_SURFACES, found[::2], found[1::2], strict=True):
         distances = [f"{1e3 * error['distance_m'][key]:.3g}" for key in ("mean", "median", "std", "min", "max")]
@@ -229,13 +229,13 @@ def _surface(found: Sequence[Any]) -> str:
 
 
 def _references(found: Sequence[Any]) -> str:
-    """ATE in mm of the same odometers against their own reference and against the model."""
+    """ATE in mm of the odometers with their own reference and with the model."""
     own, model = ({run["odometer"]: _mm(run) for run in one["runs"]} for one in found)
     return table(("", "own reference", "model"), [(f"`{name}`", own[name], model[name]) for name in own])
 
 
 def _offsets(found: Sequence[Any]) -> str:
-    """ATE in mm, a column for each of _NOISY_KT."""
+    """ATE in mm, one column for each of _NOISY_KT."""
     columns = [{run["odometer"]: _mm(run) for run in one["runs"]} for one in found]
     rows = [(f"`{name}`", *(column[name] for column in columns)) for name in columns[0]]
     return table(("", *(f"{kt} noisy" for kt in _NOISY_KT)), rows)
@@ -246,11 +246,11 @@ def _surface_commands() -> tuple[str, ...]:
     for k, (kind, options) in enumerate(_SURFACES.values()):
         mesh = f"out/measured-{k}.ply"
         fuse = f"fuse {_KT2}/{kind} --poses {_KT2}/clean/groundtruth.txt {options} -o {mesh}"
-        fuse, judge = " ".join(fuse.split()), f"evaluate surface {mesh} --model living_room"
+        fuse, evaluate = " ".join(fuse.split()), f"evaluate surface {mesh} --model living_room"
         if k == 0:
             fuse += " --plot docs/pictures/surface.jpg"
-            judge += " --plot docs/pictures/surface_error.png"
-        commands += [fuse, judge]
+            evaluate += " --plot docs/pictures/surface_error.png"
+        commands += [fuse, evaluate]
     return tuple(commands)
 
 
@@ -308,16 +308,18 @@ MEASURED = (
 
 
 def replaced(page: str, measured: Measured, text: str) -> str:
-    """The page with another text between the marks. Raises ValueError where they are not in it once, in their order."""
+    """The page with another text between the marks. Raises ValueError unless each mark is in it exactly once, in this order."""
     before, begin, rest = page.partition(measured.begin)
     _, end, after = rest.partition(measured.end)
     if not (begin and end) or measured.begin in after or measured.end in before + after:
-        raise ValueError(f"{measured.page}: no {measured.begin.strip()} with {measured.end.strip()} after it, once")
+        raise ValueError(
+            f"{measured.page}: expected {measured.begin.strip()} and then {measured.end.strip()}, each once"
+        )
     return before + begin + text + end + after
 
 
 def output_of(command: str, keep: Path | None) -> Any:
-    """What the command prints with --json, measured now, or as it was kept."""
+    """The output of the command with --json: stored output if there is any, else measured now."""
     kept = keep / f"{re.sub('[^A-Za-z0-9]+', '_', command)[:150]}.json" if keep else None
     if kept and kept.is_file():
         return json.loads(kept.read_text())
@@ -332,11 +334,10 @@ def output_of(command: str, keep: Path | None) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--list", action="store_true", help="show pages, marks and commands, measure nothing")
-    parser.add_argument("--only", metavar="TEXT", default="", help="tables whose page or mark begins with this")
-    parser.add_argument(
-        "--keep", type=Path, metavar="FOLDER", help="of what the commands print; not run again if there"
-    )
+    parser.add_argument("--list", action="store_true", help="show pages, marks and commands; measure nothing")
+    parser.add_argument("--only", metavar="TEXT", default="", help="only tables whose page or mark begins with TEXT")
+    help = "store the output of the commands in FOLDER; a command with stored output is not run again"
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help=help)
     args = parser.parse_args(arguments)
     chosen = [m for m in MEASURED if m.mark.startswith(args.only) or m.page.startswith(args.only)]
     if not chosen:

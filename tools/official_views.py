@@ -1,4 +1,4 @@
-"""The official frames of both rooms with their pictures, depths and poses in our world."""
+"""The official frames of both rooms: colour, depth, and poses in our world."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import axes, so3
 from iclnuim.geometry.se3 import SE3
 
-#: Where office kt0's ground truth is anchored in the room: origin (m) and rotation vector (degrees) in our world, fitted so that
-#: floor, ceiling and two walls of its depth images are plane to 0.3 mm at z = 3, z = 5.4, x = -2.5, y = -3.7. The ground truth is
-#: relative to the pose of image 1, which is 0.27 degrees off the room's axes.
+#: Pose of the frame of office kt0's ground truth in our world: origin (m) and rotation vector (degrees). It is fitted so that floor,
+#: ceiling and two walls of the depth images are planar to 0.3 mm at z = 3, z = 5.4, x = -2.5, y = -3.7. The ground truth is
+#: relative to the pose of image 1, which is rotated by 0.27 degrees against the room's axes.
 OFFICE_ORIGIN_M = (-0.70238, -0.46228, 4.96647)
-OFFICE_TURN_DEG = (0.2594, -0.0550, -0.0408)
+OFFICE_ROTATION_DEG = (0.2594, -0.0550, -0.0408)
 
 
 @dataclass(frozen=True)
 class OfficialViews:
-    """Some official frames of one room: `poses(samples)` gives T_world_camera of every frame from 0 (cv camera)."""
+    """Some official frames of one room. poses(samples): T_world_camera of every frame from 0 (OpenCV camera)."""
 
     scene: str
     sequence: str
@@ -34,12 +34,12 @@ class OfficialViews:
     depth_scale: float
 
     def official(self, samples: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Frame `number`: bgr bytes (480, 640, 3) and planar depth in metres (480, 640)."""
+        """Frame `number`: BGR uint8 (480, 640, 3) and planar depth in metres (480, 640)."""
         bgr = cv2.imread(str(samples / self.picture.format(number)))
         depth = cv2.imread(str(samples / self.depth.format(number)), cv2.IMREAD_UNCHANGED)
         if bgr is None or depth is None:
             raise InputError(
-                f"the official frame {number} (picture and depth)", path=samples / self.sequence, found="not both"
+                f"the official frame {number} (colour and depth)", path=samples / self.sequence, found="not both"
             )
         return bgr, depth / self.depth_scale
 
@@ -49,10 +49,10 @@ def _living_room_poses(samples: Path) -> SE3:
 
 
 def _office_poses(samples: Path) -> SE3:
-    """Poses by frame number; the frames before the file's first line repeat its pose."""
+    """Poses by frame number; frames before the first line of the file repeat its pose."""
     rows = np.loadtxt(samples / OFFICE.trajectory)
     numbers = np.clip(np.arange(int(rows[-1, 0]) + 1) - int(rows[0, 0]), 0, None)
-    T_room_anchor = SE3(so3.exp(np.radians(OFFICE_TURN_DEG)), np.array(OFFICE_ORIGIN_M))
+    T_room_anchor = SE3(so3.exp(np.radians(OFFICE_ROTATION_DEG)), np.array(OFFICE_ORIGIN_M))
     T_pov = SE3.from_quat_xyzw(rows[:, 4:], rows[:, 1:4])
     return T_room_anchor @ axes.world_cv_from_pov(T_pov)[numbers]
 

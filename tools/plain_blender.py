@@ -1,6 +1,6 @@
-"""The same kills on plain Blender: an animation rendered with overwrite off and placeholders on, broken and lost frames counted.
+"""Applies the same kills to plain Blender, which renders an animation with overwrite off and placeholders on, and counts broken and lost frames.
 
-python -m iclnuim.benchmark.plain_blender SCENE.blend OUT FIRST LAST      what is killed: a user's plain Blender
+python -m iclnuim.tools.plain_blender SCENE.blend OUT FIRST LAST      the process that is killed, as a user would run Blender
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .farm_chaos import FRAMES_BETWEEN, Damage
 
 
 def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
-    """`blender -b FILE -o OUT -s FIRST -e LAST -a` with overwrite off and placeholders on, by the bpy package."""
+    """Do `blender -b FILE -o OUT -s FIRST -e LAST -a` with overwrite off and placeholders on, in the bpy package."""
     import bpy
 
     bpy.ops.wm.open_mainfile(filepath=str(blend))
@@ -32,14 +32,14 @@ def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
 
 
 class PlainBlender:
-    """Frames `first` to `last` of a .blend into `out`, killed at moments that `rng` chooses."""
+    """Renders frames `first` to `last` of a .blend into `out`, killed at random moments drawn from `rng`."""
 
     def __init__(self, blend: Path, out: Path, first: int, last: int, rng: np.random.Generator) -> None:
         self._arguments = [str(blend), str(out), str(first), str(last)]
         self.out, self._files, self._rng = out, [out / f"{n:06}.exr" for n in range(first, last + 1)], rng
 
     def run(self, kills: int, note: Callable[[str], None]) -> Damage:
-        """Kill -9 so many times, each after at least three more frames; the same command again; at last to its end."""
+        """Kill the process `kills` times, each after at least three more frames, and start it again; at last it runs to its end."""
         for k in range(kills):
             self._kill_once()
             note(f"plain Blender: kill {k + 1} of {kills}, {self._there()} frames")
@@ -64,7 +64,7 @@ class PlainBlender:
         process.wait()
 
     def damage(self, kills: int) -> Damage:
-        """What lies there: files that are no whole picture, and none, or an empty placeholder."""
+        """Count broken files, which are incomplete images, and lost ones, which are missing or empty placeholders."""
         filled = [file for file in self._files if _size(file)]
         broken = sum(not _readable(file) for file in filled)
         return Damage(len(self._files), kills, broken, len(self._files) - len(filled))

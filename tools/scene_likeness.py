@@ -1,4 +1,4 @@
-"""How like the official frames ours are, in what an odometer feeds on: corners, gradients, depth."""
+"""Measures the similarity of our frames to the official ones in features that odometers use: corners, gradients, depth."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ DEPTH_SHARES = (10, 25, 50, 75, 90)
 
 @dataclass(frozen=True)
 class Likeness:
-    """Of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey gradient (8-bit units a
-    pixel), mean grey 0..1, depth quantiles (m).
+    """Figures of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey gradient (8-bit units per
+    pixel), mean grey value 0..1, depth quantiles (m).
     """
 
     corners_20: int
@@ -29,7 +29,7 @@ class Likeness:
 
 
 def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
-    """bgr (h, w, 3) bytes and planar depth (h, w) in metres, 0 missing."""
+    """Measure a frame: bgr (h, w, 3) uint8, planar depth (h, w) in metres, 0 = missing."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     dy, dx = np.gradient(grey.astype(float))
     corners_20, corners_10 = (len(cv2.FastFeatureDetector.create(threshold=t).detect(grey)) for t in (20, 10))
@@ -44,5 +44,5 @@ def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
 
 
 def side_by_side(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """The official frame at the left, ours at the right."""
+    """One image with the official frame on the left and ours on the right."""
     return np.concatenate([theirs, np.full((theirs.shape[0], 8, 3), 255, np.uint8), ours], 1)

@@ -1,6 +1,6 @@
-"""The light that travels with the built-in rooms: baked, made small, put into blend/light. `python tools/ship_light.py [ROOM]...`
+"""Bakes and compresses the light that is shipped with the built-in rooms, into blend/light. `python tools/ship_light.py [ROOM]...`
 
-A lossy EXR codec (DWAB) at the strongest level that keeps the map within 55 dB; PSNR over lit texels as a screen shows them.
+It uses a lossy EXR codec (DWAB) at the strongest level with a PSNR of at least 55 dB, over lit texels in display values.
 """
 
 import json
@@ -20,11 +20,11 @@ from iclnuim.sensor.transfer import srgb_from_light
 from iclnuim.worker_events import Note
 
 LEVELS = (400, 200, 100, 45, 20, 10, 5, 2)
-LEAST_DB = 55.0
+MIN_DB = 55.0
 
 
 def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> float:
-    """Of two maps {"R", "G", "B": (rows, columns)}, over the texels that are lit in the first; of 1, as sRGB."""
+    """PSNR of two maps {"R", "G", "B": (rows, columns)} over the texels that are lit in the first, of sRGB values 0..1."""
     a, b = (np.stack([channels[name].astype(np.float64) for name in "RGB"], -1) for channels in (first, second))
     lit = a.max(-1) > 0
     shown = [srgb_from_light(values[lit]) for values in (a, b)]
@@ -32,7 +32,7 @@ def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> floa
 
 
 def ship(room: str) -> str:
-    """Bake, or take from the cache, the map of `room` at the default settings; write blend/light/ROOM. A line about it."""
+    """Bake the map of `room` with the default settings, or read it from the cache, and write blend/light/ROOM; returns a line about it."""
     job, target = shipped_job(f"{room}/kt0"), shipped.folder("blend") / "light" / room
     shutil.rmtree(target, ignore_errors=True)
     made, _ = worker.bake_light(job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None)
@@ -41,7 +41,7 @@ def ship(room: str) -> str:
     for level in LEVELS:
         write(target / light_map.MAP, light, level)
         quality_db = psnr_db(light, read_exr(target / light_map.MAP))
-        if quality_db >= LEAST_DB:
+        if quality_db >= MIN_DB:
             break
     shutil.copyfile(made / light_map.LAYOUT, target / light_map.LAYOUT)
     fits = {"scene_sha256": scene.scene_sha256(room), "size": job.map_size, "samples": job.map_samples}
@@ -52,7 +52,7 @@ def ship(room: str) -> str:
 
 
 def write(path: Path, channels: dict[str, np.ndarray], level: float) -> None:
-    """The same pixels, lossy; the strength of the codec as OpenEXR counts it."""
+    """Write the pixels with lossy compression; level: strength of the codec, as in OpenEXR."""
     header = {
         "type": OpenEXR.scanlineimage,
         "compression": OpenEXR.DWAB_COMPRESSION,
@@ -65,4 +65,4 @@ def write(path: Path, channels: dict[str, np.ndarray], level: float) -> None:
 if __name__ == "__main__":
     for name in sys.argv[1:] or shipped.SCENE_NAMES:
         print(ship(name), flush=True)
-    os._exit(0)  # Blender as a module may wait at the end for threads of its own
+    os._exit(0)  # at exit, bpy may wait for Blender's threads

@@ -1,4 +1,4 @@
-"""Writes docs/settings.md: a table of every group of declared settings. `python tools/write_settings_page.py`; with --check only compares it."""
+"""Writes docs/settings.md, a table for every group of declared settings: `python tools/write_settings_page.py`. With --check it only compares the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from iclnuim.settings import MISSING, Setting, Settings, declared, plain
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/settings.md"
-#: The modules whose groups are on the page, in its order. What these import counts with them.
+#: The modules whose groups are on the page, in this order; groups of modules that they import are included.
 MODULES = (
     "iclnuim.job",
     "iclnuim.geometry.camera",
@@ -45,7 +45,7 @@ def page() -> str:
 
 
 def groups() -> list[type[Settings]]:
-    """Every group with declared settings, in the order of MODULES; those that repeat the settings of another one are left out."""
+    """Every group with declared settings, in the order of MODULES, without groups that repeat the settings of another."""
     for name in MODULES:
         importlib.import_module(name)
     order = {name: k for k, name in enumerate(MODULES)}
@@ -99,4 +99,4 @@ if __name__ == "__main__":
     if "--check" not in sys.argv:
         PAGE.write_text(page(), "utf-8")
     elif PAGE.read_text("utf-8") != page():
-        sys.exit(f"{PAGE} is not what the declarations say; try: python tools/write_settings_page.py")
+        sys.exit(f"{PAGE} differs from the declarations; try: python tools/write_settings_page.py")

@@ -60,9 +60,9 @@ def test_each_kind_of_kill_once_and_the_data_set_is_the_same(undisturbed, tmp_pa
 
 @pytest.mark.slow
 def test_thirty_kills_a_full_disk_and_a_stopped_worker_and_the_data_set_is_the_same(tmp_path):
-    left_alone = make(tmp_path / "undisturbed")
-    left_alone.complete()
-    damage = disturbed(tmp_path / "disturbed", kinds(30)).damage(left_alone.out)
+    undisturbed = make(tmp_path / "undisturbed")
+    undisturbed.complete()
+    damage = disturbed(tmp_path / "disturbed", kinds(30)).damage(undisturbed.out)
     assert damage.events == {"worker": 10, "parent": 10, "both": 10, "full": 1, "stop": 1}
     assert (damage.frames, damage.kills) == (882, 30)
     assert damage.none, damage
