@@ -65,7 +65,7 @@ def pair_times(
     source, found = run_frames(raw, frames), []
     for depth, rgb in PAIRS:
         noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
-        images = []  # of each frame clean colour and depth, noisy colour and depth
+        images = []  # for each frame: clean colour and depth, noisy colour and depth
         for number in source.numbers:
             light, depth_z_m = source.load(number)
             both = (noisy_images(light, depth_z_m, source.camera, number, s)[:2] for s in (SequenceSettings(), noisy))
@@ -90,14 +90,14 @@ def pair_times(
 
 
 def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
-    """{"depth": {model: median ms a frame}, "rgb": ...}, processor time of one thread."""
+    """{"depth": {model: median ms per frame}, "rgb": ...}: processor time of one thread."""
     source = run_frames(raw, frames)
     number = source.numbers[len(source.numbers) // 2]
     light, depth_z_m = source.load(number)
 
     def median_ms(kind: str, name: str) -> float:
         times = []
-        for _ in range(repeats + 1):  # once before the clock counts: tables are made then
+        for _ in range(repeats + 1):  # the first run is not counted, as it makes tables
             start = time.thread_time()
             _with_noise(kind, name, light, depth_z_m, source.camera, 0, number)
             times.append(time.thread_time() - start)

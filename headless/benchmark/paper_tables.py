@@ -88,7 +88,7 @@ def table_1() -> Table:
         frames = (str(r["frames"]), str(r["printed_frames"]))
         duration = f"{r['printed_duration_s']:.1f}"
         rows.append((r["sequence"], *frames, *lengths, *(f"{s:.3f}" for s in speeds), duration))
-    title = "Table I: the trajectories. The printed speeds do not follow from 30 frames a second; T = length / speed as printed."
+    title = "Table I: the trajectories. The printed speeds do not follow from 30 frames per second; T = length / speed as printed."
     return Table("table_1", title, columns, tuple(rows))
 
 

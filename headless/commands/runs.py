@@ -137,23 +137,23 @@ def _held_out(name: str, job: RenderJob) -> str:
 
 
 def every_plan(args: argparse.Namespace) -> list[RunPlan]:
-    """Those of `make all`: a folder ROOM/KT below --out each. Raises InputError."""
+    """The plans of `make all`, each with a folder ROOM/KT below --out. Raises InputError."""
     if args.scene or args.trajectory:
-        raise InputError("all without {scene} and {trajectory}: they are the built-in ones")
+        raise InputError("all without {scene} and {trajectory}, as it makes the built-in sequences")
     every = [{"sequence": name, "out": (args.out or Path("out")) / name} for name in shipped.paper_sequences()]
     each = [argparse.Namespace(**{**vars(args), **one}) for one in every]
     return [with_farm_options(plan_from(one), one) for one in each]
 
 
 def _job(args: argparse.Namespace) -> RenderJob:
-    """Raises InputError for a sequence, scene or camera that is not there."""
+    """The render job given by the options. Raises InputError for an unknown sequence, scene or camera."""
     if args.sequence is None and not (args.scene and args.trajectory):
         raise InputError("a SEQUENCE, or {scene} and {trajectory}", hint=", ".join(shipped.sequence_names()))
     given: dict[str, Any] = options.given_settings(args, RenderJob)
     for name in ("scene", "trajectory"):
         file = given[name] = getattr(args, name)
         if file is not None and file not in (*shipped.SCENE_NAMES, *shipped.sequence_names()):
-            given[name] = str(Path(file).expanduser().resolve())  # so that the recipe says which
+            given[name] = str(Path(file).expanduser().resolve())  # so that the recipe identifies the file
     if args.sequence is None:
         name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
         job = RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)

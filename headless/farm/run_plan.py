@@ -63,7 +63,7 @@ class FarmSettings(Settings):
     start_timeout_s: float = setting(1800.0, "the same, until the scene is prepared", unit="s", low=1.0, option="")
     frame_timeout_s: float = setting(
         3600.0,
-        "the same, without a finished frame, as heartbeats go on if rendering hangs",
+        "the same, without a finished frame, as heartbeats continue if rendering hangs",
         unit="s",
         low=1.0,
         option="",

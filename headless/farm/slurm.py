@@ -90,7 +90,7 @@ def _show(plan: RunPlan, console: Console) -> int:
         batch = prepare(plan)
     except WorkError as error:
         console.note(f"an empty queue is assumed: {error}")
-        batch = prepare(plan, ask=False)
+        batch = prepare(plan, query=False)
     executor, texts = _executor(plan), []
     for stage, chunks in batch.stages:  # dependencies are shown by stage, as job numbers are unknown
         after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
@@ -105,17 +105,17 @@ def _show(plan: RunPlan, console: Console) -> int:
     return 0
 
 
-def prepare(plan: RunPlan, ask: bool = True) -> Batch:
-    """The work that is neither finished nor in the queue. `ask`: query Slurm, else assume an empty queue. Raises InputError, WorkError."""
+def prepare(plan: RunPlan, query: bool = True) -> Batch:
+    """The work that is neither finished nor in the queue. `query`: query Slurm, else assume an empty queue. Raises InputError, WorkError."""
     _refuse_other_job(plan)
-    jobs = recorded(plan.raw) if ask else []
+    jobs = recorded(plan.raw) if query else []
     waiting = in_queue(jobs)
     taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
     missing = [n for n in plan.missing() if n not in taken]
     known = known_figures(plan.job)
     size = size_for_seconds(60 * plan.slurm.chunk_minutes, known.frame_core_s / plan.slurm.cpus)
     chunks = chunks_of(missing, size)
-    answer = re.search(r"^MaxArraySize\s*=\s*(\d+)", _ask("scontrol", "show", "config") if ask else "", re.M)
+    answer = re.search(r"^MaxArraySize\s*=\s*(\d+)", _query("scontrol", "show", "config") if query else "", re.M)
     max_size = max(1, int(answer[1])) if answer else MAX_ARRAY_SIZE  # MaxArraySize counts from 0
     dataset_waits = any(job.stage == "dataset" and job.job in waiting for job in jobs)
     stages: list[tuple[str, Chunks]] = [("light", ())] if chunks else []
@@ -146,7 +146,7 @@ def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
     except (FailedJobError, FailedSubmissionError, subprocess.SubprocessError) as error:
         with suppress(WorkError):
             if new:
-                _ask("scancel", *(job.job for job in new))
+                _query("scancel", *(job.job for job in new))
         raise WorkError(f"sbatch: {' '.join(str(error).split())}") from None
     return new
 
@@ -230,7 +230,7 @@ def in_queue(jobs: list[Submitted]) -> dict[str, str]:
     """Tasks of `jobs` that wait or run -> their state. Raises WorkError if Slurm does not answer."""
     if not jobs:
         return {}
-    lines = _ask("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
+    lines = _query("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
     states = dict(line.split()[:2] for line in lines if len(line.split()) > 1)
     ours = {task for job in jobs for task in job.tasks}
     return {task: state for task, state in states.items() if task in ours}
@@ -265,7 +265,7 @@ def last_error(raw: Path) -> str | None:
     return None
 
 
-def _ask(*command: str) -> str:
+def _query(*command: str) -> str:
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
     except (OSError, subprocess.TimeoutExpired) as error:

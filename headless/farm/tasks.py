@@ -1,6 +1,6 @@
 """The tasks of a render by a scheduler: light, some frames, the data set. They share a run folder without locks on frames.
 
-A frame file is complete or absent, and has the same bytes whoever renders it, so two tasks may render the same frame. Only the data set,
+A frame file is complete or absent, and has the same bytes on every machine, so two tasks may render the same frame. Only the data set,
 whose journals have one writer, holds the lock of the folder.
 """
 
