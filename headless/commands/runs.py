@@ -76,7 +76,7 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     """Add the options of `render` or `make`, except those that distribute the work. `out`: the help text of --out."""
     parser.set_defaults(command=command)
     add, names = parser.add_argument, ", ".join(shipped.SCENE_NAMES)
-    every = ", or all eight: all" if command == "make" else ""
+    every = ", or all for all eight" if command == "make" else ""
     known = f"kt2, living_room/kt2, office/kt0, or a recipe file (.json){every}"
     add("sequence", nargs="?", metavar="SEQUENCE", help=known)
     add("--scene", metavar="NAME|FILE", help=f"use another scene: {names}, or a file: {options.SCENE_KINDS}")
