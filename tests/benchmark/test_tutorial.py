@@ -76,7 +76,7 @@ def test_the_same_command_measures_nothing_again_and_another_is_refused(made, ca
     started, base = time.monotonic(), ["benchmark", "--data", str(made / "out"), "--out", str(made / "out/benchmark")]
     words = [*base, "--only", "kt0/icp/model", "--first"]
     assert cli.main([*words, "60"]) == 0
-    assert "4 of them measured already" in capfd.readouterr().err and time.monotonic() - started < 60
+    assert "4 of them already measured" in capfd.readouterr().err and time.monotonic() - started < 60
     assert cli.main([*words, "50"]) == 2
     assert "first 60 there, 50 requested" in capfd.readouterr().err
 

@@ -48,7 +48,7 @@ def test_a_machine_alone_takes_the_sum_of_start_and_frames():
 
 def test_a_store_that_is_full_ends_the_scaling():
     slow = Model("slow disk", startup_s=0, frame_s=1, workers_a_node=1, sequences=100, bytes_a_second=2.5e7)
-    assert slow.stops_scaling() == (10, "the file system at 0.025 GB/s is full")
+    assert slow.stops_scaling() == (10, "the file system at 0.025 GB/s is the limit")
     assert slow.seconds(10) == pytest.approx(slow.seconds(1000)) == pytest.approx(9000)
 
 

@@ -60,7 +60,7 @@ def test_the_records_of_0_1_0_are_read_as_plans(begun):
 def test_what_0_1_0_only_submitted_is_refused_in_a_sentence(begun, capsys):
     (begun / "render/sequence.json").unlink()
     assert main(["resume", str(begun / "render")]) == 2
-    assert "0.1.0 has only submitted it; try its command again" in capsys.readouterr().err
+    assert "version 0.1.0 only submitted this one; try running its command again" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["render", "make"])

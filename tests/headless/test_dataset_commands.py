@@ -193,7 +193,7 @@ def test_some_frames_carry_only_their_own_poses(freiburg, tmp_path, capsys):
     # frames without a pose are left out where every frame needs one
     (freiburg / "groundtruth.txt").write_text("\n".join(dense[30:45]) + "\n")
     assert main(["convert", str(freiburg), str(tmp_path / "b"), "--format", "replica", *camera[:2]]) == 0
-    assert "replica: 1 of 3 frames are left out, as they have no pose: 2" in capsys.readouterr().err
+    assert "replica: 1 of 3 frames have no pose and are left out: 2" in capsys.readouterr().err
     assert len(data(tmp_path / "b/traj.txt")) == len(list((tmp_path / "b/results").glob("*.jpg"))) == 2
     (freiburg / "groundtruth.txt").unlink()
     assert main(["convert", str(freiburg), str(tmp_path / "c"), "--format", "replica", *camera[:2]]) == 2

@@ -61,7 +61,7 @@ def test_heat_maps_are_drawn(command_here, folder, tmp_path):
         (("--methods", "xyz"), "--methods: expected part of a name of fovis"),
         (("--frames", "400", "--methods", "opencv"), "expected at least 400 frames"),
         (("--system", "fovis", "--set", "x=1"), "--set: expected SYSTEM.NAME=VALUE"),
-        (("--report-only", "--methods", "opencv"), "no cells; try the same command without --report-only"),
+        (("--report-only", "--methods", "opencv"), "no measured cells; try the same command without --report-only"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(command_here, folder, tmp_path, words, message):

@@ -19,7 +19,7 @@ CASES = {
     "nanoseconds": (60, True, []),
     "keyframes": (12, True, ["covers 20% of the frames"]),
     "a third": (20, True, ["covers 33% of the frames"]),
-    "some NaN": (57, True, ["3 poses of NaN"]),
+    "some NaN": (57, True, ["3 poses with NaN"]),
     "all NaN": (0, None, ["expected finite poses"]),
     "nothing": (0, None, ["wrote nothing"]),
     "says why": (0, None, ["wrote nothing; its last line: cannot open display"]),
@@ -33,7 +33,7 @@ CASES = {
         0,
         None,
         [
-            "expected the frames' stamps, 1.000000 to 2.966667 s, found 60 of 60 that are no",
+            "expected the stamps of the frames, 1.000000 to 2.966667 s, found 60 of 60 that match no frame",
             "they fit best +0.0123 s off",
         ],
     ),
