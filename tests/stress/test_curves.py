@@ -75,7 +75,10 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
             "expected a curve (levels, iterations, pixels, keyframe, resolution, realtime, rate, voxel)",
         ),
         (("levels", folder, "--method", "baseline:opencv-icp"), "expected rgbd, dvo, icp or icp_rgbd"),
-        (("resolution", folder, "--values", "100", "--first", "6"), "expected 160 divided by a power of two, found 100"),
+        (
+            ("resolution", folder, "--values", "100", "--first", "6"),
+            "expected 160 divided by a power of two, found 100",
+        ),
     ):
         code, _, err = command_here("bench", "curve", *words, "--first", "6")
         assert code == 2 and message in err
