@@ -160,17 +160,18 @@ def test_a_rotation_in_front_of_a_bare_wall_is_not_estimated_as_a_motion_along_i
         np.testing.assert_allclose(twist[3:5], rotation[3:5], atol=1e-5)
 
 
-def test_equations_without_scale_have_no_information_on_the_length_of_the_motion_and_keep_the_rest():
+def test_equations_with_a_relative_error_have_the_sum_of_both_variances_and_the_same_optimum():
     rng = np.random.default_rng(4)
-    J, r, t = rng.normal(size=(50, 6)), rng.normal(size=50), np.array([0.3, -0.1, 0.2])
-    along = np.r_[t, 0, 0, 0]
-    free = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).without_scale(t, 1e6)
-    assert abs(along @ free.A @ along) < 1e-6 and abs(along @ free.b) < 1e-6
-    # the joint problem, the factor solved for as well
-    joint = np.linalg.lstsq(np.c_[J, J @ along], r, rcond=None)[0]
-    np.testing.assert_allclose(free.A @ joint[:6], free.b, atol=1e-6)
-    fixed_scale = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).without_scale(t, 1e-9)
-    np.testing.assert_allclose(fixed_scale.A, J.T @ J, atol=1e-9)
+    J, r = rng.normal(size=(50, 6)), rng.normal(size=50)
+    exact = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0)
+    T = SE3.exp(np.array([0.3, -0.1, 0.2, 0.0, 0.05, 0.0]))
+    found = exact.with_relative_error(T, 0.1)
+    twist = T.log()
+    deviations = 0.1 * np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3)
+    np.testing.assert_allclose(np.linalg.inv(found.A), np.linalg.inv(exact.A) + np.diag(deviations**2), rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.solve(found.A, found.b), np.linalg.solve(exact.A, exact.b), rtol=1e-9)
+    still = exact.with_relative_error(SE3.identity(), 0.1)
+    np.testing.assert_allclose(still.A, exact.A, rtol=1e-12)
 
 
 def test_the_rotation_step_is_the_least_squares_solution():

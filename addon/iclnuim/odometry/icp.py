@@ -6,7 +6,6 @@ the photometric term, T. Whelan et al., "Robust real-time visual odometry for de
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import cv2
@@ -16,14 +15,13 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
 from .certainty import ACROSS, DOWN, disagreement, jackknife_information
-from .depth_term import MAX_DISTANCE_M
-from .photometric import PhotometricSettings, Rgbd, no_contrast, photometric_passes
+from .depth_term import MAX_DISTANCE_M, DepthTerm
+from .photometric import PhotometricSettings, Rgbd, initialise, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
 from .solver import (
     MIN_EIGENVALUE,
     Level,
     Limits,
-    Linearise,
     Pass,
     PyramidOdometer,
     Stop,
@@ -43,10 +41,10 @@ MAX_ROUGHNESS = 1e-3
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
 #: Weight of the photometric term where its equations are not information (Whelan 2013).
 WEIGHT_RGBD = 0.1
-#: For noisy frames. ROUGH_SCALE: relative standard deviation of the length of the motion, because depth is biased (`released`
-#: noise: by 0.16 % a metre, hence 0.6 % of a motion seen from 2 m). ROUGH_PRIOR_M: standard deviation of the motion about its
-#: prediction, for frames where the image alone constrains the motion.
-ROUGH_SCALE, ROUGH_PRIOR_M = 0.1, 0.01
+#: For noisy frames. ROUGH_ERROR: relative error of a motion from planes, because depth is biased, and noise of depth and normals
+#: shortens the motion. ROUGH_PRIOR_M: standard deviation of the motion about its prediction, for frames where the image alone
+#: constrains the motion.
+ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
 
 
 @dataclass(frozen=True)
@@ -221,28 +219,39 @@ class IcpRgbd(Icp):
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """The geometric term alone is used where the images have no contrast or are unrelated. Where both terms are information,
-        each is weighted by its own variance, independent of units.
+        each is weighted by its own variance, independent of units. On noisy frames, whose planes give a biased motion, and after a
+        poor prediction the alignment begins as in `Rgbd`, and the planes are added in the last pass.
         """
         if no_contrast(reference, current):
             return super()._align_from(reference, current, guess)
-        icp, rough, schedule = self.settings, self.rough(current), self.schedule(reference)
-        limits = replace(icp.limits, min_eigenvalue=0.0)
-        if rough:
-            limits = replace(limits, prior_m=ROUGH_PRIOR_M)
-        planes = {n: PlaneTerm(reference[n], current[n], icp, n) for n, _ in schedule}
-        passes, finest = photometric_passes(reference, current, self.photometric, schedule)
-        levels = [n for n, _ in schedule] + [schedule[-1][0]] * (len(passes) - len(schedule))
-        joint = [
-            Pass(partial(self._joint, planes[n], p.linearise, rough), p.iterations, planes[n].pixels, icp.stop)
-            for n, p in zip(levels, passes, strict=True)
-        ]
-        result = solve(joint, guess, limits)
+        icp, rough = self.settings, self.rough(current)
+        start = initialise(reference, current, self.photometric, self.schedule(reference), guess)
+        coarsest, n = start.schedule[0][0], start.schedule[-1][0]
+        planes = {m: PlaneTerm(reference[m], current[m], icp, m) for m, _ in start.schedule}
+        image_first = rough or start.poor is not None
+        depth = DepthTerm(reference[n], current[n]) if image_first else None
+        passes, finest = photometric_passes(reference, current, self.photometric, start.schedule, depth)
+        if image_first:
+            planes[coarsest](guess, 0)
+            passes[-1] = self._with_planes(passes[-1], planes[n], ROUGH_ERROR if rough else 0.0)
+        else:
+            levels = [m for m, _ in start.schedule] + [n] * (len(passes) - len(start.schedule))
+            passes = [self._with_planes(p, planes[m]) for m, p in zip(levels, passes, strict=True)]
+        prior_m = self.photometric.limits.prior_m if start.poor else ROUGH_PRIOR_M if rough else icp.limits.prior_m
+        limits = replace(icp.limits, min_eigenvalue=0.0, prior_m=prior_m)
+        result = solve(passes, start.guess, limits)
         if result.status is not Status.FAILED and finest.unrelated():
             return super()._align_from(reference, current, guess)
-        return result, planes[schedule[0][0]].first_m
+        return start.checked(result), planes[coarsest].first_m
 
-    def _joint(self, plane: PlaneTerm, photometric: Linearise, rough: bool, T: SE3, iteration: int) -> System:
-        geometry, image = plane(T, iteration), photometric(T, iteration)
-        if rough:
-            geometry = geometry.without_scale(T.translation, ROUGH_SCALE)
-        return geometry.plus(image, 1.0 if image.is_information else WEIGHT_RGBD**2, self.weight_b)
+    def _with_planes(self, photometric: Pass, plane: PlaneTerm, relative_error: float = 0.0) -> Pass:
+        """The pass with the equations of the planes, whose motion has a relative error."""
+
+        def joint(T: SE3, iteration: int) -> System:
+            geometry, image = plane(T, iteration), photometric.linearise(T, iteration)
+            if relative_error:
+                geometry = geometry.with_relative_error(T, relative_error)
+            return geometry.plus(image, 1.0 if image.is_information else WEIGHT_RGBD**2, self.weight_b)
+
+        centre = photometric.centre
+        return Pass(joint, photometric.iterations, plane.pixels, self.settings.stop, centre=centre)

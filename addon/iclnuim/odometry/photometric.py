@@ -19,6 +19,7 @@ for real-time robust direct visual odometry from RGB-D data", IROS 2013), estima
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -255,6 +256,46 @@ def estimate_rotation(reference: Level, current: Level, guess: SE3) -> SE3:
     return SE3(so3.exp(np.array([y, -x, -math.atan2(warp[1, 0], warp[0, 0])])), guess.translation)
 
 
+class Start(NamedTuple):
+    """Where an alignment starts: guess, schedule, and, if the coarsest images did not fit at the prediction, their term."""
+
+    guess: SE3
+    schedule: list[tuple[int, int]]
+    poor: PhotometricTerm | None = None
+
+    def checked(self, result: Result) -> Result:
+        """The result. If the prediction was poor, it is DEGENERATE if it did not converge, or if the coarsest images still do not fit."""
+        if self.poor is None or result.status is Status.FAILED:
+            return result
+        correlation, _ = self.poor.fit(result.T_reference_camera)
+        if result.converged and correlation >= MIN_FIT:
+            return result
+        reason = f"prediction: poor, correlation {correlation:.2f} and {'' if result.converged else 'not '}converged afterwards"
+        return replace(result, status=Status.DEGENERATE, reason=reason)
+
+
+def initialise(
+    reference: list[Level],
+    current: list[Level],
+    settings: PhotometricSettings,
+    schedule: list[tuple[int, int]],
+    guess: SE3,
+) -> Start:
+    """If the coarsest images do not fit at the guess, there may have been a sudden motion. A rotation is then estimated from these
+    images; if they fit better there, it replaces that of the guess. All levels get more iterations.
+    """
+    if not settings.tiles:
+        return Start(guess, schedule)
+    n = schedule[0][0]
+    term = PhotometricTerm(reference[n], current[n], settings, n)
+    correlation, visible = term.fit(guess)
+    if correlation >= MIN_FIT:
+        return Start(guess, schedule)
+    rotated = estimate_rotation(reference[n], current[n], guess)
+    better = math.prod(term.fit(rotated)) > correlation * visible
+    return Start(rotated if better else guess, [(m, ITERATIONS_FACTOR * count) for m, count in schedule], term)
+
+
 class Rgbd(PyramidOdometer):
     """The photometric term alone; residuals are in grey levels."""
 
@@ -281,33 +322,14 @@ class Rgbd(PyramidOdometer):
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
         if no_contrast(reference, current):
             return failure("image: no contrast")
-        guess, schedule = self._initialise(reference, current, guess)
-        n = schedule[-1][0]
+        start = initialise(reference, current, self.settings, self.schedule(reference), guess)
+        n = start.schedule[-1][0]
         depth = DepthTerm(reference[n], current[n]) if self.settings.tiles else None
-        passes, finest = photometric_passes(reference, current, self.settings, schedule, depth)
-        result = solve(passes, guess, self.settings.limits)
+        passes, finest = photometric_passes(reference, current, self.settings, start.schedule, depth)
+        result = solve(passes, start.guess, self.settings.limits)
         if result.status is not Status.FAILED and (reason := finest.unrelated()):
             return failure(reason)
-        return depth.checked(result) if depth else result
-
-    def _initialise(
-        self, reference: list[Level], current: list[Level], guess: SE3
-    ) -> tuple[SE3, list[tuple[int, int]]]:
-        """Guess and schedule. If the coarsest images do not fit at the guess, there may have been a sudden rotation, which is then
-        estimated from these images. If they fit better there, it replaces that of the guess, and coarse levels get more iterations.
-        """
-        schedule = self.schedule(reference)
-        if not self.settings.tiles:
-            return guess, schedule
-        n = schedule[0][0]
-        term = PhotometricTerm(reference[n], current[n], self.settings, n)
-        correlation, visible = term.fit(guess)
-        if correlation >= MIN_FIT:
-            return guess, schedule
-        rotated = estimate_rotation(reference[n], current[n], guess)
-        if math.prod(term.fit(rotated)) <= correlation * visible:
-            return guess, schedule
-        return rotated, [(m, ITERATIONS_FACTOR * count) for m, count in schedule[:-1]] + schedule[-1:]
+        return start.checked(depth.checked(result) if depth else result)
 
 
 class Dvo(Rgbd):

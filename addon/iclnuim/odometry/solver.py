@@ -131,19 +131,16 @@ class System:
         weight = 1.0 / (spread * max(self.error, least_error))
         return replace(self, A=self.A * weight, b=self.b * weight, is_information=True)
 
-    def without_scale(self, t_m: np.ndarray, sigma: float) -> "System":
-        """These equations (information) if the translation t_m (3,) that they measure has an unknown scale.
+    def with_relative_error(self, T: SE3, sigma: float) -> "System":
+        """These equations (information) if the motion T (T_reference_current) that they measure also has a relative error: each
+        component of its translation and rotation has the standard deviation `sigma` times their norm.
 
-        The scale, with standard deviation `sigma` about 1, is a further unknown, which the Schur complement eliminates.
+        The six errors are further unknowns, which the Schur complement eliminates.
         """
-        along = np.r_[t_m, np.zeros(3)]
-        slopes = self.A @ along
-        scale_information = along @ slopes + sigma**-2
-        return replace(
-            self,
-            A=self.A - np.outer(slopes, slopes) / scale_information,
-            b=self.b - slopes * (along @ self.b) / scale_information,
-        )
+        twist = T.log()
+        squares = sigma**2 * np.repeat([twist[:3] @ twist[:3], twist[3:] @ twist[3:]], 3)
+        share = np.linalg.solve(np.eye(6) + squares[:, None] * self.A, squares[:, None] * np.c_[self.A, self.b])
+        return replace(self, A=self.A - self.A @ share[:, :6], b=self.b - self.A @ share[:, 6])
 
     def after_step(self, twist: np.ndarray) -> "System":
         """These equations after a step `twist` (6,)."""
