@@ -190,6 +190,28 @@ def test_a_guess_that_is_ten_degrees_off_is_found_to_be_wrong_by_small_images(na
         assert np.abs((after(2).inverse() @ found.T_reference_camera).log()).max() < 1e-3
 
 
+@pytest.mark.parametrize("jump, noise", [(10, 0.0), (14, 0.001)])
+@pytest.mark.parametrize("name", ["icp_rgbd", "rgbd", "dvo"])
+def test_a_sudden_motion_along_a_wall_is_found_by_its_image(name, jump, noise):
+    """The planes do not constrain it, and the prediction is 9 and 12 cm off."""
+    numbers = (0, 1, 2, 2 + jump, 3 + jump)
+    found = run(name, [view(i, WALL, noise, BIG) for i in numbers], BIG)
+    assert error_m(found, numbers[-1]) < 5e-4
+    assert found[3].result.status is Status.OK and found[3].result.converged
+
+
+@pytest.mark.parametrize("name", ["icp_rgbd", "rgbd", "dvo"])
+def test_images_that_still_do_not_fit_after_a_poor_prediction_are_reported(name):
+    """Half of the view shows another texture, so that no motion aligns it."""
+    method = odometer(name)
+    frames = [view(i, ROOM, camera=BIG) for i in (0, 30)]
+    frames[1].grey[:, 160:] = frames[1].grey[::-1, 160:]
+    reference, current = (method.prepare(f, BIG) for f in frames)
+    result = method.align(reference, current, after(27))
+    assert result.status is not Status.OK
+    assert result.status is Status.FAILED or "poor" in result.reason or "depth" in result.reason
+
+
 @pytest.mark.parametrize("name", ["icp", "icp_rgbd", "rgbd", "dvo"])
 def test_a_wrong_camera_is_no_crash_and_shows_in_residual_or_inliers_or_as_lost(name):
     frames = [view(i, ROOM) for i in range(4)]

@@ -230,7 +230,8 @@ class IcpRgbd(Icp):
         planes = {m: PlaneTerm(reference[m], current[m], icp, m) for m, _ in start.schedule}
         image_first = rough or start.poor is not None
         depth = DepthTerm(reference[n], current[n]) if image_first else None
-        passes, finest = photometric_passes(reference, current, self.photometric, start.schedule, depth)
+        photometric = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread) if image_first else self.photometric
+        passes, finest = photometric_passes(reference, current, photometric, start.schedule, depth)
         if image_first:
             planes[coarsest](guess, 0)
             passes[-1] = self._with_planes(passes[-1], planes[n], ROUGH_ERROR if rough else 0.0)
