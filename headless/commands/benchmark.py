@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     problems: list[str] = []
     args.out = Path(args.report_only or args.out)
     if args.report_only is None:
-        require("benchmark", "numba", "cv2", "embreex", "igl")
+        require("benchmark", "numba", "cv2", *(() if args.no_surfaces else ("embreex", "igl")))
         problems = _measure(args, console)
     results = measured(args.out)
     if not results:

@@ -35,6 +35,8 @@ _IDENTITY = (
     "camera",
     "depth_units_per_metre",
 )
+#: Keys of a system's file that do not decide the result.
+_TEXTS = ("about", "title", "install")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,7 @@ class Experiment:
             raise WorkError(f"{self.system.name} cannot run with {program}", hint=settings.install)
         recipe, path = self._recipe(program), self.folder / "recipe.json"
         if path.is_file():
-            existing, requested = ({key: one.get(key) for key in _IDENTITY} for one in (read_json(path), recipe))
-            refuse_other("experiment", path, existing, requested, "another {out}")
+            refuse_other("experiment", path, _identity(read_json(path)), _identity(recipe), "another {out}")
         make_folder(self.folder, hint="another {out}")
         if not stage.is_dir():
             with whole_folder(stage) as temporary:
@@ -125,6 +126,12 @@ class Experiment:
             "source_commit": source_commit(),
             "machine": platform.platform(),
         }
+
+
+def _identity(recipe: dict) -> dict:
+    """What decides the result."""
+    system = {key: value for key, value in (recipe.get("system") or {}).items() if key not in _TEXTS}
+    return {**{key: recipe.get(key) for key in _IDENTITY}, "system": system}
 
 
 def _both(ended: Ended, evaluation: Evaluation) -> dict:

@@ -114,7 +114,9 @@ def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path)
     run(fake("good"))
     ended = next(tmp_path.glob("out/good/*/run_1/ended.json"))
     before = ended.stat().st_mtime_ns
-    run(fake("good"), "--runs", "2")
+    reworded = fake("good")
+    reworded.write_text(reworded.read_text().replace("a stand-in", "in other words"))
+    run(reworded, "--runs", "2")
     assert ended.stat().st_mtime_ns == before and (ended.parents[1] / "run_2/ended.json").is_file()
     _, err = run(fake("good"), "--first", "30", code=2)
     assert "expected the experiment that was started there" in err and len(err.splitlines()) == 1
