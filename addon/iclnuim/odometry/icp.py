@@ -243,7 +243,7 @@ class IcpRgbd(Icp):
         result = solve(passes, start.guess, limits)
         if result.status is not Status.FAILED and finest.unrelated():
             return super()._align_from(reference, current, guess)
-        return start.checked(result), planes[coarsest].first_m
+        return start.checked(depth.checked(result) if depth else result), planes[coarsest].first_m
 
     def _with_planes(self, photometric: Pass, plane: PlaneTerm, relative_error: float = 0.0) -> Pass:
         """The pass with the equations of the planes, whose motion has a relative error."""
