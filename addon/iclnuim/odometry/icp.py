@@ -16,7 +16,7 @@ from ..geometry.se3 import SE3
 from . import kernels
 from .certainty import ACROSS, DOWN, disagreement, jackknife_information
 from .depth_term import MAX_DISTANCE_M, DepthTerm
-from .photometric import PhotometricSettings, Rgbd, initialise, no_contrast, photometric_passes
+from .photometric import PhotometricSettings, PhotometricTerm, Rgbd, Start, initialise, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
 from .solver import (
     MIN_EIGENVALUE,
@@ -219,31 +219,44 @@ class IcpRgbd(Icp):
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """The geometric term alone is used where the images have no contrast or are unrelated. Where both terms are information,
-        each is weighted by its own variance, independent of units. On noisy frames, whose planes give a biased motion, and after a
-        poor prediction the alignment begins as in `Rgbd`, and the planes are added in the last pass.
+        each is weighted by its own variance, independent of units.
         """
         if no_contrast(reference, current):
             return super()._align_from(reference, current, guess)
-        icp, rough = self.settings, self.rough(current)
         start = initialise(reference, current, self.photometric, self.schedule(reference), guess)
-        coarsest, n = start.schedule[0][0], start.schedule[-1][0]
-        planes = {m: PlaneTerm(reference[m], current[m], icp, m) for m, _ in start.schedule}
-        image_first = rough or start.poor is not None
-        depth = DepthTerm(reference[n], current[n]) if image_first else None
-        photometric = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread) if image_first else self.photometric
-        passes, finest = photometric_passes(reference, current, photometric, start.schedule, depth)
-        if image_first:
-            planes[coarsest](guess, 0)
-            passes[-1] = self._with_planes(passes[-1], planes[n], ROUGH_ERROR if rough else 0.0)
+        planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in start.schedule}
+        coarsest = planes[start.schedule[0][0]]
+        if start.poor or self.rough(current):
+            coarsest(guess, 0)  # for the distance between the surfaces at the guess
+            result, finest = self._image_first(reference, current, start, planes)
         else:
-            levels = [m for m, _ in start.schedule] + [n] * (len(passes) - len(start.schedule))
-            passes = [self._with_planes(p, planes[m]) for m, p in zip(levels, passes, strict=True)]
-        prior_m = self.photometric.limits.prior_m if start.poor else ROUGH_PRIOR_M if rough else icp.limits.prior_m
-        limits = replace(icp.limits, min_eigenvalue=0.0, prior_m=prior_m)
-        result = solve(passes, start.guess, limits)
+            result, finest = self._jointly(reference, current, start, planes)
         if result.status is not Status.FAILED and finest.unrelated():
             return super()._align_from(reference, current, guess)
-        return start.checked(depth.checked(result) if depth else result), planes[coarsest].first_m
+        return start.checked(result), coarsest.first_m
+
+    def _jointly(
+        self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
+    ) -> tuple[Result, PhotometricTerm]:
+        """Both terms in all passes."""
+        passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
+        levels = [n for n, _ in start.schedule]
+        levels += levels[-1:] * (len(passes) - len(levels))
+        joint = [self._with_planes(p, planes[n]) for n, p in zip(levels, passes, strict=True)]
+        return solve(joint, start.guess, replace(self.settings.limits, min_eigenvalue=0.0)), finest
+
+    def _image_first(
+        self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
+    ) -> tuple[Result, PhotometricTerm]:
+        """As `Rgbd`, with the planes in the last pass: for noisy frames, whose planes give a biased motion, and after a poor prediction."""
+        rough, n = self.rough(current), start.schedule[-1][0]
+        settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
+        depth = DepthTerm(reference[n], current[n])
+        passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
+        passes[-1] = self._with_planes(passes[-1], planes[n], ROUGH_ERROR if rough else 0.0)
+        prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
+        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
+        return depth.checked(solve(passes, start.guess, limits)), finest
 
     def _with_planes(self, photometric: Pass, plane: PlaneTerm, relative_error: float = 0.0) -> Pass:
         """The pass with the equations of the planes, whose motion has a relative error."""
