@@ -226,10 +226,13 @@ class IcpRgbd(Icp):
         start = initialise(reference, current, self.photometric, self.schedule(reference), guess)
         planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in start.schedule}
         coarsest = planes[start.schedule[0][0]]
-        if start.poor or self.rough(current):
+        rough = self.rough(current)
+        if rough or start.poor:
             coarsest(guess, 0)  # for the distance between the surfaces at the guess
             result, finest = self._image_first(reference, current, start, planes)
-        else:
+            if result.status is not Status.FAILED:
+                start = start._replace(guess=result.T_reference_camera)
+        if not rough:
             result, finest = self._jointly(reference, current, start, planes)
         if result.status is not Status.FAILED and finest.unrelated():
             return super()._align_from(reference, current, guess)
@@ -248,7 +251,9 @@ class IcpRgbd(Icp):
     def _image_first(
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
     ) -> tuple[Result, PhotometricTerm]:
-        """As `Rgbd`, with the planes in the last pass: for noisy frames, whose planes give a biased motion, and after a poor prediction."""
+        """As `Rgbd`, with the planes in the last pass: for noisy frames, whose planes give a biased motion, and for a guess after a
+        poor prediction.
+        """
         rough, n = self.rough(current), start.schedule[-1][0]
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
