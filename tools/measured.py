@@ -27,7 +27,8 @@ _SIXTEEN = [
     f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
 ]
 _SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dvo")
-_NOISY_KT = ("kt0", "kt1", "kt2", "kt3")
+_NOISY = tuple(f"{room}/{kt}/noisy" for room in ("living_room", "office") for kt in ("kt0", "kt1", "kt2", "kt3"))
+_BIASED = ("rgbd", "icp_rgbd")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/pictures/noise.png"
@@ -235,10 +236,12 @@ def _references(found: Sequence[Any]) -> str:
 
 
 def _offsets(found: Sequence[Any]) -> str:
-    """ATE in mm, one column for each of _NOISY_KT."""
-    columns = [{run["odometer"]: _mm(run) for run in one["runs"]} for one in found]
-    rows = [(f"`{name}`", *(column[name] for column in columns)) for name in columns[0]]
-    return table(("", *(f"{kt} noisy" for kt in _NOISY_KT)), rows)
+    """ATE in mm, one row for each of _BIASED, one column for each of _NOISY."""
+    values = [_mm(one["runs"][0]) for one in found]
+    rows = [(f"`{name}`", *values[k :: len(_BIASED)]) for k, name in enumerate(_BIASED)]
+    return table(
+        ("noisy", *(name.removesuffix("/noisy").replace("living_room/", "").replace("/", " ") for name in _NOISY)), rows
+    )
 
 
 def _surface_commands() -> tuple[str, ...]:
@@ -295,9 +298,7 @@ MEASURED = (
     Measured(
         "docs/odometry.md",
         "odometry-bias",
-        tuple(
-            f"odometry --all out/living_room/{kt}/noisy --depth-offset 0.00155 -o out/measured-{kt}" for kt in _NOISY_KT
-        ),
+        tuple(f"odometry {name} out/{place} --depth-offset 0.00155" for place in _NOISY for name in _BIASED),
         _offsets,
     ),
     *(
