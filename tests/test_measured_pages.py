@@ -61,7 +61,7 @@ PRINTED = {
     "bench noise": {"pairs": [PAIR], "model_ms": {"depth": {"paper": 12.9}}, "overlap_with_official": None},
     "fuse out": {"memory_mb": 280.0, "parts_that_left": 0},
     "evaluate surface": {"distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)},
-    "odometry --all": {"runs": [RUN]},
+    "odometry ": {"runs": [RUN]},
     "run ": {},
     "benchmark": {"tables": {name: TABLE for name in BENCHMARK_TABLES}},
 }
