@@ -100,7 +100,8 @@ class ModelReference(Reference):
         first = prepared[finest]
         view = self.volume.raycast(first.camera, T_world_camera, odometer.reads_normals, odometer.reads_grey)
         rendered = _as_frame(view, first.grey, frame.stamp_s)
-        levels = pyramid(rendered, first.camera, len(prepared) - finest, normal_step=first.normal_step)
+        views = pyramid(rendered, first.camera, len(prepared) - finest, normal_step=first.normal_step)
+        levels = [replace(one, rendered=True) for one in views]
         if odometer.reads_normals:
             # normals from the gradient of the volume replace those from depth differences, which are computed at first use
             vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)

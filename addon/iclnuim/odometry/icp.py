@@ -5,6 +5,7 @@ the photometric term, T. Whelan et al., "Robust real-time visual odometry for de
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,8 +43,8 @@ ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
 #: Weight of the photometric term where its equations are not information (Whelan 2013).
 WEIGHT_RGBD = 0.1
 #: For noisy frames. ROUGH_ERROR: relative error of a motion from planes, because depth is biased, and noise of depth and normals
-#: shortens the motion. ROUGH_PRIOR_M: standard deviation of the motion about its prediction, for frames where the image alone
-#: constrains the motion.
+#: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M: standard deviation of
+#: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
 
 
@@ -223,16 +224,18 @@ class IcpRgbd(Icp):
         """
         if no_contrast(reference, current):
             return super()._align_from(reference, current, guess)
-        start = initialise(reference, current, self.photometric, self.schedule(reference), guess)
-        planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in start.schedule}
-        coarsest = planes[start.schedule[0][0]]
-        rough = self.rough(current)
-        if rough or start.poor:
+        rough, rendered, schedule = self.rough(current), reference[-1].rendered, self.schedule(reference)
+        start = Start(guess, schedule)
+        if not rendered:
+            start = initialise(reference, current, self.photometric, schedule, guess)
+        planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in schedule}
+        coarsest = planes[schedule[0][0]]
+        if start.poor or rough and not rendered:
             coarsest(guess, 0)  # for the distance between the surfaces at the guess
             result, finest = self._image_first(reference, current, start, planes)
             if result.status is not Status.FAILED:
                 start = start._replace(guess=result.T_reference_camera)
-        if not rough:
+        if rendered or not rough:
             result, finest = self._jointly(reference, current, start, planes)
         if result.status is not Status.FAILED and finest.unrelated():
             return super()._align_from(reference, current, guess)
@@ -241,12 +244,18 @@ class IcpRgbd(Icp):
     def _jointly(
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
     ) -> tuple[Result, PhotometricTerm]:
-        """Both terms in all passes."""
+        """Both terms in all passes: for clean frames, and against a model, whose planes are better than those of a noisy frame."""
+        rough = self.rough(current)
         passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
         levels = [n for n, _ in start.schedule]
         levels += levels[-1:] * (len(passes) - len(levels))
-        joint = [self._with_planes(p, planes[n]) for n, p in zip(levels, passes, strict=True)]
-        return solve(joint, start.guess, replace(self.settings.limits, min_eigenvalue=0.0)), finest
+        joint = [
+            self._with_planes(p, planes[n], _length if rough else None) for n, p in zip(levels, passes, strict=True)
+        ]
+        limits = replace(self.settings.limits, min_eigenvalue=0.0)
+        if rough:
+            limits = replace(limits, prior_m=ROUGH_PRIOR_M)
+        return solve(joint, start.guess, limits), finest
 
     def _image_first(
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
@@ -258,19 +267,32 @@ class IcpRgbd(Icp):
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
-        passes[-1] = self._with_planes(passes[-1], planes[n], ROUGH_ERROR if rough else 0.0)
+        passes[-1] = self._with_planes(passes[-1], planes[n], _components if rough else None)
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
         return depth.checked(solve(passes, start.guess, limits)), finest
 
-    def _with_planes(self, photometric: Pass, plane: PlaneTerm, relative_error: float = 0.0) -> Pass:
-        """The pass with the equations of the planes, whose motion has a relative error."""
+    def _with_planes(
+        self, photometric: Pass, plane: PlaneTerm, error: Callable[[SE3], np.ndarray] | None = None
+    ) -> Pass:
+        """The pass with the equations of the planes, whose motion has a further error (System.with_error)."""
 
         def joint(T: SE3, iteration: int) -> System:
             geometry, image = plane(T, iteration), photometric.linearise(T, iteration)
-            if relative_error:
-                geometry = geometry.with_relative_error(T, relative_error)
+            if error:
+                geometry = geometry.with_error(error(T))
             return geometry.plus(image, 1.0 if image.is_information else WEIGHT_RGBD**2, self.weight_b)
 
         centre = photometric.centre
         return Pass(joint, photometric.iterations, plane.pixels, self.settings.stop, centre=centre)
+
+
+def _length(T: SE3) -> np.ndarray:
+    """(6, 1): an error of the length of the motion T."""
+    return ROUGH_ERROR * np.r_[T.translation, np.zeros(3)][:, None]
+
+
+def _components(T: SE3) -> np.ndarray:
+    """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation."""
+    twist = T.log()
+    return ROUGH_ERROR * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))

@@ -37,6 +37,7 @@ class Level:
     depth_z_m: np.ndarray
     camera: PinholeCamera
     normal_step: int = 1
+    rendered: bool = False  # a view of a model of many frames
 
     @cached_property
     def _gradient_points(self) -> dict[tuple, tuple]:
@@ -131,16 +132,13 @@ class System:
         weight = 1.0 / (spread * max(self.error, least_error))
         return replace(self, A=self.A * weight, b=self.b * weight, is_information=True)
 
-    def with_relative_error(self, T: SE3, sigma: float) -> "System":
-        """These equations (information) if the motion T (T_reference_current) that they measure also has a relative error: each
-        component of its translation and rotation has the standard deviation `sigma` times their norm.
-
-        The six errors are further unknowns, which the Schur complement eliminates.
+    def with_error(self, columns: np.ndarray) -> "System":
+        """These equations (information) if the twist that they measure has a further error: the columns (6, k) times k independent
+        unknowns with a standard deviation of 1, which the Schur complement eliminates.
         """
-        twist = T.log()
-        squares = sigma**2 * np.repeat([twist[:3] @ twist[:3], twist[3:] @ twist[3:]], 3)
-        share = np.linalg.solve(np.eye(6) + squares[:, None] * self.A, squares[:, None] * np.c_[self.A, self.b])
-        return replace(self, A=self.A - self.A @ share[:, :6], b=self.b - self.A @ share[:, 6])
+        slopes = self.A @ columns
+        share = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ slopes, np.c_[slopes.T, columns.T @ self.b])
+        return replace(self, A=self.A - slopes @ share[:, :6], b=self.b - slopes @ share[:, 6])
 
     def after_step(self, twist: np.ndarray) -> "System":
         """These equations after a step `twist` (6,)."""
