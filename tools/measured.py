@@ -27,7 +27,7 @@ _SIXTEEN = [
     f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
 ]
 _SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dvo")
-_NOISY = tuple(f"{room}/{kt}/noisy" for room in ("living_room", "office") for kt in ("kt0", "kt1", "kt2", "kt3"))
+_NOISY = [place for place in _SIXTEEN if place.endswith("/noisy")]
 _BIASED = ("rgbd", "icp_rgbd")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
@@ -239,9 +239,8 @@ def _offsets(found: Sequence[Any]) -> str:
     """ATE in mm, one row for each of _BIASED, one column for each of _NOISY."""
     values = [_mm(one["runs"][0]) for one in found]
     rows = [(f"`{name}`", *values[k :: len(_BIASED)]) for k, name in enumerate(_BIASED)]
-    return table(
-        ("noisy", *(name.removesuffix("/noisy").replace("living_room/", "").replace("/", " ") for name in _NOISY)), rows
-    )
+    names = [place.removeprefix("out/").removeprefix("living_room/").removesuffix("/noisy") for place in _NOISY]
+    return table(("noisy", *(name.replace("/", " ") for name in names)), rows)
 
 
 def _surface_commands() -> tuple[str, ...]:
@@ -298,7 +297,7 @@ MEASURED = (
     Measured(
         "docs/odometry.md",
         "odometry-bias",
-        tuple(f"odometry {name} out/{place} --depth-offset 0.00155" for place in _NOISY for name in _BIASED),
+        tuple(f"odometry {name} {place} --depth-offset 0.00155" for place in _NOISY for name in _BIASED),
         _offsets,
     ),
     *(

@@ -130,8 +130,10 @@ class Experiment:
 
 def _identity(recipe: dict) -> dict:
     """What decides the result."""
-    system = {key: value for key, value in (recipe.get("system") or {}).items() if key not in _TEXTS}
-    return {**{key: recipe.get(key) for key in _IDENTITY}, "system": system}
+    found = {key: recipe.get(key) for key in _IDENTITY}
+    if isinstance(found["system"], dict):
+        found["system"] = {key: value for key, value in found["system"].items() if key not in _TEXTS}
+    return found
 
 
 def _both(ended: Ended, evaluation: Evaluation) -> dict:

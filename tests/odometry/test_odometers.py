@@ -168,6 +168,13 @@ def test_equations_with_a_further_error_have_the_sum_of_both_variances_and_the_s
         found = exact.with_error(columns)
         np.testing.assert_allclose(np.linalg.inv(found.A), np.linalg.inv(exact.A) + columns @ columns.T, atol=1e-12)
         np.testing.assert_allclose(np.linalg.solve(found.A, found.b), np.linalg.solve(exact.A, exact.b), rtol=1e-9)
+    # an unknown length of the motion: the joint problem, its factor solved for as well
+    along = np.r_[0.3, -0.1, 0.2, 0, 0, 0]
+    free = exact.with_error(1e6 * along[:, None])
+    assert abs(along @ free.A @ along) < 1e-6 and abs(along @ free.b) < 1e-6
+    joint = np.linalg.lstsq(np.c_[J, J @ along], r, rcond=None)[0]
+    np.testing.assert_allclose(free.A @ joint[:6], free.b, atol=1e-6)
+    np.testing.assert_allclose(exact.with_error(1e-9 * along[:, None]).A, J.T @ J, atol=1e-9)
     still = exact.with_error(np.zeros((6, 6)))
     np.testing.assert_allclose(still.A, exact.A, rtol=1e-12)
 

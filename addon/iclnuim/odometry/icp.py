@@ -225,9 +225,8 @@ class IcpRgbd(Icp):
         if no_contrast(reference, current):
             return super()._align_from(reference, current, guess)
         rough, rendered, schedule = self.rough(current), reference[-1].rendered, self.schedule(reference)
-        start = Start(guess, schedule)
-        if not rendered:
-            start = initialise(reference, current, self.photometric, schedule, guess)
+        settings = self.photometric
+        start = Start(guess, schedule) if rendered else initialise(reference, current, settings, schedule, guess)
         planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in schedule}
         coarsest = planes[schedule[0][0]]
         if start.poor or rough and not rendered:
@@ -249,12 +248,10 @@ class IcpRgbd(Icp):
         passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
         levels = [n for n, _ in start.schedule]
         levels += levels[-1:] * (len(passes) - len(levels))
-        joint = [
-            self._with_planes(p, planes[n], _length if rough else None) for n, p in zip(levels, passes, strict=True)
-        ]
-        limits = replace(self.settings.limits, min_eigenvalue=0.0)
-        if rough:
-            limits = replace(limits, prior_m=ROUGH_PRIOR_M)
+        error = _length if rough else None
+        joint = [self._with_planes(p, planes[n], error) for n, p in zip(levels, passes, strict=True)]
+        prior_m = ROUGH_PRIOR_M if rough else self.settings.limits.prior_m
+        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
         return solve(joint, start.guess, limits), finest
 
     def _image_first(

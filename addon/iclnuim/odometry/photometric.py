@@ -39,8 +39,8 @@ MIN_CONTRAST = 1.0
 #: up to 0.2), the official frames 0.99.
 MIN_CORRELATION = 0.25
 #: MIN_FIT: minimum correlation of the coarsest images at the guess (clean frames have 0.94 and more; a guess with an error of
-#: some 5 degrees has at most 0.9). ITERATIONS_FACTOR: multiplies the iterations if they start from a rotation estimated from
-#: the images, which has an error of a few degrees.
+#: some 5 degrees has at most 0.9). ITERATIONS_FACTOR: multiplies the iterations where they do not fit at the guess: even a rotation
+#: estimated from the images has an error of a few degrees.
 MIN_FIT, ITERATIONS_FACTOR = 0.9, 4
 #: A correlation of fewer pixels is not significant.
 MIN_PIXELS = 30
