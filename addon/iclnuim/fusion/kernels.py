@@ -22,7 +22,7 @@ STEEP = 0.9
 class Grid(NamedTuple):
     """first (3,) int64: lowest block of the window; slots (n, n, n) int32 rows; place (rows, 3) int32 block of a row;
     tsdf (rows, 512) float32 metres; weight (rows, 512) uint16; colour (rows, 512, channels + 1) uint16: mean times 256,
-    and the count behind it.
+    and the count behind it; inside (rows,) bool: whether a voxel of the block is behind a surface.
     """
 
     first: np.ndarray
@@ -31,6 +31,7 @@ class Grid(NamedTuple):
     tsdf: np.ndarray
     weight: np.ndarray
     colour: np.ndarray
+    inside: np.ndarray
 
 
 @njit(cache=True, inline="always")
@@ -158,12 +159,6 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
 
 
 @njit(cache=True, inline="always")
-def _normal(K, u, v, found, across, down):
-    """n of the tangent plane n . point = 1, from the horizontal and vertical gradient of the inverse depth, which on a plane is n . ray."""
-    return K[0] * across, K[1] * down, found - (u - K[2]) * across - (v - K[3]) * down
-
-
-@njit(cache=True, inline="always")
 def _continues(inverse, K, u, v, z, found, n, size2, trunc):
     """Whether the surface is observed at the point of its tangent plane (n of squared length size2) that is nearest to the point at (u, v, z).
 
@@ -180,9 +175,10 @@ def _continues(inverse, K, u, v, z, found, n, size2, trunc):
 
 
 @njit(cache=True, inline="always")
-def _colour(image, i, j, p, q, colour, at):
-    """Add a sample, bilinear at (i + p, j + q), to the running mean colour[at] (channels + 1,), whose last channel is the count."""
+def _colour(image, u, v, colour, at):
+    """Add a sample, bilinear at column u and row v, to the running mean colour[at] (channels + 1,), whose last channel is the count."""
     last, one = colour.shape[1] - 1, np.uint64(1)
+    p, q, i, j = v - int(v), u - int(u), np.uint64(int(v)), np.uint64(int(u))
     n = float(colour[at, last])
     for c in range(last):
         upper = (1 - q) * image[i, j, c] + q * image[i, j + one, c]
@@ -192,19 +188,114 @@ def _colour(image, i, j, p, q, colour, at):
     colour[at, last] = np.uint16(min(n + 1.0, 255.0))
 
 
+# The next four functions are loops over a layer of 64 voxels without branches (`x if c else y` chooses between known values), so that they
+# are vectorized. They share `layer`, one row for each of the following values, `pixel`, and `corners`, the four pixels around each voxel.
+
+U, V, Z, INSIDE, FOUND, DISTANCE, MORE = range(7)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _project(x, y, z, voxel, K, R, t, height, width, layer, pixel):
+    """Pixel columns, rows and depths of the 8 x 8 voxels of a block's layer along j and k, from (x, y, z) in voxels, and the index of
+    the pixel above and to the left; 0 if the voxel is not inside the image."""
+    r00, r01, r02, r10, r11, r12 = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
+    r20, r21, r22, t0, t1, t2 = R[2, 0], R[2, 1], R[2, 2], t[0], t[1], t[2]
+    px, last_row, last_column = x * voxel, float(height - 1), float(width - 1)
+    for n in range(64):
+        py, pz = (y + (n >> 3)) * voxel, (z + (n & 7)) * voxel
+        depth = r20 * px + r21 * py + r22 * pz + t2
+        u = K[0] * (r00 * px + r01 * py + r02 * pz + t0) / depth + K[2]
+        v = K[1] * (r10 * px + r11 * py + r12 * pz + t1) / depth + K[3]
+        inside = (depth > voxel) & (u >= 0.0) & (v >= 0.0) & (u < last_column) & (v < last_row)
+        u, v = u if inside else 0.0, v if inside else 0.0
+        layer[U, n], layer[V, n], layer[Z, n], layer[INSIDE, n] = u, v, depth, 1.0 if inside else 0.0
+        pixel[n] = np.int32(v) * width + np.int32(u)
+
+
 @njit(cache=True, inline="always")
-def _project(x, y, z, voxel, K, R, t, out):
-    """Write to out (3, 8) the pixel columns, rows and depths of the eight voxels of a line of a block along k. (x, y, z): the first, in voxels."""
-    px, py = x * voxel, y * voxel
-    a, b, c = R[0, 0] * px + R[0, 1] * py, R[1, 0] * px + R[1, 1] * py, R[2, 0] * px + R[2, 1] * py
-    a2, b2, c2, t0, t1, t2 = R[0, 2], R[1, 2], R[2, 2], t[0], t[1], t[2]
-    fx, fy, cx, cy = K
-    for k in range(8):  # without branches, so that the loop is vectorized
-        pz = (z + k) * voxel
-        depth = c + c2 * pz + t2
-        out[0, k] = fx * (a + a2 * pz + t0) / depth + cx
-        out[1, k] = fy * (b + b2 * pz + t1) / depth + cy
-        out[2, k] = depth
+def _gather(inverse, width, pixel, corners):
+    """The inverse depth of the four pixels around each voxel."""
+    for n in range(64):
+        at = np.uint64(pixel[n])  # unsigned indices need no check for negative values
+        corners[0, n], corners[1, n] = inverse[at], inverse[at + np.uint64(1)]
+        corners[2, n], corners[3, n] = inverse[at + width], inverse[at + width + np.uint64(1)]
+
+
+@njit(cache=True, inline="always")
+def _tangent(K, u, v, found, a, b, c, d):
+    """n of the tangent plane n . point = 1, from the horizontal and vertical gradient of the inverse depth, which on a plane is n . ray."""
+    across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
+    return K[0] * across, K[1] * down, found - (u - K[2]) * across - (v - K[3]) * down
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _measure(K, trunc, behind, deepest, narrow, layer, corners):
+    """The distance of each voxel to the surface, and the weight of this observation; 0 without one. Rules: see `fuse`."""
+    for n in range(64):
+        u, v, z = layer[U, n], layer[V, n], layer[Z, n]
+        a, b, c, d = corners[0, n], corners[1, n], corners[2, n], corners[3, n]
+        p, q = v - np.floor(v), u - np.floor(u)
+        ab, cd = a if a > b else b, c if c > d else d
+        near = ab if ab > cd else cd
+        ab, cd = a if a < b else b, c if c < d else d
+        far = ab if ab < cd else cd
+        jumps = near - far > trunc * near * far
+        upper, lower = b if q >= 0.5 else a, d if q >= 0.5 else c
+        nearest = float(lower if p >= 0.5 else upper)
+        smooth = (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d)
+        found = nearest if jumps else smooth
+        distance = 1.0 / found - z
+        n0, n1, n2 = _tangent(K, u, v, found, a, b, c, d)
+        size2 = n0 * n0 + n1 * n1 + n2 * n2
+        slant = found / math.sqrt(size2)
+        band = narrow & (distance < trunc)
+        normal = distance * slant if band & (not jumps) else distance
+        share = slant * (1.0 + (normal if normal < 0.0 else 0.0) / behind)
+        slanted = np.ceil(UNIT * share)
+        beyond = (distance < 0.0) & ((distance * found) * (distance * found) >= behind * behind * size2)
+        slanted = 0.0 if beyond else slanted
+        edge = 1.0 if distance > -behind else 0.0
+        more = slanted if band else UNIT
+        more = edge if narrow & jumps else more
+        usable = (layer[INSIDE, n] > 0.0) & (far > 0.0) & (distance >= -deepest) & (more >= 1.0)
+        layer[DISTANCE, n], layer[FOUND, n] = normal, found
+        layer[MORE, n] = more if usable else 0.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _average(tsdf, weight, trunc, max_weight, layer):
+    """Update the running means of a layer, tsdf and weight (64,)."""
+    free = np.float32(trunc)
+    for n in range(64):
+        old, w, distance, more = tsdf[n], float(weight[n]), layer[DISTANCE, n], layer[MORE, n]
+        mean = np.float32((old * w + more * (distance if distance < trunc else trunc)) / (w + more))
+        changes = (more > 0.0) & ((distance < trunc) | (old != free))
+        tsdf[n] = mean if changes else old
+        total = w + more
+        weight[n] = np.uint16(total if total < max_weight else max_weight)
+
+
+@njit(cache=True, inline="always")
+def _drop_unseen(inverse, K, trunc, layer, corners, m):
+    """Set the weight of a voxel behind a slanted surface to 0 unless the surface continues to the point nearest to the voxel."""
+    u, v, z, found = layer[U, m], layer[V, m], layer[Z, m], layer[FOUND, m]
+    a, b, c, d = corners[0, m], corners[1, m], corners[2, m], corners[3, m]
+    near, far = max(a, b, c, d), min(a, b, c, d)
+    if near - far > trunc * near * far:
+        return
+    n3 = _tangent(K, u, v, found, a, b, c, d)
+    size2 = n3[0] * n3[0] + n3[1] * n3[1] + n3[2] * n3[2]
+    if found / math.sqrt(size2) < STEEP and not _continues(inverse, K, u, v, z, found, n3, size2, trunc):
+        layer[MORE, m] = 0.0
+
+
+@njit(cache=True)
+def _mark_inside(grid, row):
+    """Store whether an observed voxel of a block is behind a surface. In a function: numba drops this assignment in a parallel loop."""
+    tsdf, weight, found = grid.tsdf[row], grid.weight[row], False
+    for n in range(512):
+        found = found | ((weight[n] > 0) & (tsdf[n] <= 0.0))
+    grid.inside[row] = found
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -213,64 +304,31 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weigh
 
     Inverse depth is bilinear (exact on planes), or that of the nearest pixel at depth edges. Distances are along z, from `trunc` in
     front of the surface to `trunc` behind it. With a smaller `behind` they are along the normal; the weight is smaller where the
-    surface is slanted, and decreases to 0 at that distance behind it. With `slanted` above 1, slanted surfaces are fused up to
-    `slanted` times `trunc` along z behind them, where the surface continues. image: (h, w, channels), or (1, 1, channels) for none.
+    surface is slanted or a depth edge, and decreases to 0 at that distance behind it. With `slanted` above 1, slanted surfaces are fused
+    up to `slanted` times `trunc` along z behind them, where the surface continues. image: (h, w, channels), or (1, 1, channels) for none.
     """
-    coloured, free, narrow = image.shape[0] > 1, np.float32(trunc), behind < trunc
+    coloured, narrow = image.shape[0] > 1, behind < trunc
     deepest = slanted * trunc if narrow else trunc
-    height, width = np.uint64(inverse.shape[0] - 1), np.uint64(inverse.shape[1] - 1)
-    one = np.uint64(1)  # unsigned indices need no check for negative values
-    camera = (K[0], K[1], K[2], K[3])
+    camera, (height, width), flat = (K[0], K[1], K[2], K[3]), inverse.shape, inverse.ravel()
     for r in prange(n):
-        row, line8 = rows[r], np.empty((3, 8))
-        tsdf, weight, colour = grid.tsdf[row], grid.weight[row], grid.colour[row]
-        x0, y0, z0 = grid.place[row, 0] * 8, grid.place[row, 1] * 8, grid.place[row, 2] * 8
-        for line in range(64):
-            _project(x0 + (line >> 3), y0 + (line & 7), z0, voxel, camera, R, t, line8)
-            for k in range(8):
-                u, v, z = line8[0, k], line8[1, k], line8[2, k]
-                if not (z > voxel and u >= 0.0 and v >= 0.0):
-                    continue
-                p, q = v - int(v), u - int(u)
-                i, j = np.uint64(int(v)), np.uint64(int(u))
-                if i >= height or j >= width:
-                    continue
-                a, b, c, d = inverse[i, j], inverse[i, j + one], inverse[i + one, j], inverse[i + one, j + one]
-                near, far = max(a, b, c, d), min(a, b, c, d)
-                if far <= 0.0:
-                    continue
-                jumps = near - far > trunc * near * far
-                if jumps:
-                    found = float((d if q >= 0.5 else c) if p >= 0.5 else (b if q >= 0.5 else a))
-                else:
-                    found = (1 - p) * ((1 - q) * a + q * b) + p * ((1 - q) * c + q * d)
-                distance = 1.0 / found - z
-                if distance < -deepest:
-                    continue
-                more = UNIT
-                if narrow:
-                    if jumps:  # a depth edge, or a surface that is almost edge-on: small weight
-                        more = 1.0 if distance > -behind else 0.0
-                    elif distance < trunc:
-                        n3 = _normal(camera, u, v, found, 0.5 * (b - a + d - c), 0.5 * (c - a + d - b))
-                        size2 = n3[0] * n3[0] + n3[1] * n3[1] + n3[2] * n3[2]
-                        if distance < 0.0 and (distance * found) ** 2 >= behind * behind * size2:
-                            continue
-                        slant = found / math.sqrt(size2)
-                        distance *= slant
-                        asked = slanted > 1 and distance < 0.0 and slant < STEEP
-                        if asked and not _continues(inverse, camera, u, v, z, found, n3, size2, trunc):
-                            continue
-                        more = float(math.ceil(UNIT * slant * (1.0 + min(distance, 0.0) / behind)))
-                    if more < 1.0:
-                        continue
-                at = line * 8 + k
-                w = float(weight[at])
-                if distance < trunc or tsdf[at] != free:
-                    tsdf[at] = (tsdf[at] * w + more * min(distance, trunc)) / (w + more)
-                weight[at] = np.uint16(min(w + more, max_weight))
-                if coloured and distance < trunc:
-                    _colour(image, i, j, p, q, colour, at)
+        row, layer, corners, pixel = rows[r], np.empty((7, 64)), np.empty((4, 64), np.float32), np.empty(64, np.int32)
+        colour, place = grid.colour[row], grid.place[row]
+        for i in range(8):
+            first = 64 * i
+            tsdf, weight = grid.tsdf[row, first : first + 64], grid.weight[row, first : first + 64]
+            _project(place[0] * 8 + i, place[1] * 8, place[2] * 8, voxel, camera, R, t, height, width, layer, pixel)
+            _gather(flat, np.uint64(width), pixel, corners)
+            _measure(camera, trunc, behind, deepest, narrow, layer, corners)
+            if narrow and slanted > 1:
+                for m in range(64):
+                    if layer[MORE, m] > 0.0 and layer[DISTANCE, m] < 0.0:
+                        _drop_unseen(inverse, camera, trunc, layer, corners, m)
+            _average(tsdf, weight, trunc, max_weight, layer)
+            if coloured:
+                for m in range(64):
+                    if layer[MORE, m] > 0.0 and layer[DISTANCE, m] < trunc:
+                        _colour(image, layer[U, m], layer[V, m], colour, first + m)
+        _mark_inside(grid, row)
 
 
 # -- raycasting: along each ray to the trilinear zero crossing
@@ -285,7 +343,7 @@ def _beside(x, z, f, c, size, radius):
 
 @njit(cache=True)
 def ranges(grid, highest, K, R, t, voxel, tile, near, far):
-    """Range of planar depth, `near` to `far`, of the blocks of rows 1..highest, per tile of the image.
+    """Range of planar depth, `near` to `far`, of those blocks of rows 1..highest that are partly behind a surface, per tile of the image.
 
     near, far (h, w): filled with infinity and 0 by the caller. R, t are T_camera_world. A block is approximated by its bounding sphere.
     """
@@ -293,6 +351,8 @@ def ranges(grid, highest, K, R, t, voxel, tile, near, far):
     radius = 0.5 * math.sqrt(3.0) * size
     height, width = near.shape[0] * tile, near.shape[1] * tile
     for row in range(1, highest + 1):
+        if not grid.inside[row]:
+            continue
         px = grid.place[row, 0] * size + 3.5 * voxel
         py = grid.place[row, 1] * size + 3.5 * voxel
         pz = grid.place[row, 2] * size + 3.5 * voxel
@@ -396,10 +456,11 @@ def _first_crossing(grid, o, d, start, far, voxel):
 
 
 @njit(cache=True, parallel=True)
-def trace(grid, K, R, t, voxel, tile, near, far, depth, normals, colour):
+def trace(grid, K, R, t, voxel, trunc, tile, near, far, depth, normals, colour):
     """First crossing from front to back along each pixel's ray; without one the outputs are unchanged.
 
-    R, t are T_world_camera; near, far: per tile, from `ranges`. normals (h, w, 3) are in the camera's frame. normals and
+    R, t are T_world_camera; near, far: per tile, from `ranges`. A ray starts `trunc` in front of near: no step is longer, so that it
+    enters a surface from free space. normals (h, w, 3) are in the camera's frame. normals and
     colour (h, w, channels) are not computed if they are empty.
     """
     for v in prange(depth.shape[0]):
@@ -409,7 +470,7 @@ def trace(grid, K, R, t, voxel, tile, near, far, depth, normals, colour):
             for a in range(3):
                 o[a] = t[a] / voxel
                 d[a] = (R[a, 0] * x + R[a, 1] * y + R[a, 2]) / voxel
-            first, last = max(near[v // tile, u // tile], 4.0 * voxel), far[v // tile, u // tile]
+            first, last = max(near[v // tile, u // tile] - trunc, 4.0 * voxel), far[v // tile, u // tile]
             z = _first_crossing(grid, o, d, first, last, voxel)
             if math.isnan(z):
                 continue

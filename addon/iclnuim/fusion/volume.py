@@ -51,6 +51,7 @@ class Volume:
             np.zeros((rows, 512), np.float32),
             np.zeros((rows, 512), np.uint16),
             np.zeros((rows, 512 if s.channels else 1, s.channels + 1), np.uint16),
+            np.zeros(rows, bool),
         )
         self._free = np.arange(rows - 1, 0, -1, dtype=np.int32)
         self._n_free = s.max_blocks
@@ -108,7 +109,8 @@ class Volume:
         )
         near, far = self._ranges(camera, T)
         arrays = (near, far, view.depth_z_m, view.normals_camera, view.colour)
-        kernels.trace(self.grid, camera.intrinsics, *_parts(T), self.settings.voxel_m, TILE, *arrays)
+        s = self.settings
+        kernels.trace(self.grid, camera.intrinsics, *_parts(T), s.voxel_m, s.truncation_m, TILE, *arrays)
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
@@ -133,7 +135,7 @@ class Volume:
         return rows[np.lexsort((place[:, 2], place[:, 1], place[:, 0]))].astype(np.int32)
 
     def _ranges(self, camera: PinholeCamera, T: SE3) -> tuple[np.ndarray, np.ndarray]:
-        """Depth range of the blocks per tile of the image, limited to far_m."""
+        """Depth range of the blocks with a surface per tile of the image, limited to far_m."""
         shape = (-(-camera.height // TILE), -(-camera.width // TILE))
         near, far = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
         K, voxel_m = camera.intrinsics, self.settings.voxel_m
@@ -161,6 +163,7 @@ class Volume:
         slots = self.grid.place[rows] & (self.settings.window_blocks - 1)
         self.grid.slots[slots[:, 0], slots[:, 1], slots[:, 2]] = 0
         self.grid.tsdf[rows], self.grid.weight[rows], self.grid.colour[rows] = 0, 0, 0
+        self.grid.inside[rows] = False
         self._stamp[rows] = 0
         self._free[self._n_free : self._n_free + len(rows)] = rows
         self._n_free += len(rows)
