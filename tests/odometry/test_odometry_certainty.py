@@ -15,7 +15,7 @@ from iclnuim.odometry.icp import Icp  # noqa: E402
 from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
 from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
-from iclnuim.odometry.solver import Limits, Pass, Stop, System, solve  # noqa: E402
+from iclnuim.odometry.solver import MAX_SIGMA_M, Limits, Pass, Stop, System, solve  # noqa: E402
 from iclnuim.odometry.track import EntropyReference, KeyframeReference, Reference, Tracker, track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
@@ -59,6 +59,17 @@ def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
     room = run("icp", [view(i, ROOM, noise) for i in range(6)])
     assert all(f.result.status is Status.DEGENERATE and f.result.under_constrained >= 3 for f in wall[1:])
     assert not any(f.result.status is Status.DEGENERATE for f in room[1:])
+
+
+@pytest.mark.parametrize(
+    ("side", "floor", "expected"), [(0.43, 0.63, Status.DEGENERATE), (0.45, 0.66, Status.OK)], ids=["border", "more"]
+)
+def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy_frames(side, floor, expected):
+    """A wall, and at the image's border a few pixels of a face to the side and one below, which set the motion along the wall."""
+    planes = (WALL[0], (np.sqrt(1 - side**2), 0.0, side), (0.0, np.sqrt(1 - floor**2), floor))
+    result = run("icp", [view(i, planes, 0.001, BIG) for i in range(2)], BIG)[1].result
+    assert result.status is expected
+    assert result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0  # no other rule flags it
 
 
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():

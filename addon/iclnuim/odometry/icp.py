@@ -40,6 +40,9 @@ WIDE_STOP, WIDE_LIMITS = Stop(min_step=1e-3), Limits(min_inliers=0.01)
 #: Median of 1 - cosine of normals: `released` noise has 0.006, clean frames below 1e-4.
 MAX_ROUGHNESS = 1e-3
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
+#: Below this eigenvalue (a share of a trace of three directions) a noisy frame is degenerate: one in a thousand points constrains the
+#: direction, at the border of an object that is leaving the view, where normals have more errors than those of noise.
+ROUGH_EIGENVALUE = 1 / 3000
 #: Weight of the photometric term where its equations are not information (Whelan 2013).
 WEIGHT_RGBD = 0.1
 #: For noisy frames. ROUGH_ERROR: relative error of a motion from planes, because depth is biased, and noise of depth and normals
@@ -173,7 +176,8 @@ class Icp(PyramidOdometer):
         """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
         s, noise_share, schedule = self.settings, 1.0, self.schedule(reference)
         if self.rough(current):
-            s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0), ROUGH_NOISE
+            limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE)
+            s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0, limits=limits), ROUGH_NOISE
         terms = [PlaneTerm(reference[n], current[n], s, n, noise_share) for n, _ in schedule]
         passes = [Pass(term, count, term.pixels, s.stop) for term, (_, count) in zip(terms, schedule, strict=True)]
         return solve(passes, guess, s.limits), terms[0].first_m
