@@ -71,9 +71,13 @@ class Benchmark:
     def run(self) -> list[str]:
         """Measure the missing cells; returns a sentence for each cell that could not be measured. An interruption kills its processes."""
         missing = self._missing()
-        self.console.note(
-            f"benchmark: {len(self.cells)} cells, {len(self.cells) - len(missing)} of them already measured"
-        )
+        measured_before = len(self.cells) - len(missing)
+        self.console.note(f"benchmark: {len(self.cells)} cells, {measured_before} of them already measured")
+        if others := self._by_other_code(missing):
+            self.console.note(
+                f"benchmark: {len(others)} of these were measured by another version or commit of iclnuim or its libraries, "
+                f"the first is {others[0]}; to measure cells again, remove their folders"
+            )
         made = {task.cell.sequence: task.cell for task in missing if task.cell.seed}
         frames = sum(map(self._frames, missing)) + sum(self.sources.frames(cell, self.first) for cell in made.values())
         progress, problems = self.console.progress(frames, "benchmark"), list[str]()
@@ -106,6 +110,11 @@ class Benchmark:
         tasks = [task for task in map(self._task, self.cells) if not _is_done(task, ignored)]
         files = {name: self._model(name) for name in dict.fromkeys(task.model for task in tasks) if name}
         return [_with_model(task, files[task.model]) if task.model else task for task in tasks]
+
+    def _by_other_code(self, missing: list[Task]) -> list[Path]:
+        """Folders of the measured cells whose recipes have other versions or another commit."""
+        folders = [self.sources.out / "cells" / c.name for c in self.cells if c not in {task.cell for task in missing}]
+        return [f for f in folders if any((_recipe(f) or {}).get(key) != self._made_by[key] for key in _IGNORED)]
 
     def _frames(self, task: Task) -> int:
         """Number of progress steps of a cell: its frames are tracked, and fused."""
@@ -209,11 +218,16 @@ _IGNORED = ("versions", "source_commit")
 
 def _is_done(task: Task, ignored: Container[str]) -> bool:
     """Whether the cell was measured with the same recipe, except for the ignored keys. Otherwise it is measured again."""
-    path = Path(task.out) / "recipe.json"
-    if not path.is_file():
-        return False
-    existing = read_json(path)
-    return all(existing.get(key) == value for key, value in task.recipe.items() if key not in ignored)
+    existing = _recipe(Path(task.out))
+    return existing is not None and all(
+        existing.get(k) == value for k, value in task.recipe.items() if k not in ignored
+    )
+
+
+def _recipe(folder: Path) -> dict | None:
+    """The recipe of a cell; None if it is not measured."""
+    path = folder / "recipe.json"
+    return read_json(path) if path.is_file() else None
 
 
 def _with_model(task: Task, file: str | None) -> Task:

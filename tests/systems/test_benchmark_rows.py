@@ -78,6 +78,19 @@ def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sourc
     assert missing() == 1
 
 
+def test_cells_that_another_version_measured_are_kept_and_said(sources, capsys):
+    (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 0}\n')
+    bench = Benchmark(sources, [KT2], {}, None, 1, Console())
+    task, out = bench._task(KT2), sources.out / "cells" / KT2.name
+    out.mkdir(parents=True)
+    (out / "recipe.json").write_text(json.dumps(task.recipe))
+    assert bench.run() == [] and "another version" not in capsys.readouterr().err
+    (out / "recipe.json").write_text(json.dumps({**task.recipe, "source_commit": "another"}))
+    assert bench.run() == []
+    note = capsys.readouterr().err
+    assert "1 of these were measured by another version or commit" in note and str(out) in note
+
+
 def test_trajectories_alone_are_enough_where_surfaces_are_not_asked_for(sources, monkeypatch):
     """And a surface that is measured is not lost by asking for less."""
     monkeypatch.setattr(type(sources), "model_name", lambda *_: KT2.room)
