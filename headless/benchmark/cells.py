@@ -8,8 +8,12 @@ from iclnuim import shipped
 from iclnuim.errors import InputError
 
 NOISES = ("clean", "noisy")
+#: In place of a noise: clean frames of the same room rendered without reflections, for finding 11.
+LAMBERTIAN = "lambertian"
 #: odometer -> its name in the paper, in the paper's order.
 TITLES = {"dvo": "DVO", "fovis": "FOVIS", "rgbd": "RGB-D", "icp": "ICP", "icp_rgbd": "ICP+RGB-D"}
+#: Those of the paper that use brightness alone.
+PHOTOMETRIC = ("dvo", "rgbd")
 #: odometer -> what frames are aligned against. The first is that of the paper: the previous frame, or a model of all previous frames.
 REFERENCES = {
     "dvo": ("default", "model"),
@@ -73,6 +77,12 @@ def all_cells(
                 for reference in references or REFERENCES[odometer]:
                     cells.append(Cell(room, trajectory, noise, odometer, preset, reference, seed))
     return cells
+
+
+def lambertian_cells(presets: Sequence[str] = ("best",)) -> list[Cell]:
+    """The photometric odometers on the office rendered without reflections."""
+    sequences = product(shipped.TRAJECTORY_NAMES, PHOTOMETRIC, presets)
+    return [Cell("office", kt, LAMBERTIAN, name, preset, REFERENCES[name][0]) for kt, name, preset in sequences]
 
 
 def chosen(cells: Iterable[Cell], only: str | None) -> list[Cell]:

@@ -53,7 +53,7 @@ class Printed:
     def ate(
         self, room: str, trajectory: str, noise: str, odometer: str, statistic: str = "rmse", reference: str = ""
     ) -> float | None:
-        return self._of(ATE_TABLES[room, noise], trajectory, odometer, statistic, reference)
+        return self._of(ATE_TABLES.get((room, noise)), trajectory, odometer, statistic, reference)
 
     def surface(
         self, room: str, trajectory: str, noise: str, odometer: str, statistic: str = "mean", reference: str = ""

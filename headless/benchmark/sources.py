@@ -20,7 +20,7 @@ from iclnuim.formats.files import make_folder, read_json, sha256
 from iclnuim.sensor.models import depth_model, rgb_model
 
 from ..systems.staging import StagedSequence
-from .cells import EXTERNAL, Cell
+from .cells import EXTERNAL, LAMBERTIAN, Cell
 
 _ROOM = """
 import sys, numpy as np
@@ -33,14 +33,23 @@ atomic_write(sys.argv[2], lambda path: np.savez(path, points=points, triangles=t
 
 @dataclass(frozen=True)
 class Sources:
-    """data: folder as written by `iclnuim make all`, with ROOM/TRAJECTORY/clean and noisy. out: folder of the benchmark."""
+    """data: folder as written by `iclnuim make all`, with ROOM/TRAJECTORY/clean and noisy. out: folder of the benchmark. lambertian:
+    folder as written by `iclnuim make all --lambertian`, if there is one.
+    """
 
     data: Path
     out: Path
+    lambertian: Path | None = None
 
     def folder(self, cell: Cell) -> Path:
         """Folder of the cell's sequence: the existing one, or one with another noise seed, which exists only while its cells are measured."""
-        return self.out / "noise" / cell.sequence if cell.seed else self.data / cell.sequence
+        return self.out / "noise" / cell.sequence if cell.seed else self._existing(cell, cell.noise)
+
+    def _existing(self, cell: Cell, noise: str) -> Path:
+        """Folder of the user's sequence in the cell's room and trajectory with this noise."""
+        if noise == LAMBERTIAN and self.lambertian:
+            return self.lambertian / cell.room / cell.trajectory / "clean"
+        return self.data / cell.room / cell.trajectory / noise
 
     @property
     def work(self) -> Path:
@@ -50,9 +59,10 @@ class Sources:
     def fault(self, cell: Cell, first: int | None) -> str:
         """Why the cell cannot be measured; empty if it can. Sequences with other noise seeds are made from the clean sequence."""
         for noise in {cell.noise, "clean"} if cell.seed else {cell.noise}:
-            folder = self.data / cell.room / cell.trajectory / noise
+            folder, lambertian = self._existing(cell, noise), noise == LAMBERTIAN
             if not folder.is_dir():
-                return f"{folder} does not exist; try: iclnuim make {cell.room}/{cell.trajectory}, or iclnuim make all"
+                option = f" --lambertian -o {folder.parent}" if lambertian else ", or iclnuim make all"
+                return f"{folder} does not exist; try: iclnuim make {cell.room}/{cell.trajectory}{option}"
             recipe = folder / "recipe.json"
             if recipe.is_file() and read_json(recipe).get("finished") is False:
                 return f"{folder} is not finished; try: iclnuim resume {folder.parent}"
@@ -60,6 +70,8 @@ class Sources:
                 count = len(find_pairs(folder))
             except InputError as error:
                 return error.worded()
+            if lambertian and not rendered_job(folder).get("lambertian"):
+                return f"{folder} was not rendered without reflections; try: iclnuim make --lambertian"
             if read_truth(folder) is None:
                 return f"{folder} has no ground truth"
             if first and count < first:
@@ -68,12 +80,12 @@ class Sources:
 
     def frames(self, cell: Cell, first: int | None) -> int:
         """Number of frames on which the cell is measured."""
-        count = len(find_pairs(self.data / cell.room / cell.trajectory / ("clean" if cell.seed else cell.noise)))
+        count = len(find_pairs(self._existing(cell, "clean" if cell.seed else cell.noise)))
         return min(count, first or count)
 
     def identity(self, cell: Cell) -> dict:
         """Hashes that identify the cell's images and ground truth: for our sequences that of the journal, for others that of the lists."""
-        folder = self.data / cell.room / cell.trajectory / ("clean" if cell.seed else cell.noise)
+        folder = self._existing(cell, "clean" if cell.seed else cell.noise)
         files = [folder / name for name in ("frames.jsonl", "groundtruth.txt", "camera.json")]
         if not all(path.is_file() for path in files):
             return {"images": StagedSequence.of(folder).list_sha256}
@@ -118,8 +130,12 @@ class Sources:
         return path
 
     def model_name(self, cell: Cell) -> str | None:
-        """Name of the room in which the sequence was rendered; None for other sequences, whose surfaces are not measured."""
-        folder = self.data / cell.room / cell.trajectory / cell.noise
+        """Name of the room in which the sequence was rendered; None for other sequences and those without reflections, whose
+        surfaces are not measured.
+        """
+        if cell.noise == LAMBERTIAN:
+            return None
+        folder = self._existing(cell, cell.noise)
         try:
             return cell.room if rendered_job(folder).get("scene") == cell.room else None
         except IclnuimError:

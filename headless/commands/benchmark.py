@@ -9,7 +9,7 @@ from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write_text, make_folder
 
-from ..benchmark.cells import Cell, all_cells, chosen
+from ..benchmark.cells import Cell, all_cells, chosen, lambertian_cells
 from ..benchmark.correlation import correlation_table
 from ..benchmark.findings import findings_table
 from ..benchmark.html_report import write_report
@@ -31,6 +31,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "folder of sequences, as `iclnuim make all` writes them; default: out"
     add("--data", type=Path, default=Path("out"), metavar="DIR", help=help)
     add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help="default: out/benchmark")
+    help = "folder of the same sequences rendered without reflections (`iclnuim make all --lambertian -o DIR`), for finding 11"
+    add("--lambertian", type=Path, metavar="DIR", help=help)
     help = "only some cells, by words of room, trajectory, noise, odometer, preset, reference; kt0,kt2/icp: ICP on kt0 and on kt2"
     add("--only", metavar="FILTER", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames of every sequence")
@@ -83,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     tables = tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
-    films = _films(Sources(args.data, args.out), results, args.first, console) if args.videos else {}
+    films = _films(Sources(args.data, args.out, args.lambertian), results, args.first, console) if args.videos else {}
     console.note(f"{write_report(args.out, results, tables, films)} written")
     shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
     console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
@@ -98,8 +100,10 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
     """Measure the missing cells; returns a sentence for each cell that could not be measured. Raises InputError if no cell can be."""
     if unknown := [name for name in args.presets if name not in PRESETS]:
         raise InputError(f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown))
-    sources = Sources(args.data, args.out)
-    selected = chosen(all_cells(args.presets, range(args.seeds), args.references), args.only)
+    sources = Sources(args.data, args.out, args.lambertian)
+    cells = all_cells(args.presets, range(args.seeds), args.references)
+    cells += lambertian_cells(args.presets) if args.lambertian else []
+    selected = chosen(cells, args.only)
     faults = {(cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first) for cell in selected}
     for fault in sorted({fault for fault in faults.values() if fault}):
         console.note(f"left out: {fault}")

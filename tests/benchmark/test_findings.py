@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from iclnuim.headless.benchmark.cells import PHOTOMETRIC, all_cells, lambertian_cells
 from iclnuim.headless.benchmark.correlation import correlation, correlation_table, interval, spearman
 from iclnuim.headless.benchmark.findings import (
     FAILS,
@@ -46,6 +47,16 @@ def test_a_verdict_follows_the_figures(number):
     for words, holds in ((makes, True), (breaks, False)):
         ours = Ours(with_errors(results(3), 1e6, **words))
         assert apply_rule(RULES[number][0], ours)[0] is holds
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, MISSING)])
+def test_only_frames_without_reflections_show_whether_these_are_the_reason(share, found):
+    """Ten times worse than geometric methods; without reflections a share of that. None: one of the eight cells is missing."""
+    office = [result(cell, 0.1 if cell.odometer in PHOTOMETRIC else 0.01, 0.01) for cell in all_cells()]
+    without = [result(cell, 0.1 * (share or 0.4)) for cell in lambertian_cells()]
+    rows = {row[0]: row for row in findings_table(office + (without if share else without[1:])).rows}
+    assert rows["11"][5] == found
+    assert ("without reflections" in rows["11"][4]) == (share is not None) and "100" in rows["11"][4]
 
 
 def test_every_finding_has_a_rule_and_without_figures_none_a_verdict():

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from iclnuim.headless.benchmark.cells import Cell
+from iclnuim.headless.benchmark.cells import LAMBERTIAN, Cell
 from iclnuim.headless.benchmark.measure import Meter, Task, measure
 from iclnuim.headless.benchmark.runner import Benchmark, measured
 from iclnuim.headless.benchmark.sources import Sources, external_cells
@@ -57,6 +57,22 @@ def test_a_sequence_that_cannot_be_measured_is_named_with_what_makes_it(sources)
     assert "iclnuim make living_room/kt3" in sources.fault(replace(KT2, trajectory="kt3"), None)
     (sources.folder(KT2) / "recipe.json").write_text('{"finished": false}')
     assert "iclnuim resume" in sources.fault(KT2, None)
+
+
+def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surface(sources, tmp_path):
+    cell = replace(KT2, noise=LAMBERTIAN)
+    there = replace(sources, lambertian=sources.data)
+    assert "does not exist" in sources.fault(cell, None)
+    assert there.folder(cell) == sources.folder(replace(KT2, noise="clean"))
+    assert "was not rendered without reflections" in there.fault(cell, None)
+    job = {"scene": cell.room, "lambertian": True}
+    (there.folder(cell) / "recipe.json").write_text(json.dumps({"source": {"run": {"job": job}}}))
+    assert there.fault(cell, None) == "" and there.frames(cell, None) == 60
+    assert there.model_name(cell) is None
+    elsewhere = replace(sources, lambertian=tmp_path / "matt")
+    assert f"try: iclnuim make {cell.room}/kt2 --lambertian -o {tmp_path / 'matt'}/{cell.room}/kt2" in elsewhere.fault(
+        cell, None
+    )
 
 
 def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sources):
