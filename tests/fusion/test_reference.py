@@ -119,6 +119,14 @@ def test_a_view_of_the_model_is_the_surface_of_the_frame_that_was_fused(small, c
     np.testing.assert_array_equal(T.matrix, poses[0].matrix)
 
 
+def test_levels_of_the_model_say_that_they_are_rendered(small, camera, room):
+    one, frames = odometer("icp_rgbd"), room[1]
+    prepared = one.prepare(frames[0], camera)
+    levels, _ = ModelReference(one, camera).renew(frames[0], prepared, room[0][0])
+    finest = min(one.finest, len(prepared) - 1)
+    assert [level.rendered for level in levels] == [n >= finest for n in range(len(levels))]
+
+
 def test_a_frame_that_was_lost_does_not_spoil_the_model(small, camera, room):
     poses, frames = room
     one = odometer("icp")

@@ -72,6 +72,19 @@ def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy
     assert result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0  # no other rule flags it
 
 
+@pytest.mark.parametrize("rendered", [False, True])
+def test_planes_of_a_noisy_frame_join_last_and_those_of_a_rendered_model_in_all_passes(rendered, monkeypatch):
+    method, asked = odometer("icp_rgbd"), []
+    one, two = (method.prepare(view(i, ROOM, 0.003, BIG), BIG) for i in range(2))
+    assert method.rough(two)
+    for name in ("_jointly", "_image_first"):
+        way = getattr(method, name)
+        monkeypatch.setattr(method, name, lambda *args, name=name, way=way: asked.append(name) or way(*args))
+    result = method.align([replace(level, rendered=rendered) for level in one], two, SE3.identity())
+    assert asked == (["_jointly"] if rendered else ["_image_first"])
+    assert np.linalg.norm((STEP.inverse() @ result.T_reference_camera).translation) < 0.002
+
+
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
     frames = [view(i, WALL, 0.003) for i in range(3)]
     two = run("icp", frames)[-1].result.smallest_eigenvalue
