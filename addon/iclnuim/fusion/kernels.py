@@ -381,16 +381,16 @@ def ranges(grid, highest, K, R, t, voxel, tile, near, far):
 
 
 @njit(cache=True, inline="always")
-def _leave_block(x, y, z, dx, dy, dz):
-    """Distance along d to the border of the block of a point (voxels, shifted by half), plus a small margin."""
-    best = 1e9
-    for p, d in ((x, dx), (y, dy), (z, dz)):
-        low = 8.0 * math.floor(p / 8.0)
-        if d > 1e-12:
-            best = min(best, (low + 8.0 - p) / d)
-        elif d < -1e-12:
-            best = min(best, (low - p) / d)
-    return best + 1e-3
+def _leave(p, inverse):
+    """Distance along a ray to the border of the block of a coordinate p (voxels, shifted by half); inverse: 1 / its direction."""
+    low = 8.0 * math.floor(p * 0.125)
+    return ((low + 8.0 if inverse > 0.0 else low) - p) * inverse
+
+
+@njit(cache=True, inline="always")
+def _inverse(d):
+    """1 / d, but finite."""
+    return 1.0 / (d if abs(d) > 1e-12 else 1e-12)
 
 
 @njit(cache=True)
@@ -430,28 +430,28 @@ def _first_crossing(grid, o, d, start, far, voxel):
 
     Missing blocks are skipped. In free space the step is the distance stored in the nearest voxel.
     """
-    length = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    unit, sure = 1.0 / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), 0.8 / voxel
+    ix, iy, iw = _inverse(d[0]), _inverse(d[1]), _inverse(d[2])
+    ox, oy, ow, dx, dy, dw = o[0] + 0.5, o[1] + 0.5, o[2] + 0.5, d[0], d[1], d[2]
     z, front = start, -1.0
     while z < far:
-        x, y, w = o[0] + d[0] * z + 0.5, o[1] + d[1] * z + 0.5, o[2] + d[2] * z + 0.5
+        x, y, w = ox + dx * z, oy + dy * z, ow + dw * z
         i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(w))
         row = row_of(grid, i >> 3, j >> 3, k >> 3)
         if row == 0:
             front = -1.0
-            z += _leave_block(x, y, w, d[0], d[1], d[2])
+            z += min(_leave(x, ix), _leave(y, iy), _leave(w, iw)) + 1e-3
             continue
         at = (i & 7) * 64 + (j & 7) * 8 + (k & 7)
-        step = 1.0
-        if grid.weight[row, at] > 0:
-            f = grid.tsdf[row, at]
-            if f > 0.0:
-                front, step = z, max(1.0, 0.8 * f / voxel)
-            elif front >= 0.0:
-                hit = _refined(grid, o, d, front, z, 1.0 / length)
-                if not math.isnan(hit):
-                    return hit
-                front = -1.0
-        z += step / length
+        f, step = grid.tsdf[row, at], 1.0
+        if f > 0.0:  # 0 in voxels that are not observed
+            front, step = z, max(1.0, sure * f)
+        elif front >= 0.0 and grid.weight[row, at] > 0:
+            hit = _refined(grid, o, d, front, z, unit)
+            if not math.isnan(hit):
+                return hit
+            front = -1.0
+        z += step * unit
     return np.nan
 
 
