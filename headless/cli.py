@@ -17,6 +17,7 @@ from iclnuim.formats.files import check_picture
 
 from .isolation import run_isolated
 from .options import Console, option_name
+from .outputs import check_outputs
 
 #: command -> description. `configure` in commands/NAME.py (`-` becomes `_`) declares its options, or `configure_NAME` in the module listed in _SHARED.
 COMMANDS = {
@@ -54,7 +55,27 @@ _SHARED |= dict.fromkeys(("dataset", "convert", "noise", "inspect", "pack"), "se
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns its exit code."""
-    argv = sys.argv[1:] if argv is None else argv
+    try:
+        try:
+            return _run(sys.argv[1:] if argv is None else argv)
+        finally:
+            sys.stdout.flush()  # here, where a closed or full standard output can be handled
+    except BrokenPipeError:
+        _discard_output()
+        return 0
+    except OSError as error:
+        _discard_output()
+        print(f"iclnuim: standard output: {error.strerror or error}", file=sys.stderr)
+        return 3
+
+
+def _discard_output() -> None:
+    """Lose what is still to be printed, so that Python does not try it again at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _run(argv: list[str]) -> int:
     if not argv or argv[0] in ("-h", "--help"):
         width = max(map(len, COMMANDS))
         lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
@@ -70,6 +91,7 @@ def main(argv: list[str] | None = None) -> int:
     command = argv[0]
     try:
         args = parsed(command, argv[1:])
+        check_outputs(args)
         if getattr(args, "plot", None):
             check_picture(args.plot)  # before work that may take long
         work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
@@ -82,8 +104,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"iclnuim {command}: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        raise
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         print(f"iclnuim {command}: {where}{error.strerror or error}", file=sys.stderr)

@@ -118,12 +118,14 @@ def given_settings(
     return {n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None}
 
 
-def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None) -> S:
-    """`base` with the settings that were given as options. Raises InputError, which names the option, for an invalid value."""
+def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None, **derived: Any) -> S:
+    """`base` with the settings that were given as options, and the `derived` ones. Raises InputError, which names the option, for an
+    invalid value.
+    """
     options = {n: s.option for n, s in declared(type(base)).items() if s.option}
     given = given_settings(args, type(base), only)
     try:
-        return replace(base, **given)
+        return replace(base, **{**derived, **given})
     except InputError as error:
         setting = options.get(error.setting or "", error.setting)
         raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None

@@ -57,10 +57,15 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 def camera_from(args: argparse.Namespace) -> SequenceCamera | None:
     """The camera given by the options; None where none is given: the folder then decides."""
     if args.camera:
-        return SequenceCamera(PinholeCamera.parse(args.camera), check_units(args.units or UNITS_PER_METRE))
-    if args.units:
+        return SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
+    if args.units is not None:
         raise InputError("--camera with --units", found="--units alone")
     return None
+
+
+def units_from(args: argparse.Namespace) -> float:
+    """Depth units per metre given by --units, or the default. Raises InputError."""
+    return check_units(UNITS_PER_METRE if args.units is None else args.units)
 
 
 def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> "Sequence":

@@ -14,6 +14,7 @@ import numpy as np
 
 from .dataset.frames import FrameSource, image_frames, run_frames
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
+from .errors import InputError
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from .formats.trajectories import read_trajectory
@@ -38,9 +39,12 @@ def noisy_depth(
 
     model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). camera: default is the
     benchmark's camera, scaled to the image's width. The noise depends only on seed and frame number. Raises InputError for an
-    unknown model or setting.
+    unknown model or setting, for whole numbers, and for another size than the camera's.
     """
+    depth_z_m = _floating(depth_z_m, "depth in metres", "dividing by the units per metre (TUM: 5000)")
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
+    if depth_z_m.shape != (camera.height, camera.width):
+        raise InputError(f"depth of the camera's size {camera.width}x{camera.height}", found=depth_z_m.shape[::-1])
     return depth_model(model, settings).apply(depth_z_m, camera, frame_generator(seed, frame, DEPTH))
 
 
@@ -50,9 +54,18 @@ def noisy_rgb(
     """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a sensor model.
 
     model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). The noise depends only on
-    seed and frame number. Raises InputError for an unknown model or setting.
+    seed and frame number. Raises InputError for an unknown model or setting, and for whole numbers.
     """
+    rgb = _floating(rgb, "scene-linear RGB with 1 = white", "iclnuim.sensor.transfer.light_from_srgb8 for 8-bit images")
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))
+
+
+def _floating(image: np.ndarray, expected: str, hint: str) -> np.ndarray:
+    """Raises InputError for whole numbers: they are the values of an image file, in another unit."""
+    image = np.asarray(image)
+    if image.dtype.kind != "f":
+        raise InputError(f"{expected}, as floating-point numbers", found=image.dtype, hint=hint)
+    return image
 
 
 def make_sequence(

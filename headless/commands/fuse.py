@@ -49,9 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
     if args.preset not in PRESETS:
         raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
-    if args.voxel and args.truncation is None:  # the truncation distance grows with the voxels
-        args.truncation = max(PRESETS[args.preset].truncation_m, 3 * args.voxel)
-    settings = settings_from(args, FuseSettings(settings_from(args, PRESETS[args.preset])))
+    settings = settings_from(args, FuseSettings(_volume_settings(args)))
     poses = args.poses or find_truth(args.folder)
     if poses is None:
         raise InputError("a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE")
@@ -75,6 +73,15 @@ def run(args: argparse.Namespace, console: Console) -> None:
         f"at most {f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
     )
     console.result(figures, "\n".join(lines))
+
+
+def _volume_settings(args: argparse.Namespace) -> VolumeSettings:
+    """The preset with the given options. The truncation distance, unless given, and the distance behind a surface grow with the voxels."""
+    base = PRESETS[args.preset]
+    voxel_m = base.voxel_m if args.voxel is None else args.voxel
+    truncation_m = max(base.truncation_m, 3 * voxel_m) if args.truncation is None else args.truncation
+    behind_m = min(max(base.behind_m, 2 * voxel_m), truncation_m)
+    return settings_from(args, base, truncation_m=truncation_m, behind_m=behind_m)
 
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:

@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="EST", help="write a TUM trajectory; with --all a folder, METHOD.txt for each"
     )
     add("--preset", default="best", help="best (default) or paper")
-    help = "what a frame is aligned against: default (that of the method), frame, keyframe, entropy or model"
+    help = "what a frame is aligned against: default (that of the method), frame, keyframe, entropy, matches or model"
     add("--reference", default="default", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
     help = "offset of the sensor's inverse depth in 1/m, which is subtracted; default: 0"
@@ -64,14 +64,16 @@ def run(args: argparse.Namespace, console: Console) -> None:
         for line in done.losses():
             console.note(f"{done.name}: {line}")
     figures = [done.to_dict() for done in runs]
-    console.result({"runs": figures}, table(figures))
-    if recording:
-        from iclnuim.odometry.recording import record_runs
+    try:  # files first: standard output may be closed
+        if recording:
+            from iclnuim.odometry.recording import record_runs
 
-        record_runs(recording, args.folder, runs, sequence.camera.pinhole)
-        console.note(f"{recording} written")
-    if args.out or args.plot or args.show:
-        _write_and_draw(runs, args, console)
+            record_runs(recording, args.folder, runs, sequence.camera.pinhole)
+            console.note(f"{recording} written")
+        if args.out or args.plot or args.show:
+            _write_and_draw(runs, args, console)
+    finally:
+        console.result({"runs": figures}, table(figures))
 
 
 def _write_and_draw(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
+from iclnuim.dataset.depth_units import metres_from_depth16
 from iclnuim.dataset.frames import FrameSource, frames_with_poses, image_frames, original_frames, run_frames
 from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
@@ -27,7 +27,7 @@ from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
 from ..options import Console, add_rerun, add_settings, checked_rerun, common, renamed, settings_from
-from ..sequence_options import add_camera_options, add_sensor_options, camera_from, sequence_options
+from ..sequence_options import add_camera_options, add_sensor_options, camera_from, sequence_options, units_from
 
 EXPOSURES = "exposures.txt"
 _ABOUT = """
@@ -146,7 +146,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
 
 
 def _calibrate(args: argparse.Namespace, console: Console) -> None:
-    folder, units, values, lines = args.out, check_units(args.units or UNITS_PER_METRE), {}, []
+    folder, units, values, lines = args.out, units_from(args), {}, []
     rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
     walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
     depth = _calibrate_depth(walls, units) if walls else None
@@ -237,7 +237,8 @@ def configure_pack(parser: argparse.ArgumentParser) -> None:
 
 
 def _pack(args: argparse.Namespace, console: Console) -> None:
-    out = args.out or args.folder.with_name(f"{args.folder.resolve().name}.tar.gz")
+    whole = args.folder.resolve()  # `.` has no name
+    out = args.out or (args.folder if args.folder.name else whole).with_name(f"{whole.name}.tar.gz")
     check_packable(args.folder, args.licence)
     extra: dict[str, bytes] = {}
     if not args.no_preview:

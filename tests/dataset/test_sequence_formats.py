@@ -312,6 +312,21 @@ def test_pairs_are_found_by_lists_by_stamps_or_by_name(run, tmp_path):
         find_pairs(tmp_path)
 
 
+@pytest.mark.parametrize("shift_s", [0.0, 0.004])
+def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
+    for kind, offset_s in (("rgb", 0.0), ("depth", shift_s)):
+        (tmp_path / kind).mkdir()
+        for i in range(3):
+            (tmp_path / kind / f"{1305031102.175304 + i / 30 + offset_s:.6f}.png").touch()
+    pairs = find_pairs(tmp_path)
+    np.testing.assert_allclose([p.stamp_s for p in pairs], 1305031102.175304 + np.arange(3) / 30, atol=1e-6)
+    assert all(float(p.depth.stem) == pytest.approx(p.stamp_s + shift_s, abs=2e-6) for p in pairs)
+    for depth in (tmp_path / "depth").iterdir():
+        depth.rename(depth.with_name(f"x{depth.name}"))
+    with pytest.raises(InputError, match="equal file names in rgb/ and depth/, or rgb.txt and depth.txt"):
+        find_pairs(tmp_path)
+
+
 def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path):
     from iclnuim.formats.png import read_rgb8
     from iclnuim.sensor.models import depth_model, rgb_model

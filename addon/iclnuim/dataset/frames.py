@@ -76,7 +76,12 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     rows = format_of(folder).reader.rows(folder)
     if not rows:
         inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
-        hint = f"a folder inside: {', '.join(inside)}" if inside else "a folder with rgb/*.png and depth/*.png"
+        if inside:
+            hint = f"a folder inside: {', '.join(inside)}"
+        elif all(any((folder / kind).glob("*")) for kind in ("rgb", "depth")):
+            hint = "equal file names in rgb/ and depth/, or rgb.txt and depth.txt with their stamps"
+        else:
+            hint = "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
     numbers = [_number(row.rgb.stem) if row.number is None else row.number for row in rows]
     if None in numbers or len(set(numbers)) < len(rows):
@@ -120,6 +125,9 @@ def read_truth(folder: Path) -> Trajectory | None:
     return None if path is None else read_trajectory(path).trajectory
 
 
+_CAMERA_HINT = "a camera.json in this folder with width, height, fx, fy, cx, cy, or {camera} WIDTHxHEIGHT,FX,FY,CX,CY"
+
+
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
     """The camera in the sequence's files; else the benchmark's camera if the image has 640 x 480 pixels."""
     try:
@@ -131,7 +139,7 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
     header = image_header(image)
     if (header.width, header.height) != (640, 480):
         found = f"images of {header.width} x {header.height} and no camera.json"
-        raise InputError("a camera", path=folder, found=found, hint="{camera} WIDTHxHEIGHT,FX,FY,CX,CY")
+        raise InputError("a camera", path=folder, found=found, hint=_CAMERA_HINT)
     return SequenceCamera(PinholeCamera(), assumed=True)
 
 
@@ -149,7 +157,7 @@ def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np
     for path, image, of in ((pair.rgb, colour, camera.colour or c), (pair.depth, depth_z_m, c)):
         if image.shape[:2] != (of.height, of.width):
             expected, found = f"{of.width} x {of.height} as in the camera", f"{image.shape[1]} x {image.shape[0]}"
-            raise InputError(expected, path=path, found=found, hint="{camera}")
+            raise InputError(expected, path=path, found=found, hint="{camera} with the size of the images")
     if camera.colour is not None:
         colour = seen_by(colour, camera.colour.K, c.K, c.width, c.height)
     return colour, depth_z_m

@@ -4,7 +4,7 @@ Each format is a module in layouts/ and an entry of the registry in sequence_for
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -236,6 +236,10 @@ def camera_file(folder: Path) -> SequenceCamera | None:
     units = settings.pop("depth_units_per_metre", UNITS_PER_METRE)
     if isinstance(units, bool) or not isinstance(units, int | float):
         raise InputError("depth_units_per_metre as a number", path=folder / CAMERA, found=units)
+    needed = [field.name for field in fields(PinholeCamera)]
+    if missing := [name for name in needed if name not in settings]:  # the defaults are those of another camera
+        found = f"no {', '.join(missing)}"
+        raise InputError(f"a camera with {', '.join(needed)}", path=folder / CAMERA, found=found)
     return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
 
 

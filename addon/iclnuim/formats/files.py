@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import shutil
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,9 +21,15 @@ _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary file in the folder of `path` (same ending), then rename it to `path`.
 
-    If anything fails, `path` is unchanged. An OSError is raised as a WorkError with the path.
+    If anything fails, `path` is unchanged. A symbolic link stays, and its target is written. A pipe or a device (/dev/stdout) receives
+    the finished content. An OSError is raised as a WorkError with the path.
     """
     path = Path(path)
+    if _is_stream(path):
+        _write_stream(path, write)
+        return
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.stem}.{os.getpid()}-{_HOST}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}")
     try:
         write(temporary)
@@ -31,6 +38,24 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         raise not_written(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by a file."""
+    if path.parts[:2] in (("/", "dev"), ("/", "proc")):
+        return True
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _write_stream(path: Path, write: Callable[[Path], object]) -> None:
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / f"content{path.suffix}"
+            write(whole)
+            with open(whole, "rb") as content, open(path, "ab") as stream:
+                shutil.copyfileobj(content, stream)
+    except OSError as error:
+        raise not_written(path, error) from error
 
 
 def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
@@ -167,7 +192,11 @@ def check_picture(path: str | os.PathLike[str]) -> None:
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
-    """Raises InputError if the folder of a file to be written does not exist."""
+    """Raises InputError if a file cannot be written because its folder does not exist or it is a folder itself, WorkError if the folder is read-only."""
     folder = os.path.dirname(os.fspath(path))
     if folder and not os.path.isdir(folder):
         raise InputError("a folder to write into", path=folder, found="no such folder")
+    if os.path.isdir(path):
+        raise InputError("a file to write", path=path, found="a folder")
+    if not os.access(folder or ".", os.W_OK) and not _is_stream(Path(path)):
+        raise WorkError(f"{os.fspath(path)}: cannot write: the folder is read-only")

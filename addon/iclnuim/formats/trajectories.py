@@ -72,7 +72,6 @@ class TrajectoryFormat:
     frame: tuple[Callable[[SE3], SE3] | None, str] = (None, OWN_WORLD)
     handedness: str = ""
     inverse: bool = False
-    delimiter: str | None = None
     rows: Callable[[Source], Table] | None = None
     how: Callable[[Source, Table, Trajectory], str] = lambda source, table, trajectory: ""
     line: str = ""
@@ -86,7 +85,7 @@ class TrajectoryFormat:
 
     def read(self, source: Source, options: FileOptions) -> LoadedTrajectory:
         """Read a file in this format. Raises InputError with the line for invalid content."""
-        table = self.rows(source) if self.rows else read_table(source, self.counts, self.expected, self.delimiter)
+        table = self.rows(source) if self.rows else read_table(source, self.counts, self.expected)
         numbered = table.values.shape[1] == 13
         position, orientation = ([c + numbered for c in columns] for columns in self.columns)
         poses = trajectory_file.poses_of(table, table.values[:, position] * options.unit_m, orientation)
@@ -281,6 +280,19 @@ def _vslam_lab_rows(source: Source) -> Table:
     return read_table(_commented_first(source), (8,), _VSLAM_LAB, ",")
 
 
+def _euroc_rows(source: Source) -> Table:
+    """(n, 8) or (n, 17). Raises InputError for stamps that are not whole nanoseconds, and for names of columns that have qw last."""
+    if re.search(r"q\w*x\b.*q\w*w\b", source.header):
+        found = source.header.strip().splitlines()[-1]
+        raise InputError("columns qw, qx, qy, qz, as in EuRoC", path=source.path, found=found, hint=_NO_COMMAS)
+    table = read_table(source, (8, 17), _EUROC_ROW, ",")
+    parts = np.flatnonzero(table.values[:, 0] != np.rint(table.values[:, 0]))
+    if parts.size:
+        stamp = f"{table.values[parts[0], 0]:.12g}"
+        raise table.error(parts[0], "stamps in whole nanoseconds, as in EuRoC", stamp, _NO_COMMAS)
+    return table
+
+
 def _is_tartanair(source: Source) -> bool:
     """Whether the first line has seven numbers that end in a unit quaternion."""
     if source.columns != 7 or not source.starts_with_numbers:
@@ -323,6 +335,9 @@ def _counted(source: Source, table: Table, trajectory: Trajectory) -> str:
 TUM_HEADER = (
     "# timestamp tx ty tz qx qy qz qw; seconds, metres, right-handed, camera (x right, y down, z forward) to world\n"
 )
+_EUROC_ROW = "8 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz"
+#: A table of TUM's columns with commas has another order of the quaternion, and other stamps.
+_NO_COMMAS = "blanks instead of commas, for a TUM file"
 _EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
 _POV_HEADER = (
     "# frame r00 r01 r02 tx r10 r11 r12 ty r20 r21 r22 tz ; T_pov_cam, LEFT-handed POV-Ray world (y up), "
@@ -429,9 +444,7 @@ _ALL = (
     TrajectoryFormat(  # quaternion scalar FIRST; more columns (velocity, biases) may follow
         name="euroc",
         sniff=lambda source: any("," in line for line in source.first_lines),
-        expected="8 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz",
-        counts=(8, 17),
-        delimiter=",",
+        rows=_euroc_rows,
         columns=((1, 2, 3), (5, 6, 7, 4)),
         ticks=1e9,
         sentence="EuRoC: stamps in nanoseconds, world <- body taken as right-handed camera-to-world poses in "

@@ -132,6 +132,7 @@ def run_together(
     """
     odometers = list(odometers)
     sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
+    truth = read_truth(sequence.folder)  # before the work: an error in it must not discard a finished run
     camera = sequence.camera.pinhole
     trackers = [Tracker(o, camera, policy, against(o, camera) if against else None) for o in odometers]
     tracked: list[list[Tracked]] = [[] for _ in odometers]
@@ -142,7 +143,6 @@ def run_together(
             results.append(tracker.add(stamp_s, frame))
         if bar:
             bar.advance()
-    truth = read_truth(sequence.folder)
     return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
 
 

@@ -1,5 +1,6 @@
 """Shared parts of formats similar to TUM: images in lists with stamps, a camera in a separate file, a ground-truth file."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,8 @@ def write_camera(folder: Path, contents: Contents) -> None:
 
 
 def rows(folder: Path) -> list[Row]:
-    """The pairs of the association file, else of rgb.txt and depth.txt, else of equal names in rgb/ and depth/."""
-    return _listed(folder) or _by_name(folder)
+    """The pairs of the association file, else of rgb.txt and depth.txt, else of images named by stamps, else of equal names in rgb/ and depth/."""
+    return _listed(folder) or _by_stamp(folder) or _by_name(folder)
 
 
 def _list_files(folder: Path) -> list[Path]:
@@ -86,6 +87,16 @@ def _listed(folder: Path) -> list[Row]:
         Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
         for i, j in indices
     ]
+
+
+def _by_stamp(folder: Path) -> list[Row]:
+    """The pairs of images that are all named by stamps in seconds, with decimals; the stamps of a pair may differ."""
+    rgb, depth = (sorted((folder / kind).glob("*.png")) for kind in (RGB, DEPTH))
+    if not rgb or not depth or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth):
+        return []
+    both = associate(*(np.array([float(path.stem) for path in paths]) for paths in (rgb, depth)))
+    pairs = ((rgb[i], depth[j]) for i, j in zip(both.first, both.second, strict=True))
+    return sorted(Row(float(one.stem), one, other, (one.stem, other.stem)) for one, other in pairs)
 
 
 def _by_name(folder: Path) -> list[Row]:

@@ -1,0 +1,210 @@
+"""What a command writes replaces nothing that it reads, and reaches pipes, links and closed terminals as it should."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from iclnuim import noisy_depth, noisy_rgb
+from iclnuim.dataset.depth_units import depth16_from_metres
+from iclnuim.errors import InputError
+from iclnuim.formats.files import atomic_write_text, check_file
+from iclnuim.formats.png import write_png
+from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.headless.cli import main
+
+WALK = Trajectory.at_rate(SE3.exp(np.random.default_rng(0).normal(size=(20, 6)) * 0.1))
+SIZE = (64, 48)
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("gt.txt", "est.txt"):
+        write_trajectory(tmp_path / name, WALK, "tum")
+    return tmp_path
+
+
+@pytest.fixture
+def sequence(tmp_path, monkeypatch):
+    """Three equal frames of a tilted, textured plane."""
+    monkeypatch.chdir(tmp_path)
+    u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    grey = (120 + 60 * np.sin(0.7 * u) * np.cos(0.9 * v)).astype(np.uint8)
+    for i in range(3):
+        for kind, image in (("rgb", np.dstack([grey] * 3)), ("depth", depth16_from_metres(2 + 0.01 * u + 0.005 * v))):
+            (tmp_path / "seq" / kind).mkdir(parents=True, exist_ok=True)
+            write_png(tmp_path / "seq" / kind / f"{i}.png", image)
+    camera = PinholeCamera.parse(f"{SIZE[0]}x{SIZE[1]}").to_dict()
+    (tmp_path / "seq/camera.json").write_text(str(camera).replace("'", '"'))
+    still = Trajectory.at_rate(SE3.exp(np.zeros((3, 6))))
+    write_trajectory(tmp_path / "seq/groundtruth.txt", still, "tum")
+    return tmp_path / "seq"
+
+
+@pytest.mark.parametrize("option", ["--csv", "--plot"])
+@pytest.mark.parametrize("output", ["est.txt", "./gt.txt", "link.txt"])
+def test_an_input_is_not_overwritten(files, option, output, capsys):
+    (files / "link.txt").symlink_to("gt.txt")
+    before = [(files / name).read_bytes() for name in ("gt.txt", "est.txt")]
+    assert main(["evaluate", "ate", "gt.txt", "est.txt", option, output]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "none of the inputs" in error and f"another name for {option}" in error
+    assert [(files / name).read_bytes() for name in ("gt.txt", "est.txt")] == before
+
+
+@pytest.mark.parametrize("name", ["groundtruth.txt", "camera.json", "rgb/0.png"])
+def test_a_file_of_the_sequence_is_not_overwritten_and_an_estimate_in_its_folder_is(sequence, name, capsys):
+    before = (sequence / name).read_bytes()
+    assert main(["odometry", "icp", "seq", "-o", f"seq/{name}"]) == 2
+    assert "a file of the sequence seq" in capsys.readouterr().err
+    assert (sequence / name).read_bytes() == before
+    for _ in range(2):
+        assert main(["odometry", "icp", "seq", "-o", "seq/est.txt", "--first", "1"]) == 0
+
+
+def test_a_link_stays_and_its_target_is_written(tmp_path):
+    (tmp_path / "link.txt").symlink_to("target.txt")
+    atomic_write_text(tmp_path / "link.txt", "one")
+    atomic_write_text(tmp_path / "link.txt", "two")
+    assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "target.txt").read_text() == "two"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.txt", "target.txt"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs named pipes")
+def test_a_pipe_receives_the_content_and_stays_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append((tmp_path / "pipe").read_text()), daemon=True)
+    reader.start()
+    atomic_write_text(tmp_path / "pipe", "content")
+    reader.join(10)
+    assert read == ["content"] and (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="needs /dev/stdout")
+def test_standard_output_by_its_name(files):
+    words = ["evaluate", "ate", "gt.txt", "est.txt", "--csv", "/dev/stdout", "--quiet"]
+    done = subprocess.run([sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0 and "reference_index" in done.stdout and "rmse" in done.stdout
+    assert not Path("/dev/stdout").is_file() or Path("/dev/stdout").is_symlink()
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], ["--version"], ["evaluate", "--help"], ["evaluate", "ate", "gt.txt", "est.txt"]]
+)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_closed_standard_output_is_no_error(files, words, unbuffered):
+    read, write = os.pipe()
+    os.close(read)
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    done = subprocess.run(
+        [sys.executable, "-m", "iclnuim", *words],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        timeout=100,
+    )
+    os.close(write)
+    assert done.returncode == 0 and "Error" not in done.stderr, done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs /dev/full")
+def test_a_full_standard_output_is_one_line(files):
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-m", "iclnuim", "evaluate", "ate", "gt.txt", "est.txt", "--quiet"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=100)
+    assert done.returncode == 3 and "No space left on device" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_an_estimate_is_written_though_nobody_reads_the_table(sequence, tmp_path, monkeypatch):
+    def closed(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("iclnuim.headless.options.Console.result", closed)
+    assert main(["odometry", "icp", "seq", "-o", "est.txt"]) == 0
+    assert (tmp_path / "est.txt").is_file()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda seq: (seq / "groundtruth.txt").write_text("1 2\n"), "groundtruth.txt:1: expected a trajectory"),
+        (lambda seq: (seq.parent / "est.txt").mkdir(), "est.txt: expected a file to write, found a folder"),
+    ],
+    ids=["truth", "folder"],
+)
+def test_what_would_fail_at_the_end_fails_before_the_work(sequence, spoil, words, capsys, monkeypatch):
+    spoil(sequence)
+    monkeypatch.setattr("iclnuim.odometry.track.Tracker.add", None)
+    assert main(["odometry", "icp", "seq", "-o", "est.txt"]) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("lacking", [("cx", "cy"), ("fx", "fy", "cx", "cy"), ("width",)])
+def test_a_camera_is_not_completed_with_another_ones_figures(sequence, lacking, capsys):
+    camera = PinholeCamera().to_dict()
+    content = {name: value for name, value in camera.items() if name not in lacking}
+    (sequence / "camera.json").write_text(str(content).replace("'", '"'))
+    assert main(["odometry", "icp", "seq"]) == 2
+    error = capsys.readouterr().err
+    assert f"camera.json: expected a camera with width, height, fx, fy, cx, cy, found no {', '.join(lacking)}" in error
+
+
+def test_depth_units_of_zero_are_refused(sequence, capsys):
+    for words in (["--units", "0"], ["--units", "0", "--camera", "64x48"]):
+        assert main(["odometry", "icp", "seq", *words]) == 2
+    assert "1 to 1000000 depth units per metre, found 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "options", [["--voxel", "0.03"], ["--voxel", "0.03", "--truncation", "0.07"], ["--truncation", "0.018"]]
+)
+@pytest.mark.parametrize("preset", ["best", "paper"])
+def test_voxels_of_any_size_can_be_chosen(sequence, options, preset, capsys):
+    assert main(["fuse", "seq", "-o", "surface.ply", "--preset", preset, "--max-blocks", "4000", *options]) == 0
+
+
+def test_the_folder_one_stands_in_is_packed_beside_it(sequence, monkeypatch):
+    monkeypatch.chdir(sequence)
+    assert main(["convert", ".", "../tum"]) == 0
+    monkeypatch.chdir(sequence.parent / "tum")
+    assert main(["pack", ".", "--no-preview", "--quiet"]) == 0
+    assert (sequence.parent / "tum.tar.gz").is_file()
+
+
+def test_a_read_only_folder_is_named_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(Exception, match="cannot write: the folder is read-only"):
+        check_file(tmp_path / "est.txt")
+
+
+def test_values_of_image_files_are_not_taken_for_metres_or_light():
+    with pytest.raises(InputError, match="depth in metres, as floating-point numbers, found uint16"):
+        noisy_depth(np.full((48, 64), 10_000, np.uint16))
+    with pytest.raises(InputError, match="found uint8; try .*light_from_srgb8"):
+        noisy_rgb(np.full((48, 64, 3), 128, np.uint8))
+    with pytest.raises(InputError, match="camera's size 64x48, found"):
+        noisy_depth(np.full((10, 64), 2.0), camera=PinholeCamera.parse("64x48"))
+
+
+@pytest.mark.parametrize(
+    ("header", "stamp", "expected"),
+    [
+        ("", "1.033333", "stamps in whole nanoseconds, as in EuRoC, found 1.033333"),
+        ("#timestamp,x,y,z,qx,qy,qz,qw\n", "1033333000", "columns qw, qx, qy, qz, as in EuRoC"),
+    ],
+    ids=["seconds", "order"],
+)
+def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, header, stamp, expected, capsys):
+    (tmp_path / "est.csv").write_text(f"{header}1000000000,0,0,0,0,0,0,1\n{stamp},0,0,1,0,0,0,1\n")
+    assert main(["trajectory", "info", str(tmp_path / "est.csv")]) == 2
+    error = capsys.readouterr().err
+    assert expected in error and "blanks instead of commas" in error
