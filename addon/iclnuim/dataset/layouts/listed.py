@@ -94,7 +94,8 @@ def _by_stamp(folder: Path) -> list[Row]:
     rgb, depth = (sorted((folder / kind).glob("*.png")) for kind in (RGB, DEPTH))
     if not rgb or not depth or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth):
         return []
-    both = associate(*(np.array([float(path.stem) for path in paths]) for paths in (rgb, depth)))
+    stamps_s = [np.array([float(path.stem) for path in paths]) for paths in (rgb, depth)]
+    both = associate(stamps_s[0], stamps_s[1])
     pairs = ((rgb[i], depth[j]) for i, j in zip(both.first, both.second, strict=True))
     return sorted(Row(float(one.stem), one, other, (one.stem, other.stem)) for one, other in pairs)
 
