@@ -54,7 +54,8 @@ def test_what_was_not_seen_is_what_the_images_of_training_do_not_reach(room):
     for view in (looking(0, (0.0, 0.9, 0.1)), looking(4, (0.1, 0.6, 0))):
         (found,) = check_held_out(room, CAMERA, view, training)
         assert found.unseen == pytest.approx(unseen_by_hand(view[0], training), abs=0.001) and found.unseen <= 0.01
-    for view in (looking(25, (0, 0, 0)), looking(0, (0.0, -1.2, 0))):
+    # -1.23, not -1.2: there, a column of points is exactly on the border of a training image, on one side or the other by rounding
+    for view in (looking(25, (0, 0, 0)), looking(0, (0.0, -1.23, 0))):
         share = unseen_by_hand(view[0], training)
         with pytest.raises(
             InputError, match=r"at most 1% of pixels whose surface no training view saw, found view 0 with (\S+)%"
