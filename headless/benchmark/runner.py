@@ -113,7 +113,8 @@ class Benchmark:
 
     def _by_other_code(self, missing: list[Task]) -> list[Path]:
         """Folders of the measured cells whose recipes have other versions or another commit."""
-        folders = [self.sources.out / "cells" / c.name for c in self.cells if c not in {task.cell for task in missing}]
+        left = {task.cell for task in missing}
+        folders = [self.sources.out / "cells" / cell.name for cell in self.cells if cell not in left]
         return [f for f in folders if any((_recipe(f) or {}).get(key) != self._made_by[key] for key in _IGNORED)]
 
     def _frames(self, task: Task) -> int:

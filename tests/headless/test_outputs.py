@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -86,6 +87,14 @@ def test_a_pipe_receives_the_content_and_stays_a_pipe(tmp_path):
     atomic_write_text(tmp_path / "pipe", "content")
     reader.join(10)
     assert read == ["content"] and (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="needs a file system in memory")
+def test_a_file_in_memory_is_replaced_as_any_other():
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        for text in ("one", "two"):
+            atomic_write_text(f"{folder}/out.txt", text)
+        assert Path(folder, "out.txt").read_text() == "two"
 
 
 @pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="needs /dev/stdout")

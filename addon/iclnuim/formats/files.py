@@ -18,6 +18,10 @@ from ..errors import InputError, WorkError
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 
 
+#: Names of open files, which can also be regular files.
+_OPEN_FILES = ("/dev/stdout", "/dev/stderr", "/dev/fd/", "/proc/")
+
+
 def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary file in the folder of `path` (same ending), then rename it to `path`.
 
@@ -42,9 +46,7 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
 
 def _is_stream(path: Path) -> bool:
     """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by a file."""
-    if path.parts[:2] in (("/", "dev"), ("/", "proc")):
-        return True
-    return path.exists() and not path.is_file() and not path.is_dir()
+    return path.as_posix().startswith(_OPEN_FILES) or path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _write_stream(path: Path, write: Callable[[Path], object]) -> None:
