@@ -15,7 +15,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.odometry.baselines import Baseline
-from iclnuim.odometry.protocol import Frame, Odometer, Result, Status
+from iclnuim.odometry.protocol import Frame, Odometer, Result, Status, failure
 from iclnuim.odometry.track import Tracked, Tracker
 
 from .plan import Bounds
@@ -80,7 +80,12 @@ class RecordingOdometer:
             guess = guess @ off
             if isinstance(self.odometer, Baseline):
                 self.odometer.start = off
-        return self.odometer.align(reference[1], current[1], guess)
+        try:
+            return self.odometer.align(reference[1], current[1], guess)
+        except MemoryError:
+            raise
+        except Exception as error:  # one method must not end all others; OpenCV's errors have no other base
+            return failure(f"crashed: {type(error).__name__}")
 
 
 def track_all(odometers: Iterable[Odometer], segment: Segment) -> list[tuple[list[Tracked], dict[float, float]]]:

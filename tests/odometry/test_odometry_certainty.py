@@ -10,7 +10,7 @@ from iclnuim.geometry.se3 import SE3
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.odometry import kernels  # noqa: E402
 from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information  # noqa: E402
-from iclnuim.odometry.depth_term import DepthTerm  # noqa: E402
+from iclnuim.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
 from iclnuim.odometry.icp import Icp  # noqa: E402
 from iclnuim.odometry.photometric import Dvo  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
@@ -343,3 +343,17 @@ def test_depth_of_one_value_is_noticed_and_a_wall_a_little_aslant_is_none():
     assert [Frame.of(two, z, 0).flat() for z in (two, holes, aslant)] == [True, True, False]
     noise = np.random.default_rng(0).standard_normal((480, 640))
     assert [Frame.of(noise, 2 + deviation_m * noise, 0).flat() for deviation_m in (1e-4, 2e-4)] == [True, False]
+
+
+def test_exact_depth_of_a_plane_observes_scale_across_it_and_none_along_it():
+    rng = np.random.default_rng(1)
+    for scale in (1e4, 1e7, 1e10):  # up to 1e14, where rounding is above 0.01
+        for normal in rng.standard_normal((50, 3)):
+            normal /= np.linalg.norm(normal)
+            points = rng.uniform(-1, 1, (5_000, 3))
+            points += (2 - points @ normal)[:, None] * normal
+            rows = np.c_[np.tile(normal, (5_000, 1)), np.cross(points, normal)]
+            exact = System(scale * rows.T @ rows, np.zeros(6), 0.0, 1.0, np.zeros(3), 1.0)
+            along = np.cross(normal, [0.0, 0.0, 1.0])
+            assert 0.99 < scale_ambiguity(exact, 0.01 * along) <= 1, scale
+            assert 0 <= scale_ambiguity(exact, 0.01 * normal) < 0.1, scale

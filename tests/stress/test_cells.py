@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless.stress.cell import Poses, cell, diagnostics
+from iclnuim.headless.stress.cell import Poses, cell, diagnostics, track_all
 from iclnuim.headless.stress.plan import Bounds
 from iclnuim.odometry.protocol import Result, Status
+from iclnuim.odometry.registry import odometer
 from iclnuim.odometry.track import Tracked
 
 BOUNDS = Bounds()
@@ -79,3 +80,19 @@ def test_a_fitness_that_is_too_small_is_a_flag_of_open3d_and_not_of_ours(truth):
     low = [replace(f, result=replace(f.result, inliers=0.1)) for f in good]
     fitness = BOUNDS.min_fitness
     assert Poses.of(good, fitness).good.all() and not Poses.of(low, fitness).good.any() and Poses.of(low).good.all()
+
+
+def test_a_method_that_crashes_loses_its_frames_and_the_others_go_on(segment):
+    class Crashing:
+        name, reference = "crashing", "frame"
+
+        def prepare(self, frame, camera):
+            return frame
+
+        def align(self, reference, current, guess):
+            raise np.linalg.LinAlgError("Singular matrix")
+
+    (crashed, pairs), (tracked, _) = track_all([Crashing(), odometer("icp")], segment)
+    assert all(f.lost and f.result.reason == "crashed: LinAlgError" for f in crashed[1:])
+    assert not any(f.lost for f in tracked)
+    assert "crashed: LinAlgError" in diagnostics(crashed, pairs, segment.truth, None)["cause"]

@@ -27,6 +27,8 @@ PRIOR = np.eye(6) / 0.03**2
 MAX_REUSE_M = 0.002
 #: Standard deviations of the factor between the inverse depth of an image part and the sensor's: loose at first, firm for inliers.
 LOOSE, FIRM = 1.0, 0.05
+#: Information of a weak prior, and its least share of the trace of the equations it is added to: less is lost in rounding.
+WEAK, MIN_SHARE = 1e-3, 1e-14
 #: Equations without information.
 NO_EQUATIONS = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
 
@@ -35,7 +37,7 @@ def scale_ambiguity(geometry: System, t_m: np.ndarray) -> float:
     """Scale ambiguity, 0..1, of a translation t_m (3,) given `geometry` (information): 0 where geometry determines its length,
     1 where only the parts of the image do, through a factor common to all of them."""
     along = np.concatenate([t_m, np.zeros(3)]) / max(float(t_m @ t_m), 1e-12)
-    variance = float(along @ np.linalg.solve(geometry.A + 1e-3 * np.eye(6), along))
+    variance = float(along @ np.linalg.solve(_invertible(geometry.A), along))
     return variance / (variance + FIRM**2)
 
 
@@ -52,6 +54,11 @@ def inlier_weights(factor: np.ndarray, variance: np.ndarray, ambiguity: float) -
     return 1.0 / (1.0 + deviation**2 / (FIRM**2 + variance)) ** 2
 
 
+def _invertible(information: np.ndarray) -> np.ndarray:
+    """(6, 6): `information` with a weak prior. Exact depth of a plane alone gives 1e14 in some directions and none in others."""
+    return information + max(WEAK, MIN_SHARE * float(np.trace(information))) * np.eye(6)
+
+
 def _depth_only_twist(geometry: System) -> np.ndarray:
     """The twist (6,) that minimizes the geometric error alone; PRIOR keeps it near 0 in unobservable directions."""
     return np.linalg.solve(geometry.A + PRIOR, geometry.b)
@@ -60,7 +67,7 @@ def _depth_only_twist(geometry: System) -> np.ndarray:
 def _mahalanobis(geometry: System, information: np.ndarray) -> float:
     """Squared Mahalanobis distance per degree of freedom (6) between the depth-only motion and one with `information` (6, 6)."""
     depth_only = _depth_only_twist(geometry)
-    variance = np.linalg.inv(geometry.A + PRIOR) + np.linalg.inv(information + 1e-3 * np.eye(6))
+    variance = np.linalg.inv(geometry.A + PRIOR) + np.linalg.inv(_invertible(information))
     return float(depth_only @ np.linalg.solve(variance, depth_only)) / 6
 
 
