@@ -83,7 +83,7 @@ class QualitySettings(Settings):
     group = "settings of accuracy and completion"
 
     samples: int = setting(
-        200_000, "number of samples on each of the two surfaces, uniform by area", low=1000, high=50_000_000
+        400_000, "number of samples on each of the two surfaces, uniform by area", low=1000, high=50_000_000
     )
     seed: int = setting(0, "random seed of the samples", low=0, high=2**31 - 1)
     nearest: str = setting("triangle", "target of the distances", choices=NEAREST)
