@@ -35,8 +35,8 @@ from .seen_cache import cached_seen
 if TYPE_CHECKING:
     from iclnuim.fusion.mesh import Mesh
 
-#: Noise -> minimum weight of a voxel for the mesh: the surface of a noisy sequence must be seen by this many frames.
-_MIN_WEIGHT = {"clean": FuseSettings().min_weight, "noisy": 3.0}
+#: Minimum weight of a voxel for the mesh of a noisy sequence: its surface must be seen by this many frames.
+_MIN_NOISY_WEIGHT = 3.0
 #: Limits of the heat maps' scale in mm. It is logarithmic and the same for all cells.
 HEAT_MM = (0.1, 100.0)
 #: Number of trajectory points stored for charts.
@@ -222,7 +222,8 @@ def _surface(
 def fuse_settings(task: Task) -> FuseSettings:
     """The fusion settings: the volume by the cell's preset, `min_weight` by its noise."""
     volume = PRESETS.get(task.cell.preset, PRESETS["best"])
-    return FuseSettings(volume, _MIN_WEIGHT[task.cell.noise], f":{task.first or ''}")
+    min_weight = _MIN_NOISY_WEIGHT if task.cell.noise == "noisy" else FuseSettings().min_weight
+    return FuseSettings(volume, min_weight, f":{task.first or ''}")
 
 
 def _motion_of_fit(T: SE3, middle: np.ndarray) -> dict[str, float]:

@@ -39,7 +39,7 @@ class Plain:
 
 def frames(count):
     depth = np.full((120, 160), 2.0)
-    return [Frame.of(np.full(depth.shape, 100.0), depth, i / 30) for i in range(count)]
+    return [Frame.of(np.full(depth.shape, 100.0 + i), depth, i / 30) for i in range(count)]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -114,7 +114,13 @@ def test_frames_without_a_motion_are_lost(preset, kind):
     for T in path(6):
         frame = seen(T)
         grain = rng.integers(0, 256, (h, w)).astype(np.float32)
-        depth = rng.uniform(1, 4, (h, w)) if "depth of" in kind else np.full((h, w), 2.0)
+        depth = (
+            rng.uniform(1, 4, (h, w))
+            if "depth of" in kind
+            else frame.depth_z_m
+            if kind == "black"
+            else np.full((h, w), 2.0)
+        )
         image = grain if "grain" in kind else np.zeros((h, w)) if kind == "black" else rng.permuted(frame.grey, axis=1)
         frames.append(Frame.of(image, depth, 0.0))
     found = tracked(preset, frames)[1:]

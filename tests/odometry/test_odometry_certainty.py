@@ -357,3 +357,52 @@ def test_exact_depth_of_a_plane_observes_scale_across_it_and_none_along_it():
             along = np.cross(normal, [0.0, 0.0, 1.0])
             assert 0.99 < scale_ambiguity(exact, 0.01 * along) <= 1, scale
             assert 0 <= scale_ambiguity(exact, 0.01 * normal) < 0.1, scale
+
+
+class Noting:
+    """An odometer that knows the true pose of each frame by its stamp, and notes the guesses it is given."""
+
+    name, reference = "noting", "frame"
+
+    def __init__(self):
+        self.guesses = []
+
+    def prepare(self, frame, camera):
+        return frame.stamp_s
+
+    def align(self, reference, current, guess):
+        self.guesses.append((current, guess))
+        return Result(at(reference).inverse() @ at(current))
+
+
+def at(stamp_s):
+    return SE3.exp(30 * stamp_s * STEP.log())
+
+
+def test_a_motion_is_predicted_for_the_time_since_the_last_frame():
+    stamps_s = [k / 30 for k in (0, 1, 2, 5, 6, 13, 14)]
+    noting = Noting()
+    found = list(track(noting, CAMERA, [(t, replace(view(k, ROOM), stamp_s=t)) for k, t in enumerate(stamps_s)]))
+    for (stamp_s, guess), before in list(zip(noting.guesses, stamps_s, strict=False))[
+        1:
+    ]:  # the first has no motion yet
+        off = guess.inverse() @ at(before).inverse() @ at(stamp_s)
+        assert np.abs(off.log()).max() < 1e-9, stamp_s
+    assert all(f.result.status is Status.OK for f in found)
+    noting = Noting()  # after a gap of ten seconds, the motion of one
+    list(track(noting, CAMERA, [(t, replace(view(k, ROOM), stamp_s=t)) for k, t in enumerate((0.0, 1 / 30, 10.0))]))
+    np.testing.assert_allclose(noting.guesses[-1][1].log(), at(1.0).log(), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(ODOMETERS))
+def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_after_them(name):
+    stuck = [0, 1, 2, 3, 3, 3, 3, 7, 8, 9]
+    frames = [(k / 30, replace(view(j, ROOM, camera=BIG), stamp_s=k / 30)) for k, j in enumerate(stuck)]
+    found = list(track(odometer(name), BIG, frames))
+    reported = [k for k, f in enumerate(found) if f.result.status is not Status.OK]
+    assert reported == [4, 5, 6, 7]
+    assert (
+        all(f.result.reason.startswith("image: repeats") for f in found[4:7]) and "repeated" in found[7].result.reason
+    )
+    np.testing.assert_allclose(found[6].T_world_camera.matrix, found[3].T_world_camera.matrix, atol=1e-12)
+    assert error_m(found) < (0.01 if name == "fovis" else 0.002)

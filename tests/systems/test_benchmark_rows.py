@@ -68,7 +68,8 @@ def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surf
     job = {"scene": cell.room, "lambertian": True}
     (there.folder(cell) / "recipe.json").write_text(json.dumps({"source": {"run": {"job": job}}}))
     assert there.fault(cell, None) == "" and there.frames(cell, None) == 60
-    assert there.model_name(cell) is None
+    (there.folder(cell) / "frames.jsonl").write_text('{"frame": 0}\n')
+    assert Benchmark(there, [cell], {}, None, 1, Console(quiet=True))._task(cell).model is None
     elsewhere = replace(sources, lambertian=tmp_path / "matt")
     assert f"try: iclnuim make {cell.room}/kt2 --lambertian -o {tmp_path / 'matt'}/{cell.room}/kt2" in elsewhere.fault(
         cell, None

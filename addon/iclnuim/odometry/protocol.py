@@ -48,6 +48,11 @@ class Frame:
         share = np.count_nonzero(self.depth_z_m[::2, ::2] > 0) / self.depth_z_m[::2, ::2].size
         return f"depth: only {share:.1%} of the pixels have depth" if share < MIN_DEPTH_SHARE else ""
 
+    def repeats(self, other: "Frame") -> bool:
+        """Whether image and depth are exactly those of `other`: the camera is at rest in a rendered scene, or its driver repeats a frame."""
+        same_depth = np.array_equal(self.depth_z_m, other.depth_z_m)
+        return same_depth and np.array_equal(self.grey, other.grey)
+
     def flat(self) -> bool:
         """Whether all depth has one value to within FLAT_M, in every second row and column. Such depth is not measured, or is of a wall
         exactly parallel to the image, so motion along the wall is unobservable."""
@@ -57,8 +62,8 @@ class Frame:
 
 
 class Status(Enum):
-    """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction, depth disagrees with it, or all depth
-    has one value. FAILED has no pose: the frame is lost.
+    """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction, depth disagrees with it, all depth has
+    one value, or the frame repeats the one before. FAILED has no pose: the frame is lost.
     """
 
     OK = "ok"

@@ -24,6 +24,8 @@ POLICIES = ("hold", "constant-velocity", "restart")
 MAX_LOST = 5
 #: Decay per frame of a constant-velocity prediction in under-constrained directions (Result.under_constrained).
 PREDICTION_DECAY = 0.95
+#: A motion is extrapolated over at most this time: a second later a camera in the hand has moved 0.7 to 0.95 of that (all eight trajectories).
+MAX_EXTRAPOLATION_S = 1.0
 #: Output of an odometer's prepare() for a frame, or its equivalent for a rendered model, and T_world_camera of that frame.
 View = tuple[Any, SE3]
 
@@ -162,7 +164,8 @@ class Tracked:
 class Tracker:
     """Tracks frames one by one, with constant memory and time per frame. against: the reference; by default the odometer's own.
 
-    Each alignment starts from a constant-velocity prediction, except after a lost frame. Raises InputError for an unknown policy.
+    Each alignment starts from a constant-velocity prediction, except after a lost frame. A frame that repeats the one before is not
+    aligned: it keeps the pose and is DEGENERATE, as is the first frame after it. Raises InputError for an unknown policy.
     """
 
     def __init__(
@@ -174,20 +177,30 @@ class Tracker:
         self.reference = against or reference(odometer.reference)
         self.view: Any = None
         self.T_world_view = self.T_view_camera = self.motion = SE3.identity()
-        self.losses = 0
+        self.last: Frame | None = None  # the last frame, if it was tracked
+        self.pose_s, self.motion_s = (
+            math.nan,
+            math.nan,
+        )  # the time of the pose T_view_camera, and how long the last motion took
+        self.losses, self.repeated = 0, False
         self.assumed = False  # whether the pose of the view comes from the policy
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
         """Track a frame, or record the reason why there is none as a lost frame."""
         started = time.perf_counter()
-        current, result = self._aligned(frame)
+        if not isinstance(frame, str) and self.last and frame.repeats(self.last):
+            self.repeated = True
+            repeat = Result(self.T_view_camera, Status.DEGENERATE, reason="image: repeats the one before")
+            return Tracked(stamp_s, self.T_world_view @ self.T_view_camera, repeat)
+        current, result = self._aligned(stamp_s, frame)
         if isinstance(frame, str) or result.status is Status.FAILED:
-            pose = self._on_lost(frame, current)
+            self.last, pose = None, self._on_lost(stamp_s, frame, current)
         else:
-            pose = self._tracked(frame, current, result)
+            self.last, pose = frame, self._tracked(stamp_s, frame, current, result)
+        self.repeated = False
         return Tracked(stamp_s, pose, replace(result, seconds=time.perf_counter() - started))
 
-    def _aligned(self, frame: Frame | str) -> tuple[Any, Result]:
+    def _aligned(self, stamp_s: float, frame: Frame | str) -> tuple[Any, Result]:
         """The output of prepare() for the frame (None: not usable), and its alignment."""
         fault = frame if isinstance(frame, str) else frame.fault(self.camera)
         if fault or isinstance(frame, str):
@@ -195,32 +208,43 @@ class Tracker:
         current = self.odometer.prepare(frame, self.camera)
         if self.view is None:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
-        guess = self.T_view_camera if self.losses else self.T_view_camera @ self.motion
+        guess = self.T_view_camera if self.losses else self.T_view_camera @ self._predicted(stamp_s)
         result = self.odometer.align(self.view, current, guess)
         if result.status is Status.OK and frame.flat():  # such depth fits every motion that keeps its distance
             result = replace(result, status=Status.DEGENERATE, reason="depth: the same value in all pixels")
         elif result.status is Status.OK and self.assumed:
             reason = "track: aligned with a lost frame, whose pose is not measured"
             result = replace(result, status=Status.DEGENERATE, reason=reason)
+        elif result.status is Status.OK and self.repeated:
+            reason = "track: moved since the first of repeated frames, at an unknown time"
+            result = replace(result, status=Status.DEGENERATE, reason=reason)
         return current, result
 
-    def _tracked(self, frame: Frame, current: Any, result: Result) -> SE3:
+    def _predicted(self, stamp_s: float) -> SE3:
+        """The last motion, for as long as the last pose is ago."""
+        times = min(stamp_s - self.pose_s, MAX_EXTRAPOLATION_S) / self.motion_s
+        if not abs(times - 1) > 0.01:  # rounded stamps; or none to compare with
+            return self.motion
+        return SE3.exp(times * self.motion.log())
+
+    def _tracked(self, stamp_s: float, frame: Frame, current: Any, result: Result) -> SE3:
         T_view_camera = _rigid(result.T_reference_camera)
         self.motion, self.losses, self.assumed = self.T_view_camera.inverse() @ T_view_camera, 0, False
+        self.motion_s, self.pose_s = stamp_s - self.pose_s, stamp_s
         if result.under_constrained:
             self.motion = SE3.exp(PREDICTION_DECAY * self.motion.log())
         pose = _rigid(self.T_world_view @ T_view_camera)
         self._set_view(self.reference.renew(frame, current, pose, result), pose)
         return pose
 
-    def _on_lost(self, frame: Frame | str, current: Any) -> SE3:
+    def _on_lost(self, stamp_s: float, frame: Frame | str, current: Any) -> SE3:
         self.losses += 1
         if self.policy == "constant-velocity":
-            self.T_view_camera = self.T_view_camera @ self.motion
+            self.T_view_camera, self.pose_s = self.T_view_camera @ self._predicted(stamp_s), stamp_s
         pose = self.T_world_view @ self.T_view_camera
         if not isinstance(frame, str) and current is not None and (self.policy == "restart" or self.losses >= MAX_LOST):
             self._set_view(self.reference.restart(frame, current, pose), pose)
-            self.assumed = True
+            self.assumed, self.pose_s = True, stamp_s
         return pose
 
     def _set_view(self, view: tuple[Any, SE3], pose: SE3) -> None:
