@@ -255,6 +255,17 @@ def test_a_kept_frame_is_left_for_one_from_half_way_when_the_camera_has_gone_awa
     assert all(T.translation[0] == 0.006 * view for view, T in kept)
 
 
+def test_a_reported_pose_becomes_no_keyframe_while_there_is_a_good_one():
+    def kept(bad):
+        reference = KeyframeReference(max_m=0.02, max_deg=90)
+        results = (Result(SE3.identity(), Status.DEGENERATE if i in bad else Status.OK) for i in range(9))
+        return [reference.renew(None, i, SE3(np.eye(3), [0.006 * i, 0, 0]), r)[0] for i, r in enumerate(results)]
+
+    assert kept(bad=()) == [0, 0, 0, 0, 2, 2, 4, 4, 6]
+    assert kept(bad=(2,)) == [0, 0, 0, 0, 3, 3, 3, 5, 5]
+    assert kept(bad=(2, 3)) == [0, 0, 0, 0, 4, 4, 4, 4, 6]  # none: the current one
+
+
 def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():
     reference = KeyframeReference(max_m=0.02, max_deg=90)
     for i, x in enumerate((0.0, 0.012, 0.5)):

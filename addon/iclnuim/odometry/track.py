@@ -52,7 +52,7 @@ class KeyframeReference(Reference):
     """A keyframe is used while the camera is within max_m and max_deg of it: drift accumulates per keyframe, not per frame.
 
     The next keyframe is a frame from half that distance, not the last one. The baseline is then never too small to separate a
-    glass pane from the scene behind it by parallax.
+    glass pane from the scene behind it by parallax. It is a frame with the status OK, if there is one: errors of a keyframe stay.
     """
 
     def __init__(self, max_m: float = 0.2, max_deg: float = 10.0) -> None:
@@ -67,7 +67,8 @@ class KeyframeReference(Reference):
         if not self._near(self.keyframe, T_world_camera, 1.0):
             usable = self.candidate if self.candidate and self._near(self.candidate, T_world_camera, 1.0) else current
             self.keyframe, self.candidate = usable, None
-        if self.candidate is None and not self._near(self.keyframe, T_world_camera, 0.5):
+        trusted = result is None or result.status is Status.OK
+        if trusted and self.candidate is None and not self._near(self.keyframe, T_world_camera, 0.5):
             self.candidate = current
         return self.keyframe
 
