@@ -1,6 +1,7 @@
 """The panel's properties: made of the declarations and registries, so that a new entry appears without a line in the panel."""
 
 import dataclasses
+import json
 
 import pytest
 from iclnuim.errors import InputError
@@ -15,8 +16,9 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 from iclnuim import shipped, ui  # noqa: E402
 from iclnuim.dataset import sequence_formats  # noqa: E402
 from iclnuim.dataset.sequence_options import SequenceOptions  # noqa: E402
+from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
 from iclnuim.sensor import models  # noqa: E402
-from iclnuim.ui import presets, properties  # noqa: E402
+from iclnuim.ui import inputs, presets, properties  # noqa: E402
 
 
 @pytest.fixture
@@ -137,3 +139,26 @@ def test_nothing_is_left_after_unregistering(register):
     ui.unregister()
     assert not hasattr(bpy.types.Scene, "iclnuim") and not hasattr(bpy.types.WindowManager, "iclnuim_state")
     ui.register()
+
+
+def test_files_of_the_user_in_the_output_folder_are_left_alone(register, tmp_path):
+    settings, mine = register(), b"\xff my notes"
+    poses = "".join(f"{1 + i / 30:.6f} {i / 10} 0 0 0 0 0 1\n" for i in range(3))
+    chosen = tmp_path / "trajectory.txt"
+    chosen.write_text(poses)
+    (tmp_path / "scene.blend").write_bytes(mine)
+    settings.trajectory_source, settings.trajectory_file, settings.scale = "FILE", str(chosen), 0.5
+    written = {inputs.job(bpy.context, tmp_path).trajectory for _ in range(2)}
+    assert len(written) == 1 and chosen.read_text() == poses
+    assert read_trajectory(*written).trajectory.positions_m[-1, 0] == pytest.approx(0.1)
+    settings.scale = 0.25
+    assert inputs.job(bpy.context, tmp_path).trajectory not in written  # that of the earlier run stays
+    settings.scene_source = "OPEN"
+    with pytest.raises(InputError, match="scene.blend: expected an output folder without a file of this name"):
+        inputs.job(bpy.context, tmp_path)
+    assert (tmp_path / "scene.blend").read_bytes() == mine
+    (tmp_path / "scene.blend").unlink()
+    (tmp_path / "raw").mkdir()
+    job = inputs.job(bpy.context, tmp_path)
+    (tmp_path / "raw/sequence.json").write_text(json.dumps({"job": job.to_dict()}))
+    assert inputs.job(bpy.context, tmp_path).scene == job.scene  # a run without frames: the scene is saved again

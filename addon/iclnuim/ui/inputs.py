@@ -13,7 +13,7 @@ from .. import shipped
 from ..blender import camera, light_map
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
-from ..formats.files import make_folder, process_is_running
+from ..formats.files import make_folder, process_is_running, read_json, sha256
 from ..formats.libraries import first_library
 from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
 from ..geometry import axes
@@ -118,13 +118,17 @@ def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
 
 
 def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path) -> str:
-    """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file in `out`; its path is returned."""
+    """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file in `out`; its path is returned.
+
+    The name of the file depends on its content, so that no other file is overwritten, nor the trajectory of an earlier run.
+    """
     plain = settings.scale == 1.0 and not settings.use_start
     if plain and settings.trajectory_source in TRAJECTORIES:
         return _shipped_name(settings)
-    path, (poses, _) = out / "trajectory.txt", trajectory(context)
+    poses, _ = trajectory(context)
+    path = out / f"trajectory_{sha256(trajectory_text(poses, 'tum').encode())[:8]}.txt"
     make_folder(out, "another {out}")
-    if not path.is_file() or path.read_text() != trajectory_text(poses, "tum"):
+    if not path.is_file():
         write_trajectory(path, poses, "tum")
     return str(path)
 
@@ -143,9 +147,18 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
         hint = "Resume, which continues with the saved copy of the scene, or another {out}"
         raise InputError("an output folder without frames of an earlier state of the open scene", path=out, hint=hint)
+    if path.exists() and _scene_of_run(out) != path.resolve():
+        hint = "another {out}; Render saves a copy of the open scene there"
+        raise InputError("an output folder without a file of this name", path=path, hint=hint)
     make_folder(out, "another {out}")
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
     except RuntimeError as error:
         raise WorkError(f"{path}: cannot be written: {str(error).strip().splitlines()[-1]}") from None
     return str(path)
+
+
+def _scene_of_run(out: Path) -> Path | None:
+    """The scene of the run that was begun in `out`, if there is one."""
+    record = out / "raw/sequence.json"
+    return Path(read_json(record).get("job", {}).get("scene", "")).resolve() if record.is_file() else None
