@@ -9,10 +9,11 @@ import os
 import sys
 from contextlib import suppress
 from functools import partial
+from itertools import pairwise
 from typing import NoReturn
 
 from iclnuim import __version__
-from iclnuim.errors import IclnuimError
+from iclnuim.errors import IclnuimError, InputError
 from iclnuim.formats.files import check_picture
 
 from .isolation import run_isolated
@@ -90,6 +91,7 @@ def _run(argv: list[str]) -> int:
         return 2
     command = argv[0]
     try:
+        _refuse_empty(argv)
         args = parsed(command, argv[1:])
         check_outputs(args)
         if getattr(args, "plot", None):
@@ -119,6 +121,17 @@ def command() -> NoReturn:
             sys.stdout.flush()
         os._exit(code)  # at exit, bpy may wait for Blender's threads, which no longer exist
     sys.exit(code)
+
+
+def _refuse_empty(argv: list[str]) -> None:
+    """Raises InputError for an empty argument, such as that of a shell variable that is not set."""
+    for before, argument in pairwise(argv):
+        option, given, value = argument.partition("=")
+        if not argument or (given and not value and option.startswith("--")):
+            where = option or before
+            raise InputError(
+                f"a value after {where}", found="an empty one", hint="setting the shell variable, if it is one"
+            )
 
 
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:

@@ -1,9 +1,10 @@
 """The frozen description of a render job, to and from JSON. Panel, farm and worker exchange jobs in this form."""
 
 import os
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, ClassVar
 
 from . import shipped
@@ -161,6 +162,8 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
         job = RenderJob.from_dict(content)
     except InputError as error:
         raise error.at(path) from None
+    if PurePosixPath(job.sequence).is_absolute() or ".." in re.split(r"[/\\]", job.sequence):
+        raise InputError("a sequence named such as living_room/kt2", path=path, found=job.sequence)
     return replace(
         job,
         scene=_inside(path, job.scene, shipped.SCENE_NAMES),

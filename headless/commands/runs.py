@@ -10,8 +10,9 @@ from typing import Any
 
 from iclnuim import shipped
 from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.run_folder import load_trajectory
+from iclnuim.dataset.run_folder import load_trajectory, trajectory_file
 from iclnuim.errors import InputError
+from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
@@ -189,6 +190,9 @@ def _resume(args: argparse.Namespace, console: Console) -> int:
 
 def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
     """Execute the missing parts of the plan, then those of its held-out views; returns the exit code. Raises InputError, WorkError."""
+    read_as = read_trajectory(trajectory_file(plan.job)).read_as
+    if read_as.repeated:
+        console.note(f"{plan.job.trajectory}: {read_as.sentence}")
     if not plan.held_out:
         return _run(plan, console, print_only, blend)
     held_out.prepare(plan, console)
@@ -211,10 +215,13 @@ def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) 
         stopped = stack.enter_context(stop_on_signals())
         stage = stack.enter_context(tasks.SequenceStage(plan, len(own_cores()))) if plan.sequences else None
         run = stack.enter_context(open_run(plan, console, stopped))
-        plan.write_record()
+        if not plan.has_record():
+            plan.write_record()
+        if stage is not None:
+            stage.begin(run.run)
+        plan.write_record()  # that of an accepted command
         if stage is None:
             return report(run.render(plan.numbers, blend=blend), console)
-        stage.begin(run.run)
         try:  # sequence frames are written from finished frames while others are being rendered
             missing = stage.add_finished(plan.numbers)
             outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)
@@ -223,7 +230,9 @@ def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) 
         code = report(outcome, console)
         if code == 0:
             stage.complete()
-            console.note(f"{' and '.join(map(str, plan.variants()))} contain {len(plan.numbers)} frames each")
+            console.note(
+                f"{' and '.join(map(str, plan.variants()))}: all {len(plan.numbers)} requested frames are complete"
+            )
         return code
 
 

@@ -66,9 +66,11 @@ def state(folder: Path, frames: str | None) -> dict:
         expected = "a folder with a run begun by `iclnuim render` or `make`"
         raise InputError(expected, path=folder, found="no sequence.json")
     queue, holder = None, None
-    with suppress(WorkError):  # None if nothing was submitted, or Slurm does not answer
-        if jobs := slurm.recorded(raw):
+    if jobs := slurm.recorded(raw):
+        try:
             queue = slurm.counted(slurm.in_queue(jobs)) or "nothing"
+        except WorkError as error:
+            queue = f"unknown ({error})"
     with suppress(OSError, ValueError, KeyError, TypeError):
         lock = json.loads((raw / ".farm/lock").read_text("utf-8"))
         holder = f"process {lock['pid']} on {lock['host']}"

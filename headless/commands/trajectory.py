@@ -13,7 +13,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats import trajectories as files
-from iclnuim.formats.files import atomic_write_text, read_json, read_text
+from iclnuim.formats.files import atomic_write_text, make_folder, read_json, read_text
 from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
@@ -343,9 +343,16 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
         space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, clearance)
     made = plan(waypoints, space, Path(args.scene).name, settings)
     name = (args.out or Path()) / Path(args.scene).stem
-    name.parent.mkdir(parents=True, exist_ok=True)
-    atomic_write_text(name.with_suffix(".txt"), tum_text(made.motion.trajectory))
-    atomic_write_text(name.with_suffix(".json"), json.dumps(asdict(made.recipe), indent=2) + "\n")
+    texts_by_file = {
+        name.with_suffix(".json"): json.dumps(asdict(made.recipe), indent=2) + "\n",
+        name.with_suffix(".txt"): tum_text(made.motion.trajectory),
+    }
+    for file, text in texts_by_file.items():
+        if file.exists() and file.read_bytes() != text.encode():
+            raise InputError("a new file name", path=file, found="a file with other content", hint="another {out}")
+    make_folder(name.parent, hint="another {out}")
+    for file, text in texts_by_file.items():
+        atomic_write_text(file, text)
     figures = asdict(trajectories.statistics(made.motion.trajectory))
     text = (
         f"{name}.txt: {figures['frames']} poses, {figures['length_m']:.2f} m, "

@@ -228,6 +228,9 @@ class RunPlan:
         views = content.get("held_out", ""), content.get("noisy", True)
         return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"], *views)
 
+    def has_record(self) -> bool:
+        return (self.raw / RECORD).is_file()
+
     def write_record(self) -> None:
         """Write the record into the run folder."""
         (self.raw / RECORD).parent.mkdir(parents=True, exist_ok=True)

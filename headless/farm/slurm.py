@@ -20,7 +20,7 @@ from ..options import Console
 from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import Estimate, estimate
 from .estimate import known as known_figures
-from .run_plan import RunPlan, SlurmSettings, minutes
+from .run_plan import RunPlan, SlurmSettings, minutes, read_plan
 from .tasks import Task
 
 #: Maximum number of times that a task is requeued at its time limit; each time it has finished some frames.
@@ -110,6 +110,8 @@ def prepare(plan: RunPlan, query: bool = True) -> Batch:
     _refuse_other_job(plan)
     jobs = recorded(plan.raw) if query else []
     waiting = in_queue(jobs)
+    if waiting and plan.has_record():
+        _refuse_other_plan(plan)
     taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
     missing = [n for n in plan.missing() if n not in taken]
     known = known_figures(plan.job)
@@ -224,6 +226,14 @@ def _refuse_other_job(plan: RunPlan) -> None:
     names = set(requested) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - decided
     existing, new = ({name: job.get(name) for name in names} for job in (begun, requested))
     refuse_other("run", plan.raw, existing, new, "another {out}")
+
+
+def _refuse_other_plan(plan: RunPlan) -> None:
+    """Raise InputError if the tasks in the queue were submitted for another job or other sequences."""
+    submitted, requested = (
+        {**p["job"], **(p["sequences"] or {})} for p in (read_plan(plan.raw).to_dict(), plan.to_dict())
+    )
+    refuse_other("run in the queue", plan.raw, submitted, requested, "another {out}, or `scancel` first")
 
 
 def in_queue(jobs: list[Submitted]) -> dict[str, str]:

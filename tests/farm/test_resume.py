@@ -40,6 +40,16 @@ def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(reposito
     assert "1 of 3 frames to render" in capsys.readouterr().err
 
 
+def test_a_refused_command_leaves_the_record_of_the_run_as_it_was(repository, tmp_path, capsys):
+    room, out = str(repository / "tests/room.obj"), str(tmp_path / "o")
+    small = ("--scene", room, "--light", "path", "--samples", "1", "--no-denoise", "--camera", "32x24", "--keep-raw")
+    assert main(["make", "kt2", *small, "--frames", ":2", "-o", out]) == 0
+    assert main(["make", "kt2", *small, "--frames", ":2", "--depth-noise", "paper", "-o", out]) == 2
+    assert main(["resume", out]) == 0
+    assert main(["make", "kt2", *small, "--frames", ":1", "-o", out]) == 0
+    assert "all 1 requested frames are complete" in capsys.readouterr().err
+
+
 @pytest.fixture
 def begun(repository, tmp_path):
     """A copy of the folders that iclnuim 0.1.0 began, with the option --camera 64x48 --light path --samples 1 --frames 0:4, and --stuck-after 90

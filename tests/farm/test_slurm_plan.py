@@ -167,6 +167,23 @@ def test_frames_of_tasks_in_the_queue_are_not_asked_for_again(pretended, job, tm
     assert [n for _, array in batch.stages for chunk in array for n in chunk] == [4, 5, 6, 7]
 
 
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (("kt2", *TINY, "--seed", "3"), "seed 0 there, 3 requested"),
+        (("office/kt1", *TINY), "scene living_room there, office requested"),
+        (("kt2", *TINY, "--depth-noise", "paper"), "depth_noise released there, paper requested"),
+    ],
+)
+def test_another_command_is_refused_while_the_first_waits_in_the_queue(pretended, tmp_path, capsys, other, words):
+    pretended(queue="11_0 PENDING\\n12_0 PENDING\\n13 PENDING\\n")
+    out = ("--engine", "slurm", "--out", str(tmp_path / "o"))
+    assert main(["make", "kt2", *TINY, *out]) == 0
+    assert main(["make", *other, *out]) == 2
+    assert words in capsys.readouterr().err
+    assert read_plan(find_run(tmp_path / "o")).job.sequence == "living_room/kt2"
+
+
 def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(pretended, job, tmp_path, capsys):
     begun(job, tmp_path / "o", [])
     sent = pretended()
@@ -333,3 +350,13 @@ def test_quick_is_sixty_frames_in_a_row_from_the_first(tmp_path, configure):
     assert asked_for(tmp_path, "office/kt1", "--quick", configure=configure).numbers == tuple(range(60))
     with pytest.raises(InputError, match="not both"):
         asked_for(tmp_path, "kt2", "--quick", "--frames", "::30", configure=configure)
+
+
+def test_poses_that_are_left_out_of_a_trajectory_are_told(pretended, tmp_path, capsys):
+    pretended()
+    rows = [(1.0, 0.0), (1.1, 0.1), (1.1, 0.4), (1.2, 0.2)]
+    (tmp_path / "twice.txt").write_text("".join(f"{t} {x} 0 0 0 0 0 1\n" for t, x in rows))
+    words = ("--scene", "living_room", "--trajectory", str(tmp_path / "twice.txt"), "--camera", "16x12")
+    assert main(["render", *words, "--engine", "slurm", "--print-only", "--out", str(tmp_path / "o")]) == 0
+    said = capsys.readouterr()
+    assert "twice.txt: " in said.err and "1 repeated stamp left out" in said.err

@@ -7,6 +7,7 @@ import pytest
 from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
+from iclnuim.headless.farm import slurm
 from iclnuim.job import shipped_job
 
 
@@ -48,3 +49,9 @@ def test_frames_that_became_pairs_are_not_missed(run, capsys):
 def test_a_folder_without_a_run_is_bad_input(tmp_path, capsys):
     assert main(["status", str(tmp_path)]) == 2
     assert "no sequence.json" in capsys.readouterr().err
+
+
+def test_a_queue_that_does_not_answer_is_unknown_not_empty(run, capsys, monkeypatch):
+    slurm.record(run.path, [slurm.Submitted("11", "frames", ((2, 4),))])
+    monkeypatch.setenv("PATH", str(run.path))
+    assert told(capsys, run.path)["queue"].startswith("unknown (")

@@ -1,5 +1,6 @@
 """What a command writes replaces nothing that it reads, and reaches pipes, links and closed terminals as it should."""
 
+import json
 import os
 import subprocess
 import sys
@@ -217,3 +218,17 @@ def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, header, stamp, ex
     assert main(["trajectory", "info", str(tmp_path / "est.csv")]) == 2
     error = capsys.readouterr().err
     assert expected in error and "blanks instead of commas" in error
+
+
+def test_an_empty_argument_is_refused_not_taken_for_none(capsys):
+    for argv in (["make", "kt2", "--frames", ""], ["make", "kt2", "--camera="], ["evaluate", "", "b.txt"]):
+        assert main(argv) == 2
+        assert "found an empty one" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["../../evil", "/tmp/abs", "a/../../b", "..\\b"])
+def test_the_name_in_a_recipe_stays_below_the_output_folder(tmp_path, capsys, name):
+    recipe = {"schema_version": 1, "sequence": name, "scene": "living_room", "trajectory": "living_room/kt2"}
+    (tmp_path / "r.json").write_text(json.dumps({"job": recipe}))
+    assert main(["make", str(tmp_path / "r.json"), "--frames", ":1", "--camera", "16x12"]) == 2
+    assert "r.json: expected a sequence named such as living_room/kt2" in capsys.readouterr().err

@@ -286,3 +286,17 @@ def test_commands_start_without_heavy_packages(walk, arguments):
 def test_every_action_helps_with_an_example(run, action):
     code, out, _ = run(action, "--help")
     assert code == 0 and "example:\n  iclnuim trajectory " in out
+
+
+def test_make_through_a_scene_overwrites_no_file_of_other_content(repository, tmp_path, capsys):
+    pytest.importorskip("bpy", reason="needs the bpy package")
+    words = ["trajectory", "make", "--scene", str(repository / "tests/room.obj"), "--out", str(tmp_path)]
+    words += ["--viewpoints", "auto:2"]
+    assert main(words) == 0
+    made = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    assert sorted(made) == ["room.json", "room.txt"] and main(words) == 0  # the same again
+    (tmp_path / "room.txt").unlink()
+    (tmp_path / "room.json").write_text("mine\n")
+    assert main(words) == 2
+    assert "room.json: expected a new file name" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["room.json"]
