@@ -17,7 +17,8 @@ from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .errors import InputError
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
-from .formats.trajectories import read_trajectory
+from .formats.files import sha256
+from .formats.trajectories import read_trajectory, trajectory_text
 from .geometry.camera import PinholeCamera
 from .geometry.trajectory import Trajectory
 from .sensor.models import depth_model, rgb_model
@@ -25,6 +26,9 @@ from .sensor.noise_model import DEPTH, RGB, frame_generator
 
 Settings = Mapping[str, Any]
 TrajectoryOrFile = Trajectory | str | os.PathLike[str]
+#: What images must be, and what to try if they hold whole numbers.
+_METRES = "depth in metres", "dividing by the units per metre (TUM: 5000)"
+_LINEAR_RGB = "scene-linear RGB with 1 = white", "iclnuim.sensor.transfer.light_from_srgb8 for 8-bit images"
 
 
 def noisy_depth(
@@ -41,7 +45,7 @@ def noisy_depth(
     benchmark's camera, scaled to the image's width. The noise depends only on seed and frame number. Raises InputError for an
     unknown model or setting, for whole numbers, and for another size than the camera's.
     """
-    depth_z_m = _floating(depth_z_m, "depth in metres", "dividing by the units per metre (TUM: 5000)")
+    depth_z_m = _floating(depth_z_m, *_METRES)
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
     if depth_z_m.shape != (camera.height, camera.width):
         raise InputError(f"depth of the camera's size {camera.width}x{camera.height}", found=depth_z_m.shape[::-1])
@@ -56,7 +60,7 @@ def noisy_rgb(
     model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). The noise depends only on
     seed and frame number. Raises InputError for an unknown model or setting, and for whole numbers.
     """
-    rgb = _floating(rgb, "scene-linear RGB with 1 = white", "iclnuim.sensor.transfer.light_from_srgb8 for 8-bit images")
+    rgb = _floating(rgb, *_LINEAR_RGB)
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))
 
 
@@ -99,10 +103,23 @@ def frames_from(
     """Frames of your own renderer or simulator, for write_sequence. Frame i has stamp i and pose i of the trajectory.
 
     load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = no surface, both of the
-    camera's size. It may be called in any order and from several threads. `name` is written into the sequence's recipe.
+    camera's size. It may be called in any order and from several threads. `name` is written into the sequence's recipe. A sequence is
+    resumed only with the same trajectory, and if load() returns the same first frame. Raises InputError, when a frame is loaded, for
+    whole numbers and for another size.
     """
+
+    def checked(number: int) -> tuple[np.ndarray, np.ndarray]:
+        rgb, depth_z_m = load(number)
+        rgb, depth_z_m = _floating(rgb, *_LINEAR_RGB), _floating(depth_z_m, *_METRES)
+        if (rgb.shape, depth_z_m.shape) != ((*size, 3), size):
+            expected = f"frame {number} of the camera's size: RGB {(*size, 3)} and depth {size}"
+            raise InputError(expected, found=f"{rgb.shape} and {depth_z_m.shape}")
+        return rgb, depth_z_m
+
+    size = camera.height, camera.width
+    origin = {"frames": name, "trajectory_sha256": sha256(trajectory_text(trajectory, "tum").encode())}
     stamps_s, poses = dict(enumerate(trajectory.stamps_s.tolist())), lambda numbers: trajectory[np.array(numbers)]
-    return FrameSource(camera, tuple(stamps_s), stamps_s, load, poses, {"frames": name})
+    return FrameSource(camera, tuple(stamps_s), stamps_s, checked, poses, origin, volatile=True)
 
 
 def absolute_trajectory_error(

@@ -5,14 +5,18 @@ import json
 import numpy as np
 import pytest
 from iclnuim.dataset.depth_units import count_invalid, depth16_from_metres, metres_from_depth16
-from iclnuim.dataset.frames import run_frames
+from iclnuim.dataset.frames import image_frames, run_frames
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import read_associations
 from iclnuim.formats.exr import read_exr, write_exr
+from iclnuim.formats.png import read_rgb8, write_png
 from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.postprocess import frames_from
 from iclnuim.sensor.models import depth_model, rgb_model
 
 NOISY = SequenceSettings(depth_model("released"), rgb_model("released"), seed=7)
@@ -299,3 +303,57 @@ def test_a_users_own_noise_is_seeded_named_in_the_recipe_and_checked(run, tmp_pa
     assert (lost["no_distance_after_noise"], lost["beyond_range_after_noise"]) == (4 * 48 * 61, 4 * 48)
     with pytest.raises(InputError, match="an array .* of uint8 from the noise noise_of_mine:wide, found .* uint16"):
         fill(run, tmp_path / "wide", SequenceSettings(rgb=rgb_model("noise_of_mine:wide")))
+
+
+CAMERA = PinholeCamera.parse("64x48")
+LINE = Trajectory.at_rate(SE3.exp(np.arange(4)[:, None] * [0.1, 0, 0, 0, 0, 0]))
+
+
+def grey(number, level=0.2, dtype=np.float32):
+    return np.full((*SIZE, 3), level, dtype), np.full(SIZE, 1.0 + number, np.float32)
+
+
+def test_a_function_that_gives_other_frames_or_poses_is_refused_and_the_same_goes_on(tmp_path):
+    def broken(number):
+        if number == 2:
+            raise RuntimeError("the simulator stopped")
+        return grey(number)
+
+    with pytest.raises(RuntimeError, match="the simulator stopped"):
+        write_sequence(frames_from(CAMERA, LINE, broken), tmp_path / "a", workers=1)
+    with pytest.raises(InputError, match="found another image of frame 0; try another folder"):
+        write_sequence(frames_from(CAMERA, LINE, lambda n: grey(n, 0.3)), tmp_path / "a", workers=1)
+    with pytest.raises(InputError, match="another"):
+        write_sequence(frames_from(CAMERA, LINE[1:], grey), tmp_path / "a", workers=1)
+    with pytest.raises(InputError, match="format tum there, icl-nuim requested"):
+        write_sequence(frames_from(CAMERA, LINE, grey), tmp_path / "a", formats=("icl-nuim",))
+    done = write_sequence(frames_from(CAMERA, LINE, grey), tmp_path / "a", workers=1)
+    assert done.made + done.found == 4 and done.made < 4
+
+
+@pytest.mark.parametrize(
+    ("images", "words"),
+    [
+        (lambda n: grey(n, 51, np.uint8), "RGB with 1 = white, as floating-point numbers, found uint8"),
+        (lambda n: (grey(n)[0], np.full(SIZE, 2000, np.uint16)), "depth in metres, as floating-point numbers"),
+        (lambda n: (grey(n)[0][:20], grey(n)[1]), "frame 0 of the camera's size"),
+        (lambda n: (grey(n)[0], grey(n)[1][:20]), "frame 0 of the camera's size"),
+    ],
+)
+def test_what_a_function_returns_is_checked(tmp_path, images, words):
+    with pytest.raises(InputError, match=words):
+        write_sequence(frames_from(CAMERA, LINE, images), tmp_path / "a", workers=1)
+
+
+def test_images_whose_input_has_changed_are_made_again_and_no_others(run, tmp_path):
+    fill(run, tmp_path / "clean", SequenceSettings())
+    source = image_frames(tmp_path / "clean")
+    first = write_sequence(source, tmp_path / "noisy", NOISY)
+    before = contents(tmp_path / "noisy")
+    assert write_sequence(source, tmp_path / "noisy", NOISY).made == 0 < first.made
+    changed = tmp_path / "clean/rgb/000001.png"
+    write_png(changed, 255 - read_rgb8(changed))
+    assert write_sequence(image_frames(tmp_path / "clean"), tmp_path / "noisy", NOISY).made == 1
+    after = contents(tmp_path / "noisy")
+    differ = [name for name in after if after[name] != before[name] and name.endswith(".png")]
+    assert differ == ["rgb/000001.png"]

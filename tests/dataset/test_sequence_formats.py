@@ -284,9 +284,14 @@ def test_a_new_format_is_one_entry_of_the_registry(run, tmp_path, monkeypatch):
     assert "own" in parser.format_help()
 
 
-def test_one_format_lies_in_the_folder_itself_and_another_is_added_by_a_second_call(run, tmp_path):
+def test_one_format_lies_in_the_folder_itself_and_others_are_added_in_folders_of_their_own(run, tmp_path):
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",))
     assert (tmp_path / "out/transforms.json").is_file() and (tmp_path / "out/images/000000.png").is_file()
+    before = (tmp_path / "out/transforms.json").read_bytes()
+    with pytest.raises(InputError, match="format nerf there, tum requested"):
+        write_sequence(run_frames(run.path), tmp_path / "out")
+    write_sequence(run_frames(run.path), tmp_path / "out", formats=("tum", "euroc"))
+    assert (tmp_path / "out/tum/rgb.txt").is_file() and (tmp_path / "out/transforms.json").read_bytes() == before
 
 
 def test_what_a_format_cannot_say_is_refused_before_anything_is_written(run, tmp_path):

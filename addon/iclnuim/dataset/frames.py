@@ -37,7 +37,8 @@ class FrameSource:
     frames of the source, also of those not in `numbers`. `truth_of(numbers)` returns the ground truth of these frames, or None. `origin` is
     written into the recipe. `truth_images`: instances, classes and normals, if the run has them. `names` and `truth_file(numbers)`: names of
     the images, and format and bytes of a ground-truth file, which a sequence in the same format keeps. `originals`: files that a sequence
-    without noise copies byte for byte, if it stores images in the same way.
+    without noise copies byte for byte, if it stores images in the same way. `digest(number)`: SHA-256 of a frame's files, whose images are made
+    again if it changes; "" if `origin` tells. `volatile`: `load` is a function of the user, which may have changed since a sequence was started.
     """
 
     camera: PinholeCamera
@@ -51,6 +52,8 @@ class FrameSource:
     truth_file: Callable[[tuple[int, ...]], TruthFile | None] = lambda numbers: None
     originals: "Mapping[int, ImagePair]" = field(default_factory=dict)
     depth_units_per_metre: float = 0.0
+    digest: Callable[[int], str] = lambda number: ""
+    volatile: bool = False
 
 
 @dataclass(frozen=True)
@@ -245,6 +248,10 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
         colour, depth_z_m = read_images(by_number[number], camera)
         return light_from_srgb8(colour), depth_z_m
 
+    def digest(number: int) -> str:
+        pair = by_number[number]
+        return sha256(read_bytes(pair.rgb, "an image") + read_bytes(pair.depth, "an image"))
+
     names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
     paths = _kept_paths(folder, pairs)
     origin = {
@@ -256,7 +263,7 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     kept = {p.number: _kept(p, paths.get(p.number, {})) for p in pairs}
     return FrameSource(
         camera.pinhole, numbers, truth.stamps_s, load, truth.poses, origin, names=kept, truth_file=truth.file,
-        depth_units_per_metre=camera.depth_units_per_metre,
+        depth_units_per_metre=camera.depth_units_per_metre, digest=digest,
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import contextlib
 import json
 import os
 import platform
+import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
@@ -46,7 +47,7 @@ from .sequence_formats import sequence_format
 from .sequence_options import SequenceSettings, noisy_metres
 
 _SCHEMA_VERSION = 1
-#: Keys that determine the pixels; the others may differ when a sequence is resumed.
+#: Keys that determine the files; the others may differ when a sequence is resumed.
 _IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
 _KEYS = ("kind", *_IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
 
@@ -75,7 +76,7 @@ class WrittenSequence:
 @dataclass(frozen=True)
 class JournalEntry:
     """Frame number, SHA-256 of both images as PNG, number of depth pixels that became 0 by kind, SHA-256 of ground-truth images by kind, and of
-    images that are stored in another way, by the key of `_stored_as`.
+    images that are stored in another way, by the key of `_stored_as`. source_sha256: FrameSource.digest() of the frame.
     """
 
     frame: int
@@ -84,10 +85,12 @@ class JournalEntry:
     invalid_depth: dict[str, int] = field(default_factory=dict)
     truth_sha256: dict[str, str] = field(default_factory=dict)
     other_sha256: dict[str, str] = field(default_factory=dict)
+    source_sha256: str = ""
 
     def to_line(self) -> str:
-        """A line of JSON; the last two items only if they are not empty."""
-        content = {k: v for k, v in asdict(self).items() if v or k not in ("truth_sha256", "other_sha256")}
+        """A line of JSON; the last three items only if they are not empty."""
+        optional = ("truth_sha256", "other_sha256", "source_sha256")
+        content = {k: v for k, v in asdict(self).items() if v or k not in optional}
         return json.dumps(content) + "\n"
 
     @property
@@ -224,7 +227,7 @@ def complete_frames(
         there.append((read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen), units), units))
 
     def is_complete(number: int) -> bool:
-        return all(_is_complete(entries, number, places[number], units) for entries, places, units in there)
+        return all(_is_complete(source, entries, number, places[number], units) for entries, places, units in there)
 
     with ThreadPoolExecutor(4) as pool:
         return {n for n, good in zip(source.numbers, pool.map(is_complete, source.numbers), strict=True) if good}
@@ -265,7 +268,7 @@ class _Images:
 
     def is_complete(self, number: int) -> bool:
         """Whether all images of a frame have the hashes in the journal."""
-        return _is_complete(self.entries, number, self.places[number], self.units)
+        return _is_complete(self.source, self.entries, number, self.places[number], self.units)
 
     def make(self, frame: "_Frame") -> JournalEntry | None:
         if self.is_complete(frame.number):
@@ -279,7 +282,7 @@ class _Images:
                 digests |= _write_images(kind, files, self.units, _encoder(kind, images[kind]))
         main = digests.pop(RGB, ""), digests.pop(DEPTH, "")
         truth = {kind: digests.pop(kind) for kind in ground_truth.KINDS if kind in digests}
-        return JournalEntry(frame.number, *main, invalid, truth, digests)
+        return JournalEntry(frame.number, *main, invalid, truth, digests, self.source.digest(frame.number))
 
     def _copied_originals(self, number: int) -> tuple[dict[str, str], Places]:
         """Copy the originals to the places that store images in the same way. Returns SHA-256 by `_stored_as`, and the remaining places."""
@@ -318,6 +321,8 @@ class _Target(_Images):
             for leftover in folder.glob(".*.tmp.*"):
                 if writer_has_ended(leftover):
                     leftover.unlink(missing_ok=True)
+        if source.volatile and self.finished:
+            self._refuse_changed(min(self.finished), formats)
 
     def note(self, entry: JournalEntry) -> None:
         """Append one line to the journal. Raises WorkError if it cannot be written."""
@@ -376,6 +381,17 @@ class _Target(_Images):
         make_folder(out)
         write_json(file, recipe)
         return recipe
+
+    def _refuse_changed(self, number: int, formats: list[SequenceFormat]) -> None:
+        """Raises InputError if the source now gives other images of a finished frame."""
+        with tempfile.TemporaryDirectory() as folder:
+            again = _Images(self.source, Path(folder), self.settings, formats)
+            for place in (place for places in again.places[number].values() for place in places):
+                make_folder(place.path.parent)
+            made = again.make(_Frame(self.source, number))
+        if made is not None and made.digests != self.entries[number].digests:
+            expected, found = "the source that this sequence was started from", f"another image of frame {number}"
+            raise InputError(expected, path=self.out, found=found, hint="another folder")
 
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         """The content of a format's text files for these frames."""
@@ -480,10 +496,12 @@ def _is_plain(path: Path, kind: str, camera: PinholeCamera) -> bool:
     return (header.width, header.height) == (camera.width, camera.height) and right.get(header.colour) == header.bits
 
 
-def _is_complete(entries: Mapping[int, JournalEntry], number: int, files: Places, units: float) -> bool:
-    """Whether all images of a frame have the hashes in the journal."""
+def _is_complete(
+    source: FrameSource, entries: Mapping[int, JournalEntry], number: int, files: Places, units: float
+) -> bool:
+    """Whether all images of a frame have the hashes in the journal, and were made from the same files of the source."""
     entry = entries.get(number)
-    if entry is None:
+    if entry is None or (entry.source_sha256 and entry.source_sha256 != source.digest(number)):
         return False
     try:
         return all(
@@ -512,6 +530,10 @@ def read_recipe(path: Path) -> dict:
 def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
     """Raises InputError if the recipes differ. If the noise model differs, only its name is reported, not all of its settings."""
     there, requested = _identity(old), _identity(new)
+    if (
+        len(old.get("dialects", ())) == len(new["dialects"]) == 1
+    ):  # both in the folder itself, with files of the same names
+        there["format"], requested["format"] = old["dialects"][0], new["dialects"][0]
     models = [key for key in requested if key.endswith("_noise model") and there.get(key) != requested[key]]
     settings = tuple(key.removesuffix("model") for key in models)
     reported = [key for key in requested if key in models or not key.startswith(settings)]
