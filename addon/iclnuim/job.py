@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from . import shipped
 from .errors import InputError
 from .formats.files import read_bytes, read_json, sha256
-from .geometry.camera import PinholeCamera
+from .geometry.camera import PinholeCamera, blender_from_pinhole
 from .geometry.scene_axes import SceneReading
 from .sensor.exposure import Exposure
 from .settings import Settings, declared, same_as, setting
@@ -88,6 +88,7 @@ class RenderJob(Settings):
         for name in ("sequence", "scene", "trajectory"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InputError("text", setting=name, found=getattr(self, name))
+        blender_from_pinhole(self.camera)
 
     @property
     def exposure(self) -> Exposure:

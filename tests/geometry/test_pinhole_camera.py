@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera, blender_from_pinhole
+from iclnuim.job import RenderJob
 
 
 def random_cameras(count: int, largest: int = 2000) -> list[PinholeCamera]:
     rng = np.random.default_rng(7)
     cameras = []
     for _ in range(count):
-        width, height = (int(n) for n in rng.integers(2, largest, 2))
+        width, height = (int(n) for n in rng.integers(4, largest, 2))
         fx, fy = rng.uniform(0.3, 3, 2) * width
         cx, cy = rng.uniform(-0.2, 1.2, 2) * (width, height)
         cameras.append(PinholeCamera(width, height, fx, fy, cx, cy))
@@ -46,6 +47,16 @@ def test_blender_keeps_its_pixel_aspects_at_one_or_above():
     for camera in random_cameras(200):
         blender = blender_from_pinhole(camera)
         assert min(blender.pixel_aspect_x, blender.pixel_aspect_y) == 1
+
+
+def test_a_short_lens_gets_a_wider_sensor_and_what_blender_cannot_render_is_refused():
+    wide = PinholeCamera(32, 24, 0.8, 0.8, 15.5, 11.5)
+    assert blender_from_pinhole(wide).lens >= 1 - 1e-12
+    np.testing.assert_allclose(pinhole_of(blender_from_pinhole(wide)).K, wide.K, rtol=1e-12)
+    for size, focal in (((3, 24), (24, 24)), ((32, 3), (24, 24)), ((32, 24), (24, 7000)), ((32, 24), (7000, 24))):
+        camera = PinholeCamera(*size, *focal, 1, 1)
+        with pytest.raises(InputError, match="as Blender renders"):
+            RenderJob("kt2", "living_room", "living_room/kt2", camera=camera)
 
 
 def test_the_benchmarks_camera_needs_no_shift_in_blender():

@@ -99,6 +99,10 @@ class PinholeCamera(Settings):
         return PinholeCamera(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy)
 
 
+#: Blender's limits (the hard minimum and maximum of its properties resolution_x and pixel_aspect_x).
+MIN_RENDERED_PX, MAX_PIXEL_ASPECT = 4, 200
+
+
 @dataclass(frozen=True)
 class BlenderCamera:
     """Settings of a Blender perspective camera (lens in mm) and of the scene's render size."""
@@ -118,8 +122,18 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
     """The exact Blender settings for a K, also with fx != fy and an off-centre principal point.
 
     Blender's shifts are in units of the image width (horizontal fit). It has one focal length, so the ratio of fx and fy is set
-    as the pixel aspect; both aspects have to be 1 or more.
+    as the pixel aspect; both aspects have to be 1 or more. The sensor is wider for a lens that would be shorter than 1 mm, which Blender
+    does not allow. Raises InputError for a camera beyond its other limits.
     """
+    if min(camera.width, camera.height) < MIN_RENDERED_PX:
+        found = f"{camera.width} x {camera.height}"
+        raise InputError(
+            f"images of at least {MIN_RENDERED_PX} x {MIN_RENDERED_PX} pixels, as Blender renders", found=found
+        )
+    if not 1 / MAX_PIXEL_ASPECT <= camera.fx / camera.fy <= MAX_PIXEL_ASPECT:
+        expected = f"focal lengths whose ratio is at most {MAX_PIXEL_ASPECT}, as Blender renders"
+        raise InputError(expected, found=f"fx {camera.fx:g} and fy {camera.fy:g}")
+    sensor_width_mm = max(sensor_width_mm, camera.width / camera.fx)
     pixel_aspect_x, pixel_aspect_y = max(1.0, camera.fy / camera.fx), max(1.0, camera.fx / camera.fy)
     lens = camera.fx * sensor_width_mm / camera.width
     shift_x = -(camera.cx - (camera.width - 1) / 2) / camera.width

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 
 import bpy
 
+from ..errors import InputError
 from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera, blender_from_pinhole
 from ..geometry.scene_axes import SceneReading
@@ -88,7 +89,11 @@ def trajectory(layout, settings, context):
 @_panel("Camera", closed=True)
 def camera(layout, settings, context):
     _props(layout.column(align=True), settings, settings_of(PinholeCamera))
-    made = blender_from_pinhole(settings.camera())
+    try:
+        made = blender_from_pinhole(settings.camera())
+    except InputError as error:
+        _text(layout, context, error.worded(), "ERROR")
+        return
     lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
     aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"
     _text(layout, context, f"In Blender: {lens}, {aspect}")
