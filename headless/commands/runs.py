@@ -229,7 +229,7 @@ def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) 
             stage.close()
         code = report(outcome, console)
         if code == 0:
-            stage.complete()
+            stage.complete(console.note)
             console.note(
                 f"{' and '.join(map(str, plan.variants()))}: all {len(plan.numbers)} requested frames are complete"
             )

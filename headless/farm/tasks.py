@@ -82,11 +82,11 @@ class SequenceStage:
         """Finish the added frames; raises the first error. Safe to call twice."""
         self._pool.close()
 
-    def complete(self) -> None:
+    def complete(self, note: Callable[[str], object] = lambda text: None) -> None:
         """After all frames: write lists and recipes, then bags and logs. Raises InputError, WorkError."""
         self.close()
         for out, written in zip(self._plan.variants(), self._writer.complete(), strict=True):
-            self._plan.logs.write(written.folders[0], out)
+            self._plan.logs.write(written.folders[0], out, note)
 
     def _made(self, entries: list[JournalEntry | None]) -> None:
         number = self._writer.note(entries)

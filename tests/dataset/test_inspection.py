@@ -127,3 +127,20 @@ def test_the_official_sequence_is_right_and_so_is_its_handedness(samples):
     assert found.wrong == []
     assert found.figures["pairs"] == 120 and found.figures["poses"] == 1507
     assert found.figures["depth_fits_poses_mm"] < 3 < 10 < found.figures["depth_fits_mirrored_poses_mm"]
+
+
+def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(sound, tmp_path):
+    shutil.copytree(sound, tmp_path / "s")
+    for image in (tmp_path / "s/depth").glob("*.png"):
+        write_png(image, np.ascontiguousarray(read_depth16(image)[:40]))
+    found = inspect_sequence(tmp_path / "s")
+    assert any("inspected depth images are not of the camera's size 96 x 72: 96 x 40" in line for line in found.wrong)
+
+
+def test_ground_truth_images_need_no_partner(sound, tmp_path):
+    shutil.copytree(sound, tmp_path / "s")
+    for kind in ("instance", "class", "normal"):
+        shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / f"s/depth/{kind}000001.png")
+    assert not any("partner" in line for line in inspect_sequence(tmp_path / "s").odd)
+    shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / "s/depth/alone.png")
+    assert any("alone.png" in line for line in inspect_sequence(tmp_path / "s").odd)

@@ -121,3 +121,12 @@ def test_each_image_keeps_its_own_stamp_to_the_nanosecond_in_a_bag(sequence, tmp
             found.setdefault(connection.topic, []).append(stamp)
     for kind, off in (("rgb/image_color", 0), ("rgb/camera_info", 0), ("depth/image", 7_000_001)):
         assert found[f"/camera/{kind}"] == [ns + 10**8 * i + off for i in range(4)]
+
+
+def test_logs_that_exist_stay_and_are_said_and_only_new_ones_are_listed(run, tmp_path):
+    write_sequence(run_frames(run.path), tmp_path / "clean")
+    notes = []
+    first = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
+    again = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
+    assert ([p.name for p in first], again) == (["clean.klg"], [])
+    assert notes[0].endswith("is written") and "exists already and is not changed; remove it" in notes[1]

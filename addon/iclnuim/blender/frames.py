@@ -64,7 +64,7 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
         return "the camera sees no surface, and the sky is black"
     if np.median(depth_z_m[seen]) < _TOO_NEAR_M:
         return "the camera is inside an object or touches one"
-    return "no light reaches what the camera sees; check whether lamps are hidden, too weak or blocked"
+    return "no light reaches what the camera sees; check whether lamps are hidden, too weak or blocked, and whether the walls of a room without lamps face inwards"
 
 
 def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:

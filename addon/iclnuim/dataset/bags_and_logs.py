@@ -44,20 +44,23 @@ class LogSettings(Settings):
     compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
 
     def write(self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None) -> list[Path]:
-        """Write bags and logs next to `out` from the sequence in `folder`. Returns their paths. Existing ones stay; `note` is called for each."""
+        """Write bags and logs next to `out` from the sequence in `folder`. Returns their paths. Existing ones stay, which `note` says."""
         beside = out.resolve()
         klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
         wanted = [klg, ros1, ros2] if self.rosbag else [klg] if self.klg else []
+        missing = [path for path in wanted if not path.exists()]
         for path in wanted:
-            there = path.exists()
-            note(f"{path} exists already and is not changed" if there else f"{path} is written")
-            if not there and path == klg:
+            if path not in missing:
+                note(f"{path} exists already and is not changed; remove it to have it written from the present frames")
+        for path in missing:
+            note(f"{path} is written")
+            if path == klg:
                 write_klg(folder, klg)
-            elif not there:
+            else:
                 write_rosbag(folder, path, 1 if path == ros1 else 2, self)
                 if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
                     note("note: ROS 1 treats the first stamp, 0 s, as missing")
-        return wanted
+        return missing
 
 
 def write_rosbag(

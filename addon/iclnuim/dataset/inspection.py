@@ -20,6 +20,7 @@ from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, statistics
+from . import ground_truth
 from .depth_units import LARGEST_UNIT
 from .frames import ImagePair, find_pairs, find_truth, read_camera, read_depth_m, read_truth
 from .layout import SequenceCamera
@@ -82,6 +83,7 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     for kind, paths in listed.items():
         parents, other = {(p.parent, p.suffix) for p in paths}, listed["depth" if kind == "rgb" else "rgb"]
         there = {image.resolve() for parent, ending in parents for image in parent.glob(f"*{ending}")} - other
+        there = {image for image in there if not image.name.startswith(ground_truth.KINDS)}
         result.figures[f"{kind}_images"] = len(there)
         _report(result.wrong, sorted(paths - there), "{} images in the lists do not exist: {}")
         _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or are in no list: {{}}")
@@ -144,10 +146,16 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
 
 def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -> list[tuple[float, np.ndarray]]:
     """Check the range and holes of depth in some frames. Returns these depth images with their stamps."""
-    depths, per_metre = [], camera.depth_units_per_metre
+    per_metre, c = camera.depth_units_per_metre, camera.pinhole
+    depths: list[tuple[float, np.ndarray]] = []
+    others: list[tuple[float, np.ndarray]] = []
     for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
         with contextlib.suppress(InputError):  # reported already
-            depths.append((pairs[i].stamp_s, read_depth_m(pairs[i].depth, per_metre)))
+            depth = read_depth_m(pairs[i].depth, per_metre)
+            (depths if depth.shape == (c.height, c.width) else others).append((pairs[i].stamp_s, depth))
+    if others:
+        (h, w), several = others[0][1].shape, f"{len(others)} of {len(depths) + len(others)} inspected depth images"
+        result.wrong.append(f"{several} are not of the camera's size {c.width} x {c.height}: {w} x {h}")
     seen = np.concatenate([depth[depth > 0] for _, depth in depths]) if depths else np.zeros(0)
     if not seen.size:
         result.wrong.append("no depth in any of the inspected images")
