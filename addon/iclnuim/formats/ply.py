@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.triangles import check_mesh
 from .files import atomic_write, read_bytes
 
 _TYPES = {
@@ -86,8 +87,10 @@ def write_ply(
     """Write binary little-endian PLY: float x y z (n, 3), float nx ny nz, uchar red green blue; faces of triangles (m, 3) with further int
     values (m,) by name. Without triangles there is no face element.
 
-    Raises WorkError if it cannot be written.
+    Raises InputError for arrays of other shapes and for indices of no vertex, WorkError if it cannot be written.
     """
+    points = np.asarray(points)
+    check_mesh(points, np.zeros((0, 3), int) if triangles is None else np.asarray(triangles))
     columns = [(name, "f4", points[:, a]) for a, name in enumerate("xyz")]
     if normals is not None:
         columns += [(name, "f4", normals[:, a]) for a, name in enumerate(("nx", "ny", "nz"))]

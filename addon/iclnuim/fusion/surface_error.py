@@ -75,7 +75,8 @@ class TrueSurface:
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray) -> None:
-        self._distance, self._corners = TriangleDistance(points, triangles), points[np.unique(triangles)]
+        self._distance = TriangleDistance(points, triangles)
+        self._corners = self._distance.vertices[np.unique(triangles)]
 
     @property
     def vertices(self) -> np.ndarray:
@@ -97,7 +98,14 @@ class TrueSurface:
         return self._distance.distance(points_m)
 
     def error(self, points: np.ndarray, T_model_mesh: SE3 | None = None) -> SurfaceError:
-        """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit, handedness or world frame seems to be wrong."""
+        """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit, handedness or world frame seems to be wrong.
+
+        Raises InputError if there are no vertices, or some are NaN or infinite.
+        """
+        points = np.asarray(points)
+        if not len(points) or not np.isfinite(points).all():
+            found = f"{np.count_nonzero(~np.isfinite(points).all(-1))} of {len(points)} that are not"
+            raise InputError("vertices (n, 3) that are finite", found=found)
         T = SE3.identity() if T_model_mesh is None else T_model_mesh
         distances_m = self.distance(T.apply(points))
         return SurfaceError(distances_m, T, self._warnings(points, T, float(distances_m.mean())))

@@ -27,9 +27,11 @@ def hat(w: np.ndarray) -> np.ndarray:
 def unit_quaternion(quat: np.ndarray) -> np.ndarray:
     """(..., 4) in either order -> normalised to length one.
 
-    Raises InputError if a length differs from one by more than QUAT_NORM_TOLERANCE, or is not finite.
+    Raises InputError for another shape, and if a length differs from one by more than QUAT_NORM_TOLERANCE or is not finite.
     """
     quat = np.asarray(quat, float)
+    if not quat.ndim or quat.shape[-1] != 4:
+        raise InputError("quaternions (..., 4)", found=quat.shape)
     with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
         norm = np.linalg.norm(quat, axis=-1, keepdims=True)
     bad = ~(np.abs(norm - 1.0) <= QUAT_NORM_TOLERANCE)

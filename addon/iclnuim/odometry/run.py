@@ -128,9 +128,12 @@ def run_together(
 
     Each frame is read once and passed to one odometer after the other, so that all run under the same machine load.
     `progress(total, label)` returns an object with advance(). `against` returns the reference that frames are aligned against,
-    by default the one that each odometer declares.
+    by default the one that each odometer declares. Raises InputError for an object that is not an odometer.
     """
     odometers = list(odometers)
+    for o in odometers:
+        if not all(hasattr(o, part) for part in ("name", "reference", "prepare", "align")):
+            raise InputError("odometers, as iclnuim.odometer(name) makes them (iclnuim.Odometer)", found=repr(o))
     sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
     truth = read_truth(sequence.folder)  # before the work: an error in it must not discard a finished run
     camera = sequence.camera.pinhole

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, WorkError
+from ..geometry.triangles import check_mesh
 
 #: Maximum number of triangles in a tree, which then takes 0.4 GB; larger meshes are processed in slabs, one after the other.
 SLAB_TRIANGLES = 2_000_000
@@ -24,7 +25,7 @@ class Nearest:
 class TriangleDistance:
     """Distances to triangles (m, 3), indices into vertices (n, 3) in metres; at most `slab` of them in a tree.
 
-    Raises InputError if there are no triangles, WorkError if libigl is missing.
+    Raises InputError if there are no triangles or their indices are wrong, WorkError if libigl is missing.
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, slab: int = SLAB_TRIANGLES) -> None:
@@ -36,6 +37,7 @@ class TriangleDistance:
             raise WorkError("distances to a surface need the package libigl; try: pip install libigl") from None
         self._new_tree: Any = igl.AABB
         self.vertices, self.triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+        check_mesh(self.vertices, self.triangles)
         self._tree = self._build_tree(self.triangles) if len(triangles) <= slab else None
         self._slab = slab
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..errors import InputError
 from ..geometry.se3 import read_only
 from ..settings import Settings
 
@@ -28,7 +29,12 @@ class NoiseModel(Settings):
 
 
 def frame_generator(seed: int, frame: int, stream: int) -> np.random.Generator:
-    """The random generator of one image. Each frame is reproducible on its own, in any order, on any worker."""
+    """The random generator of one image. Each frame is reproducible on its own, in any order, on any worker.
+
+    Raises InputError for a negative seed or frame.
+    """
+    if min(seed, frame) < 0:
+        raise InputError("a seed and a frame of at least 0", found=f"{seed} and {frame}")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, frame, stream])))
 
 
