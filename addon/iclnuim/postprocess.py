@@ -104,7 +104,7 @@ def frames_from(
 
     load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = no surface, both of the
     camera's size. It may be called in any order and from several threads. `name` is written into the sequence's recipe. A sequence is
-    resumed only with the same trajectory, and if load() returns the same first frame. Raises InputError, when a frame is loaded, for
+    resumed only with the same trajectory, and if load() returns the same first and last of the finished frames. Raises InputError, when a frame is loaded, for
     whole numbers and for another size.
     """
 

@@ -331,6 +331,16 @@ def test_a_function_that_gives_other_frames_or_poses_is_refused_and_the_same_goe
     assert done.made + done.found == 4 and done.made < 4
 
 
+@pytest.mark.parametrize("changed", [0, 3])
+def test_a_function_whose_frames_changed_is_refused_and_the_finished_sequence_stays_as_it_is(tmp_path, changed):
+    write_sequence(frames_from(CAMERA, LINE, grey), tmp_path / "a", workers=1)
+    before = contents(tmp_path / "a")
+    other = frames_from(CAMERA, LINE, lambda n: grey(n, 0.3 if n == changed else 0.2))
+    with pytest.raises(InputError, match=f"found another image of frame {changed}; try another folder"):
+        write_sequence(other, tmp_path / "a", workers=1)
+    assert contents(tmp_path / "a") == before
+
+
 @pytest.mark.parametrize(
     ("images", "words"),
     [

@@ -292,6 +292,9 @@ def test_one_format_lies_in_the_folder_itself_and_others_are_added_in_folders_of
         write_sequence(run_frames(run.path), tmp_path / "out")
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("tum", "euroc"))
     assert (tmp_path / "out/tum/rgb.txt").is_file() and (tmp_path / "out/transforms.json").read_bytes() == before
+    with pytest.raises(InputError, match="format nerf there, tum requested"):
+        write_sequence(run_frames(run.path), tmp_path / "out")
+    assert write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",)).made == 0
 
 
 def test_what_a_format_cannot_say_is_refused_before_anything_is_written(run, tmp_path):

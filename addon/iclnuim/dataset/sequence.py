@@ -49,7 +49,10 @@ from .sequence_options import SequenceSettings, noisy_metres
 _SCHEMA_VERSION = 1
 #: Keys that determine the files; the others may differ when a sequence is resumed.
 _IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
-_KEYS = ("kind", *_IDENTITY, "dialects", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels")
+#: format_in_folder: the format in the folder itself, to which formats in subfolders were added later.
+_KEYS = (
+    "kind", *_IDENTITY, "dialects", "format_in_folder", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels",
+)  # fmt: skip
 
 
 class Place(NamedTuple):
@@ -309,20 +312,22 @@ class _Target(_Images):
         super().__init__(source, out, settings, formats)
         for format in formats:
             format.checked(self.contents(source.numbers, format))
-        self.recipe = self._begun()
+        self.recipe = self._checked_recipe()
+        self.finished = frozenset(n for n in self.places if self.is_complete(n))
+        if source.volatile and self.finished:
+            self._refuse_changed(formats)
+        make_folder(out)
+        write_json(out / "recipe.json", self.recipe)
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
             # remove a line truncated by a crash, in place: if the file were rewritten, a kill could lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
-        self.finished = frozenset(n for n in self.places if self.is_complete(n))
         images = (place.path for n in source.numbers for places in self.places[n].values() for place in places)
         for folder in sorted({out, *(path.parent for path in images)}):
             make_folder(folder)
             for leftover in folder.glob(".*.tmp.*"):
                 if writer_has_ended(leftover):
                     leftover.unlink(missing_ok=True)
-        if source.volatile and self.finished:
-            self._refuse_changed(min(self.finished), formats)
 
     def note(self, entry: JournalEntry) -> None:
         """Append one line to the journal. Raises WorkError if it cannot be written."""
@@ -353,8 +358,8 @@ class _Target(_Images):
         found = len(self.finished.intersection(self.source.numbers))
         return WrittenSequence(folders, len(self.source.numbers) - found, found, counts)
 
-    def _begun(self) -> dict:
-        """Make the folder with the recipe of an unfinished sequence, or resume the one that was started there. Returns the recipe.
+    def _checked_recipe(self) -> dict:
+        """The recipe of the sequence while it is unfinished, new or resumed. Nothing is written.
 
         Raises InputError if the path is a file, or the folder contains other files or a sequence of another recipe.
         """
@@ -374,24 +379,31 @@ class _Target(_Images):
         }
         out, file = self.out, self.out / "recipe.json"
         if file.is_file():
-            _refuse_other_sequence(file, read_recipe(file), recipe)
+            old = read_recipe(file)
+            _refuse_other_sequence(file, old, recipe)
+            if len(self.layout) > 1 and (here := _format_in_folder(old)):
+                recipe["format_in_folder"] = here
         elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
             found = "other files" if out.is_dir() else "a file"
             raise InputError("an empty folder or a sequence to resume", path=out, found=found, hint="another folder")
-        make_folder(out)
-        write_json(file, recipe)
         return recipe
 
-    def _refuse_changed(self, number: int, formats: list[SequenceFormat]) -> None:
-        """Raises InputError if the source now gives other images of a finished frame."""
+    def _refuse_changed(self, formats: list[SequenceFormat]) -> None:
+        """Raises InputError if the source now gives other images of the first or the last finished frame."""
+        for number in sorted({min(self.finished), max(self.finished)}):
+            if self._digests_now(number, formats) != self.entries[number].digests:
+                expected, found = "the source that this sequence was started from", f"another image of frame {number}"
+                raise InputError(expected, path=self.out, found=found, hint="another folder")
+
+    def _digests_now(self, number: int, formats: list[SequenceFormat]) -> dict[str, str]:
+        """SHA-256 of the images of a frame as they would be written now, by the key of `_stored_as`."""
         with tempfile.TemporaryDirectory() as folder:
             again = _Images(self.source, Path(folder), self.settings, formats)
             for place in (place for places in again.places[number].values() for place in places):
                 make_folder(place.path.parent)
             made = again.make(_Frame(self.source, number))
-        if made is not None and made.digests != self.entries[number].digests:
-            expected, found = "the source that this sequence was started from", f"another image of frame {number}"
-            raise InputError(expected, path=self.out, found=found, hint="another folder")
+        assert made is not None  # the folder was empty
+        return made.digests
 
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         """The content of a format's text files for these frames."""
@@ -530,15 +542,20 @@ def read_recipe(path: Path) -> dict:
 def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
     """Raises InputError if the recipes differ. If the noise model differs, only its name is reported, not all of its settings."""
     there, requested = _identity(old), _identity(new)
-    if (
-        len(old.get("dialects", ())) == len(new["dialects"]) == 1
-    ):  # both in the folder itself, with files of the same names
-        there["format"], requested["format"] = old["dialects"][0], new["dialects"][0]
+    here, wanted_here = _format_in_folder(old), _format_in_folder(new)
+    if here and wanted_here:  # their files may have the same names
+        there["format"], requested["format"] = here, wanted_here
     models = [key for key in requested if key.endswith("_noise model") and there.get(key) != requested[key]]
     settings = tuple(key.removesuffix("model") for key in models)
     reported = [key for key in requested if key in models or not key.startswith(settings)]
     old, new = ({key: values.get(key) for key in reported} for values in (there, requested))
     refuse_other("sequence", file, old, new, "another folder")
+
+
+def _format_in_folder(recipe: dict) -> str:
+    """The format whose files are in the sequence's folder itself; "" if each format has a subfolder."""
+    formats = recipe.get("dialects", ())
+    return formats[0] if len(formats) == 1 else recipe.get("format_in_folder", "")
 
 
 def _identity(recipe: dict) -> dict:
