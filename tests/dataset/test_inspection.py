@@ -1,5 +1,6 @@
 """inspect finds what was put wrong, names it, and finds nothing in what is right."""
 
+import re
 import shutil
 
 import numpy as np
@@ -134,7 +135,9 @@ def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(s
     for image in (tmp_path / "s/depth").glob("*.png"):
         write_png(image, np.ascontiguousarray(read_depth16(image)[:40]))
     found = inspect_sequence(tmp_path / "s")
-    assert any("inspected depth images are not of the camera's size 96 x 72: 96 x 40" in line for line in found.wrong)
+    expected = "inspected depth images are not of the camera's size 96 x 72: 000000.png is 96 x 40"
+    assert any(expected in line for line in found.wrong)
+    assert not any("no depth" in line for line in found.wrong)
 
 
 def test_ground_truth_images_need_no_partner(sound, tmp_path):
@@ -142,5 +145,16 @@ def test_ground_truth_images_need_no_partner(sound, tmp_path):
     for kind in ("instance", "class", "normal"):
         shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / f"s/depth/{kind}000001.png")
     assert not any("partner" in line for line in inspect_sequence(tmp_path / "s").odd)
-    shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / "s/depth/alone.png")
-    assert any("alone.png" in line for line in inspect_sequence(tmp_path / "s").odd)
+    shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / "s/depth/normal_light.png")
+    assert any("normal_light.png" in line for line in inspect_sequence(tmp_path / "s").odd)
+
+
+@pytest.mark.parametrize("prefix", ["classroom", "normal"])
+def test_images_in_the_lists_are_found_whatever_their_names(sound, tmp_path, prefix):
+    shutil.copytree(sound, tmp_path / "s")
+    for kind in ("rgb", "depth"):
+        for image in (tmp_path / "s" / kind).glob("*.png"):
+            image.rename(image.with_name(prefix + image.name))
+    for lists in (tmp_path / "s/rgb.txt", tmp_path / "s/depth.txt", tmp_path / "s/associations.txt"):
+        lists.write_text(re.sub("(rgb|depth)/", rf"\1/{prefix}", lists.read_text()))
+    assert inspect_sequence(tmp_path / "s").wrong == inspect_sequence(sound).wrong == []

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import re
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -32,6 +33,8 @@ _SAMPLES, _SLACK = 24, 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
 _STEP_PX = 6
+#: Names, without ending, of ground-truth images in a format that stores them beside the depth.
+_TRUTH_IMAGE = re.compile(f"({'|'.join(ground_truth.KINDS)})[0-9]+")
 
 
 @dataclass
@@ -83,7 +86,7 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     for kind, paths in listed.items():
         parents, other = {(p.parent, p.suffix) for p in paths}, listed["depth" if kind == "rgb" else "rgb"]
         there = {image.resolve() for parent, ending in parents for image in parent.glob(f"*{ending}")} - other
-        there = {image for image in there if not image.name.startswith(ground_truth.KINDS)}
+        there = {image for image in there if image in paths or not _TRUTH_IMAGE.fullmatch(image.stem)}
         result.figures[f"{kind}_images"] = len(there)
         _report(result.wrong, sorted(paths - there), "{} images in the lists do not exist: {}")
         _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or are in no list: {{}}")
@@ -148,14 +151,19 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
     """Check the range and holes of depth in some frames. Returns these depth images with their stamps."""
     per_metre, c = camera.depth_units_per_metre, camera.pinhole
     depths: list[tuple[float, np.ndarray]] = []
-    others: list[tuple[float, np.ndarray]] = []
+    others: list[tuple[str, tuple[int, ...]]] = []
     for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
         with contextlib.suppress(InputError):  # reported already
             depth = read_depth_m(pairs[i].depth, per_metre)
-            (depths if depth.shape == (c.height, c.width) else others).append((pairs[i].stamp_s, depth))
+            if depth.shape == (c.height, c.width):
+                depths.append((pairs[i].stamp_s, depth))
+            else:
+                others.append((pairs[i].depth.name, depth.shape))
     if others:
-        (h, w), several = others[0][1].shape, f"{len(others)} of {len(depths) + len(others)} inspected depth images"
-        result.wrong.append(f"{several} are not of the camera's size {c.width} x {c.height}: {w} x {h}")
+        (name, (h, w)), several = others[0], f"{len(others)} of {len(depths) + len(others)} inspected depth images"
+        result.wrong.append(f"{several} are not of the camera's size {c.width} x {c.height}: {name} is {w} x {h}")
+        if not depths:
+            return []
     seen = np.concatenate([depth[depth > 0] for _, depth in depths]) if depths else np.zeros(0)
     if not seen.size:
         result.wrong.append("no depth in any of the inspected images")
