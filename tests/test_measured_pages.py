@@ -38,6 +38,7 @@ PAIR = {"depth": "none", "rgb": "none", "frames_per_s": 57.0, "ratio": 1.1, "cpu
 DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events": {"full": 1}}
 UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
 ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
+GROUP = {"succeeded": 0.5, "false_successes": 0.1, "false_alarms": 0.0, "ate_m": 0.001, "nees": None}
 TABLE = {"columns": ["odometer", "error mm", "kt0"], "rows": [["ICP", "RMSE", "1.0"], ["", "Mean", "0.9"]]}
 BENCHMARK_TABLES = [
     m.mark.removeprefix("benchmark-").replace("-", "_") for m in MEASURED if m.page == "docs/benchmark.md"
@@ -63,6 +64,13 @@ PRINTED = {
     "evaluate surface": {"distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)},
     "odometry ": {"runs": [RUN]},
     "run ": {},
+    "stress ": {
+        "cells": [
+            {**GROUP, "method": method, "perturbation": name, "severity": severity}
+            for method in ("icp", "baseline:opencv-icp")
+            for name, severity in (("clean", 0), ("holes", 1), ("holes", 2))
+        ]
+    },
     "benchmark": {"tables": {name: TABLE for name in BENCHMARK_TABLES}},
 }
 

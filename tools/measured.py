@@ -30,6 +30,7 @@ _SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dv
 _NOISY = [place for place in _SIXTEEN if place.endswith("/noisy")]
 _BIASED = ("rgbd", "icp_rgbd")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
+_STRESS = f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --plot docs/pictures/stress.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/pictures/noise.png"
 _SURFACES = {
@@ -256,6 +257,45 @@ def _surface_commands() -> tuple[str, ...]:
     return tuple(commands)
 
 
+def _by_method(found: Sequence[Any]) -> dict[str, dict[tuple[str, int], Any]]:
+    """The groups of `stress --json` by method, then by perturbation and severity."""
+    groups: dict[str, dict[tuple[str, int], Any]] = {}
+    for cell in found[0]["cells"]:
+        groups.setdefault(cell["method"], {})[cell["perturbation"], cell["severity"]] = cell
+    return groups
+
+
+def _stress_fails(found: Sequence[Any]) -> str:
+    """The lowest severity at which at least half of the segments fail."""
+    groups = _by_method(found)
+    names = dict.fromkeys(p for cells in groups.values() for p, severity in cells if severity)
+
+    def first(cells: dict[tuple[str, int], Any], name: str) -> object:
+        failed = (k for (p, k), cell in sorted(cells.items()) if p == name and cell["succeeded"] <= 0.5)
+        return next(failed, "-")
+
+    rows = [(f"`{name}`", *(first(cells, name) for cells in groups.values())) for name in names]
+    return table(("fails from severity", *(m.removeprefix("baseline:") for m in groups)), rows)
+
+
+def _stress_totals(found: Sequence[Any]) -> str:
+    """Means over all perturbed cells; the last rows are of the unperturbed frames."""
+    groups = _by_method(found)
+    perturbed = [[cell for (_, k), cell in cells.items() if k] for cells in groups.values()]
+    clean = [cells["clean", 0] for cells in groups.values()]
+    rows: list[tuple[object, ...]] = [
+        (title, *(f"{sum(cell[key] for cell in cells) / len(cells):.1%}" for cells in perturbed))
+        for title, key in (
+            ("segments that succeed", "succeeded"),
+            ("frames: wrong poses reported as good", "false_successes"),
+            ("frames: right poses reported as bad", "false_alarms"),
+        )
+    ]
+    rows.append(("unperturbed: ATE, mm", *(f"{1e3 * cell['ate_m']:.2g}" for cell in clean)))
+    rows.append(("unperturbed: NEES", *("" if cell["nees"] is None else f"{cell['nees']:.2f}" for cell in clean)))
+    return table(("", *(m.removeprefix("baseline:") for m in groups)), rows)
+
+
 _BENCHMARK = (*(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation")
 
 MEASURED = (
@@ -300,6 +340,8 @@ MEASURED = (
         tuple(f"odometry {name} {place} --depth-offset 0.00155" for place in _NOISY for name in _BIASED),
         _offsets,
     ),
+    Measured("docs/stress.md", "stress-fails", (_STRESS,), _stress_fails),
+    Measured("docs/stress.md", "stress-totals", (_STRESS,), _stress_totals),
     *(
         Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
         for name in _BENCHMARK

@@ -229,6 +229,7 @@ class RunPlan:
         return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"], *views)
 
     def has_record(self) -> bool:
+        """Whether the run folder has a record, of this command or of an earlier one."""
         return (self.raw / RECORD).is_file()
 
     def write_record(self) -> None:

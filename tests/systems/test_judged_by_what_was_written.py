@@ -92,7 +92,8 @@ def test_medians_and_quartiles_are_of_the_runs_that_have_a_figure(run, fake, tmp
     assert (row["runs"], row["good_runs"]) == (3, 2) and row["notes"] == ["run 2: wrote nothing"]
     each = [one["ate_rmse_m"] for one in row["each"]]
     assert each[1] is None and row["ate_rmse_m"] == (each[0] + each[2]) / 2
-    assert row["wall_s"] > 0 and row["cpu_s"] > 0 and 1e6 < row["peak_bytes"] < 1e9
+    # a process that ends between two samples may be seen only before it has loaded its program
+    assert row["wall_s"] > 0 and row["cpu_s"] > 0 and 0 < row["peak_bytes"] < 1e9
 
 
 def test_its_error_is_evos_on_the_same_file(run, fake, sequence, tmp_path):
