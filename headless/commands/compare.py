@@ -10,7 +10,7 @@ from iclnuim.dataset.ground_truth import KINDS, NORMAL, NORMAL_STEPS, NORMAL_ZER
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json
-from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
+from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16, same_pixels
 
 from ..options import Console, common
 
@@ -69,8 +69,8 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     def compare_file(name: str) -> tuple[bool, float, list[str]]:
         one, other = files[0][name], files[1][name]
         if not why:
-            differs = one.read_bytes() != other.read_bytes()
-            return differs, 0.0, _other_channels(one, other) if differs else []
+            equal = one.read_bytes() == other.read_bytes() or _same_png(one, other)
+            return not equal, 0.0, [] if equal else _other_channels(one, other)
         shares = _shares(_channels(one, units[0]), _channels(other, units[1]))
         beyond = [channel for channel, share in shares.items() if share > SHARE]
         return bool(beyond), max(shares.values()), beyond
@@ -98,6 +98,14 @@ def _run_recipe(folder: Path) -> dict:
     if (folder / "recipe.json").is_file():
         return read_json(folder / "recipe.json").get("source", {}).get("run", {})
     raise InputError("a run (sequence.json) or a sequence (recipe.json)", path=folder, found="neither")
+
+
+def _same_png(a: Path, b: Path) -> bool:
+    """Whether two PNGs contain the same pixels: versions before 0.2.0 compressed them in another way."""
+    try:
+        return a.suffix == ".png" and same_pixels(a, b)
+    except InputError:
+        return False
 
 
 def _other_channels(a: Path, b: Path) -> list[str]:

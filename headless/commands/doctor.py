@@ -35,6 +35,7 @@ PACKAGES = (
     ("scipy", "scipy", False, "surfaces and odometers", "scipy"),
     ("numba", "numba", False, "odometry, fusion and surface error", "numba"),
     ("opencv-contrib-python-headless", "cv2", False, "odometry and fast PNG", "opencv-contrib-python-headless==4.11.*"),
+    ("deflate", "deflate", False, "writing PNG in half the time", "deflate"),
     ("libigl", "igl", False, "distances to surfaces", "libigl"),
     ("embreex", "embreex", False, "check-depth, clearances, visibility of surfaces", "embreex"),
     ("open3d-cpu", "open3d", False, "Open3D's odometers; glTF meshes", "iclnuim[open3d]"),

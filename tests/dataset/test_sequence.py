@@ -341,6 +341,17 @@ def test_a_function_whose_frames_changed_is_refused_and_the_finished_sequence_st
     assert contents(tmp_path / "a") == before
 
 
+def test_a_sequence_compressed_by_another_library_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr("iclnuim.formats.png.COMPRESSORS", ("zlib",))
+    write_sequence(frames_from(CAMERA, LINE, grey), tmp_path / "a", workers=1)
+    before = contents(tmp_path / "a")
+    monkeypatch.undo()
+    assert write_sequence(frames_from(CAMERA, LINE, grey), tmp_path / "a", workers=1).found == 4
+    assert {k: v for k, v in contents(tmp_path / "a").items() if k.endswith(".png")} == {
+        k: v for k, v in before.items() if k.endswith(".png")
+    }
+
+
 @pytest.mark.parametrize(
     ("images", "words"),
     [

@@ -1,4 +1,4 @@
-"""PNG: lossless through either library, readable by an independent one, and broken files refused in one line."""
+"""PNG: lossless with either compressor and reader, readable by an independent one, and broken files refused in one line."""
 
 import random
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.libraries import first_library
-from iclnuim.formats.png import png_header, read_depth16, read_rgb8, read_rgb16, write_png
+from iclnuim.formats.png import COMPRESSORS, png_header, read_depth16, read_rgb8, read_rgb16, same_pixels, write_png
 
 
 def _present(name):
@@ -32,8 +32,8 @@ def depth():
     return values
 
 
-@pytest.mark.parametrize("writer", BACKENDS)
-def test_either_library_reads_what_either_wrote(tmp_path, rgb, depth, writer):
+@pytest.mark.parametrize("writer", COMPRESSORS)
+def test_either_library_reads_what_either_compressor_wrote(tmp_path, rgb, depth, writer):
     write_png(tmp_path / "rgb.png", rgb, writer)
     write_png(tmp_path / "depth.png", depth, writer)
     for reader in BACKENDS:
@@ -43,7 +43,7 @@ def test_either_library_reads_what_either_wrote(tmp_path, rgb, depth, writer):
     assert str(png_header(tmp_path / "rgb.png")) == "45 x 31, 8-bit RGB"
 
 
-@pytest.mark.parametrize("writer", BACKENDS)
+@pytest.mark.parametrize("writer", COMPRESSORS)
 def test_sixteen_bit_colours_keep_every_bit_and_their_order(tmp_path, depth, writer):
     normals = np.stack([depth, depth[::-1], 65535 - depth], -1)
     write_png(tmp_path / "normal.png", normals, writer)
@@ -52,6 +52,28 @@ def test_sixteen_bit_colours_keep_every_bit_and_their_order(tmp_path, depth, wri
     for wrong in (read_rgb8, read_depth16):
         with pytest.raises(InputError, match="found 45 x 31, 16-bit RGB"):
             wrong(tmp_path / "normal.png")
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (3, 2000)])
+def test_images_of_any_size_keep_their_pixels(tmp_path, shape):
+    values = np.random.default_rng(5).integers(0, 65536, (*shape, 3), np.uint16)
+    for image, read in ((values, read_rgb16), (values.astype(np.uint8), read_rgb8), (values[..., 1], read_depth16)):
+        write_png(tmp_path / "f.png", image)
+        assert np.array_equal(read(tmp_path / "f.png"), image)
+
+
+def test_images_are_the_same_if_their_pixels_are_however_they_are_compressed(tmp_path, rgb, depth):
+    for name, image in (("rgb", rgb), ("depth", depth)):
+        for compressor in COMPRESSORS:
+            write_png(tmp_path / f"{name}_{compressor}.png", np.sort(image, axis=0), compressor)
+    a, b = ((tmp_path / f"rgb_{c}.png") for c in COMPRESSORS)
+    assert a.read_bytes() != b.read_bytes() and same_pixels(a, b)
+    assert same_pixels(*((tmp_path / f"depth_{c}.png") for c in COMPRESSORS))
+    assert not same_pixels(a, tmp_path / "depth_zlib.png")
+    other = np.sort(rgb, axis=0)
+    other[-1, -1, -1] ^= 1
+    write_png(tmp_path / "other.png", other)
+    assert not same_pixels(a, tmp_path / "other.png")
 
 
 def test_pillow_as_an_independent_reader_sees_the_same_pixels(tmp_path, rgb, depth):
@@ -103,7 +125,7 @@ def test_truncated_and_flipped_files_are_refused_silently_but_for_one_line(tmp_p
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("writer", BACKENDS)
+@pytest.mark.parametrize("writer", COMPRESSORS)
 def test_a_full_disk_leaves_no_file_and_one_line(tmp_path, rgb, writer, file_size_limit):
     with file_size_limit(500), pytest.raises(WorkError, match="cannot write"):
         write_png(tmp_path / "f.png", rgb, writer)

@@ -251,16 +251,16 @@ def _shine(tree: NodeTree, colour: NodeSocket, limit: float | None) -> NodeSocke
     return _node(tree, "Emission", colour)
 
 
-def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple:
-    """Sockets of the light on the side that is seen, and on the other side."""
-    maps = []
-    for name in (FRONT_UV, BACK_UV)[: 1 + two_sided]:
-        uv = _node(tree, "UVMap", uv_map=name)
-        maps.append(_node(tree, "TexImage", uv, image=image, interpolation="Linear", extension="EXTEND"))
-    if not two_sided:
-        return maps[0], maps[0]
-    facing = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
-    return _blend(tree, facing, *maps), _blend(tree, facing, *maps[::-1])
+def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple[NodeSocket, NodeSocket]:
+    """Sockets of the light on the side that is seen, and on the other side. Each reads the map once: the position is chosen, not the colour."""
+    seen = other = _node(tree, "UVMap", uv_map=FRONT_UV)
+    if two_sided:
+        facing = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
+        sides = seen, _node(tree, "UVMap", uv_map=BACK_UV)
+        seen, other = _blend(tree, facing, *sides), _blend(tree, facing, *sides[::-1])
+    how = {"image": image, "interpolation": "Linear", "extension": "EXTEND"}
+    light = _node(tree, "TexImage", seen, **how)
+    return light, (_node(tree, "TexImage", other, **how) if two_sided else light)
 
 
 def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> NodeSocket:

@@ -32,7 +32,7 @@ from ..formats.files import (
 )
 from ..formats.images import ARRAY, JPEG, image_header, read_colour8, write_array, write_jpeg
 from ..formats.libraries import first_library
-from ..formats.png import BACKENDS, write_png
+from ..formats.png import COMPRESSORS, same_pixels, write_png
 from ..geometry.camera import PinholeCamera
 from ..sensor.models import depth_model, rgb_model
 from ..sensor.transfer import srgb8
@@ -363,8 +363,8 @@ class _Target(_Images):
 
         Raises InputError if the path is a file, or the folder contains other files or a sequence of another recipe.
         """
-        name, module = first_library("PNG", *BACKENDS)
-        library = str(getattr(module, "__version__", None) or getattr(module, "VERSION_STRING", ""))
+        name, module = first_library("PNG", *COMPRESSORS)
+        library = str(getattr(module, "ZLIB_RUNTIME_VERSION", None) or module.__version__)
         versions = {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__, name: library}
         recipe = {
             "schema_version": _SCHEMA_VERSION,
@@ -391,19 +391,22 @@ class _Target(_Images):
     def _refuse_changed(self, formats: list[SequenceFormat]) -> None:
         """Raises InputError if the source now gives other images of the first or the last finished frame."""
         for number in sorted({min(self.finished), max(self.finished)}):
-            if self._digests_now(number, formats) != self.entries[number].digests:
-                expected, found = "the source that this sequence was started from", f"another image of frame {number}"
-                raise InputError(expected, path=self.out, found=found, hint="another folder")
+            with tempfile.TemporaryDirectory() as folder:
+                again = self._made_again(number, Path(folder), formats)
+                pairs = zip(_paths(self.places[number]), _paths(again.places[number]), strict=True)
+                if not all(_same_image(old, new) for old, new in pairs):
+                    expected = "the source that this sequence was started from"
+                    raise InputError(
+                        expected, path=self.out, found=f"another image of frame {number}", hint="another folder"
+                    )
 
-    def _digests_now(self, number: int, formats: list[SequenceFormat]) -> dict[str, str]:
-        """SHA-256 of the images of a frame as they would be written now, by the key of `_stored_as`."""
-        with tempfile.TemporaryDirectory() as folder:
-            again = _Images(self.source, Path(folder), self.settings, formats)
-            for place in (place for places in again.places[number].values() for place in places):
-                make_folder(place.path.parent)
-            made = again.make(_Frame(self.source, number))
-        assert made is not None  # the folder was empty
-        return made.digests
+    def _made_again(self, number: int, folder: Path, formats: list[SequenceFormat]) -> _Images:
+        """The images of a frame as they would be written now, in `folder`."""
+        again = _Images(self.source, folder, self.settings, formats)
+        for path in _paths(again.places[number]):
+            make_folder(path.parent)
+        again.make(_Frame(self.source, number))
+        return again
 
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         """The content of a format's text files for these frames."""
@@ -453,6 +456,15 @@ def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]], unit
 
 def _frame(source: FrameSource, number: int) -> SequenceFrame:
     return source.names.get(number) or SequenceFrame(number, source.stamps_s[number])
+
+
+def _paths(places: Places) -> list[Path]:
+    return [place.path for of_kind in places.values() for place in of_kind]
+
+
+def _same_image(a: Path, b: Path) -> bool:
+    """Whether two image files of the same format are equal; PNGs may be compressed in different ways."""
+    return a.read_bytes() == b.read_bytes() or (a.suffix == ".png" and same_pixels(a, b))
 
 
 def _stored_as(kind: str, place: Place, units: float) -> str:

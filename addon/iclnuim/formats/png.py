@@ -1,7 +1,9 @@
-"""Reading and writing of PNG images, 8-bit colour and 16-bit depth, by OpenCV, or inside Blender by OpenImageIO.
+"""Reading and writing of PNG images, 8-bit colour and 16-bit depth.
 
-Images are compressed at level 1 with run-length matching: a noisy 640 x 480 colour image takes 16 ms and 0.38 MB (level 3: 30 ms and
-0.43 MB), a depth image 10 ms and 0.24 MB (15 ms and 0.21 MB).
+They are read by OpenCV, or inside Blender by OpenImageIO, and compressed by libdeflate (package deflate) at level 1, or, without it, by Python's
+zlib. Every row has the filter Sub. A noisy 640 x 480 colour image takes 6 ms and 0.54 MB (zlib: 10 ms, 0.56 MB; OpenCV at its fastest: 14 ms,
+0.50 MB), a noisy depth image 2.2 ms and 0.21 MB (5.5 ms, 0.23 MB; 8 ms, 0.24 MB). libdeflate gives the same bytes on every processor.
+Layout: W3C, Portable Network Graphics, sections 5 (chunks) and 9 (filters).
 """
 
 import os
@@ -9,7 +11,6 @@ import struct
 import zlib
 from collections.abc import Collection
 from dataclasses import dataclass
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -19,8 +20,11 @@ from .files import atomic_write, read_bytes
 from .libraries import first_library
 
 BACKENDS = ("cv2", "OpenImageIO")
+#: Libraries that compress.
+COMPRESSORS = ("deflate", "zlib")
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOURS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
+_SUB = 1
 _MAX_SIDE_PX = 65536
 _AGAIN = "writing or copying this image again"
 
@@ -67,22 +71,48 @@ def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.n
     return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
 
 
-def write_png(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
-    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and library give the same bytes.
+def write_png(path: str | os.PathLike[str], image: np.ndarray, compressor: str | None = None) -> None:
+    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and compressor give the same bytes.
 
     Raises InputError for other arrays, WorkError if it cannot be written.
     """
     kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
         raise InputError("(h, w, 3) uint8 or uint16, or (h, w) uint16", path=path, found=f"{image.shape} {image.dtype}")
-    name, module = first_library("PNG", *([backend] if backend else BACKENDS))
-    if name == "cv2":
-        settings = [module.IMWRITE_PNG_COMPRESSION, 1, module.IMWRITE_PNG_STRATEGY, module.IMWRITE_PNG_STRATEGY_RLE]
-        bgr = module.cvtColor(image, module.COLOR_RGB2BGR) if image.ndim == 3 else image
-        data = module.imencode(".png", bgr, settings)[1]
-        atomic_write(path, lambda temporary: temporary.write_bytes(data))
-    else:
-        atomic_write(path, lambda temporary: _write_oiio(module, temporary, image))
+    height, width = image.shape[:2]
+    header = struct.pack(">IIBBBBB", width, height, 8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0)
+    pixels = _compressed(
+        _filtered(image).tobytes(), *first_library("PNG", *([compressor] if compressor else COMPRESSORS))
+    )
+    data = b"".join((_SIGNATURE, *_chunk(b"IHDR", header), *_chunk(b"IDAT", pixels), *_chunk(b"IEND", b"")))
+    atomic_write(path, lambda temporary: temporary.write_bytes(data))
+
+
+def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
+    """Whether two PNG files contain the same image, however it is compressed. Raises InputError if one is damaged."""
+    headers = _checked(a)[1], _checked(b)[1]
+    kinds = {(8, "RGB"): read_rgb8, (16, "RGB"): read_rgb16, (16, "grey"): read_depth16}
+    read = kinds.get((headers[0].bits, headers[0].colour))
+    return headers[0] == headers[1] and read is not None and np.array_equal(read(a), read(b))
+
+
+def _filtered(image: np.ndarray) -> np.ndarray:
+    """(h, 1 + bytes of a row): each row as differences from the pixel to the left, after the number of this filter."""
+    rows = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).view(np.uint8).reshape(len(image), -1)
+    step = rows.shape[1] // image.shape[1]
+    filtered = np.empty((len(rows), 1 + rows.shape[1]), np.uint8)
+    filtered[:, 0] = _SUB
+    filtered[:, 1 : 1 + step] = rows[:, :step]
+    np.subtract(rows[:, step:], rows[:, :-step], out=filtered[:, 1 + step :])
+    return filtered
+
+
+def _compressed(data: bytes, name: str, module: ModuleType) -> bytes:
+    return module.zlib_compress(data, 1) if name == "deflate" else module.compress(data, 1)
+
+
+def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
+    return struct.pack(">I", len(content)), kind, content, struct.pack(">I", zlib.crc32(content, zlib.crc32(kind)))
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
@@ -147,20 +177,3 @@ def _read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) 
         return None
     pixels = pixels.reshape(image.spec().height, image.spec().width, -1)
     return np.repeat(pixels[..., :1], 3, -1) if channels == 3 and pixels.shape[2] < 3 else pixels[..., :channels]
-
-
-def _write_oiio(module: ModuleType, temporary: Path, image: np.ndarray) -> None:
-    height, width = image.shape[:2]
-    kind = module.UINT8 if image.dtype == np.uint8 else module.UINT16
-    spec = module.ImageSpec(width, height, image.size // (height * width), kind)
-    spec.attribute("png:compressionLevel", 1)
-    spec.attribute("DateTime", "")
-    spec.attribute("Software", "")
-    output = module.ImageOutput.create(str(temporary))
-    pixels = np.ascontiguousarray(image).reshape(height, width, -1)
-    if not (output and output.open(str(temporary), spec) and output.write_image(pixels) and output.close()):
-        raise OSError(output.geterror() if output else module.geterror())
-    try:
-        _checked(temporary)  # OpenImageIO does not report a full disk
-    except InputError:
-        raise OSError("the file is incomplete; the disk may be full") from None
