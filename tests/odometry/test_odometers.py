@@ -116,6 +116,20 @@ def test_a_black_image_leaves_the_joint_odometer_its_geometry():
     )
 
 
+@pytest.mark.parametrize(("shift_px", "columns"), [(9, slice(30, 130)), (14, slice(60, 150))])
+def test_a_mirror_over_half_of_the_view_leaves_the_joint_odometer_its_geometry(shift_px, columns):
+    """Contrast that moves in another way than the surfaces: the images do not fit at any prediction."""
+    poses, frames = path(4), []
+    for i, pose in enumerate(poses):
+        frame = seen(pose)
+        u = np.arange(160) + shift_px * i
+        frame.grey[:, columns] = (128 + 70 * np.sin(0.2 * u) + 40 * np.sin(0.13 * u + 1))[columns]
+        frames.append(frame)
+    found = tracked("icp_rgbd", frames)[-1].T_world_camera.translation
+    true = poses[-1].translation
+    assert np.linalg.norm(found - true) < 0.01 * np.linalg.norm(true)
+
+
 def test_a_single_frame_is_a_path_of_one_pose():
     found = tracked("dvo", [seen(SE3.identity())])
     assert len(found) == 1 and not found[0].lost and np.array_equal(found[0].T_world_camera.matrix, np.eye(4))
