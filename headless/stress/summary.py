@@ -18,7 +18,7 @@ RELATIVES = {
     "rgbd": ("baseline:opencv-rgbd", "baseline:open3d-intensity"),
     "dvo": ("run:dvo",),
     "icp": ("baseline:opencv-icp", "baseline:open3d-plane"),
-    "icp_rgbd": ("baseline:opencv-rgbd-icp",),
+    "icp_rgbd": ("baseline:opencv-rgbd-icp", "baseline:open3d-hybrid"),
 }
 
 

@@ -20,6 +20,7 @@ BASELINES = {
     "baseline:opencv-rgbd-icp": ("OpencvOdometer", "RgbdICPOdometry", "cv2.rgbd"),
     "baseline:open3d-plane": ("Open3dOdometer", "PointToPlane", "open3d"),
     "baseline:open3d-intensity": ("Open3dOdometer", "Intensity", "open3d"),
+    "baseline:open3d-hybrid": ("Open3dOdometer", "Hybrid", "open3d"),
 }
 NAMES = (*ODOMETERS, *BASELINES)
 #: import name -> package for pip
