@@ -64,13 +64,13 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 def table(comparison: dict) -> str:
     """A line for each trajectory of a system, with medians over its runs, followed by the notes about these runs."""
-    head = f"{'runs':>6}{'covered':>9}{'ATE [mm]':>10}{'quartiles':>18}{'RPE [mm/s]':>12}{'wall [s]':>10}{'CPU [s]':>9}{'MB':>7}"
+    head = f"{'runs':>6}{'covered':>9}{'ATE [mm]':>10}{'quartiles':>22}{'RPE [mm/s]':>12}{'wall [s]':>10}{'CPU [s]':>9}{'MB':>7}"
     lines = [comparison["sequence"], f"{'':<26}{head}"]
     for r in comparison["runs"]:
         ate, rpe = (_mm(r[key]) for key in ("ate_rmse_m", "rpe_1s_rmse_m"))
         quartiles = " .. ".join(map(_mm, r["ate_quartiles_m"])) if r["ate_quartiles_m"] else "-"
         runs = f"{r['good_runs']}/{r['runs']}"
-        figures = f"{runs:>6}{r['coverage']:>9.1%}{ate:>10}{quartiles:>18}{rpe:>12}"
+        figures = f"{runs:>6}{r['coverage']:>9.1%}{ate:>10}{quartiles:>22}{rpe:>12}"
         lines.append(f"{r['odometer']:<26}{figures}{r['wall_s']:>10.1f}{r['cpu_s']:>9.1f}{r['peak_bytes'] / 1e6:>7.0f}")
         lines += [f"    {note}" for note in r["notes"]]
     return "\n".join(lines)
