@@ -30,10 +30,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--severities", type=_severities, default=_SEVERITIES, metavar="K,K", help="such as 1,2,5; default: all five")
     help = (
         "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several times; "
-        "default: all that are installed"
+        "default: all that are installed, with --system none"
     )
     add("--methods", action="append", default=[], metavar="TEXT", help=help)
-    help = "also run a system of `iclnuim run`, such as orbslam3; may be given several times"
+    help = "a system of `iclnuim run`, such as orbslam3; may be given several times; with --methods, next to these"
     add("--system", action="append", default=[], metavar="SYSTEM", help=help)
     help = "an option of a system; may be given several times"
     add("--set", action="append", default=[], metavar="SYSTEM.NAME=VALUE", help=help)
