@@ -8,15 +8,15 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from iclnuim import shipped
-from iclnuim.dataset.frames import find_pairs, image_frames, read_truth, rendered_job
+from iclnuim.dataset.frames import find_pairs, find_truth, image_frames, read_truth, rendered_job
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_options import SequenceSettings
 from iclnuim.errors import IclnuimError, InputError, WorkError
-from iclnuim.formats.files import make_folder, read_json, sha256
+from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256
 from iclnuim.sensor.models import depth_model, rgb_model
 
 from ..systems.staging import StagedSequence
@@ -40,6 +40,7 @@ class Sources:
     data: Path
     out: Path
     lambertian: Path | None = None
+    _identities: dict[Path, dict] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def folder(self, cell: Cell) -> Path:
         """Folder of the cell's sequence: the existing one, or one with another noise seed, which exists only while its cells are measured."""
@@ -84,13 +85,21 @@ class Sources:
         return min(count, first or count)
 
     def identity(self, cell: Cell) -> dict:
-        """Hashes that identify the cell's images and ground truth: for our sequences that of the journal, for others that of the lists."""
+        """Hashes that identify the cell's images, camera and ground truth: for our sequences that of the journal, for others those of the images."""
         folder = self._existing(cell, "clean" if cell.seed else cell.noise)
         files = [folder / name for name in ("frames.jsonl", "groundtruth.txt", "camera.json")]
         if not all(path.is_file() for path in files):
-            return {"images": StagedSequence.of(folder).list_sha256}
+            return self._foreign_identity(folder)
         hashes = {path.stem: sha256(path.read_bytes()) for path in files}
         return {**hashes, "noise": self._noise(cell).to_dict()} if cell.seed else hashes
+
+    def _foreign_identity(self, folder: Path) -> dict:
+        if folder not in self._identities:
+            staged, truth = StagedSequence.of(folder), find_truth(folder)
+            camera = {**staged.camera.pinhole.to_dict(), "depth_units_per_metre": staged.camera.depth_units_per_metre}
+            truth_sha256 = sha256(read_bytes(truth)) if truth else None
+            self._identities[folder] = {"images": staged.images_sha256, "camera": camera, "groundtruth": truth_sha256}
+        return self._identities[folder]
 
     def _noise(self, cell: Cell) -> SequenceSettings:
         """The noise settings of the existing noisy sequence, with the cell's seed. Raises InputError if its recipe does not contain them."""
@@ -145,14 +154,17 @@ class Sources:
 def external_cells(systems: Path, given: list[Cell], sources: Sources, first: int | None) -> dict[Cell, Path]:
     """Cells of the results of `iclnuim run` below `systems` that used exactly the images of our sequences -> the trajectory matched to the frames."""
     sequences = {replace(cell, seed=0, odometer="", preset="", reference=EXTERNAL) for cell in given if not cell.seed}
-    hashes = {}
-    for cell in sorted(sequences, key=lambda cell: cell.name):
-        hashes[StagedSequence.of(sources.folder(cell), first=first).list_sha256] = cell
+    staged = {
+        cell: StagedSequence.of(sources.folder(cell), first=first) for cell in sorted(sequences, key=lambda c: c.name)
+    }
     found = {}
     for recipe in sorted(systems.glob("**/recipe.json")):
         content = read_json(recipe)
-        where = hashes.get(content.get("images_sha256", ""))
-        if where is None or "system" not in content:
+        if "system" not in content:
+            continue
+        named = (cell for cell, sequence in staged.items() if sequence.name == content.get("sequence"))
+        where = next((cell for cell in named if staged[cell].images_sha256 == content.get("images_sha256")), None)
+        if where is None:
             continue
         for number, name, path in _matched(recipe.parent):
             title = content["system"].get("title") or recipe.parent.parent.name

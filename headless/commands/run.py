@@ -36,8 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
-    """Exit code 0 even if a system failed: its row reports the failure."""
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Exit code 0 even if a system failed on some sequences: its rows report the failures. 3 if it gave no pose at all."""
     system = read_system(args.system, _options(args))
     experiments = []
     for folder in args.folders:
@@ -49,17 +49,19 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.stage_only:
         commands = [system.filled(system.settings.command, {**e.prepare(), "out": "OUT"}) for e in experiments]
         console.result({"commands": commands}, "\n".join(" ".join(command) for command in commands))
-        return
-    comparisons = []
+        return 0
+    comparisons, found = [], False
     progress = console.progress(args.runs * len(experiments), f"run {system.name}", "runs")
     with _terminated_as_interrupted():
         for e in experiments:
             limit_s = args.time_limit or 60.0 + len(e.sequence.pairs)
             rows = e.run(args.runs, limit_s, progress.advance)
+            found = found or any(row["coverage"] for row in rows)
             comparisons.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
             write_results(args.out, comparisons[-1:])
     console.note(f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it next to other results")
     console.result({"races": comparisons}, "\n\n".join(map(table, comparisons)))
+    return 0 if found else 3
 
 
 def table(comparison: dict) -> str:

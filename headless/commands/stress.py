@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "number of runs of each third-party system on each segment; default: 5"
     add("--runs", type=count, default=5, metavar="N", help=help)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
-    add("--frames", type=count, metavar="N", help="number of frames of a segment; default: 120")
+    add("--frames", type=_segment, metavar="N", help="number of frames of a segment, at least 3; default: 120")
     add("--starts", type=count, metavar="N", help="only the first N segments of each sequence; default: all three")
     add("--workers", type=count, metavar="N", help="number of processes; default: one per core")
     add("--report-only", action="store_true", help="table and pages of the existing cells; measure nothing")
@@ -129,12 +129,19 @@ def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _segment(text: str) -> int:
+    """The argparse type of a number of frames with a trajectory error: fewer than three positions always fit."""
+    if (frames := count(text)) < 3:
+        raise argparse.ArgumentTypeError(f"expected at least 3 frames, found {frames}")
+    return frames
+
+
 def _systems(args: argparse.Namespace) -> tuple[System, ...]:
     """The systems of --system, with the options of --set."""
     options: dict[str, dict[str, str]] = {name: {} for name in args.system}
     for text in args.set:
         key, sign, value = text.partition("=")
-        system, dot, name = key.partition(".")
+        system, dot, name = key.rpartition(".")  # the system may be a path
         if not (sign and dot and name) or system not in options:
             expected = f"SYSTEM.NAME=VALUE with SYSTEM of {', '.join(options) or '--system'}"
             raise InputError(expected, setting="--set", found=text)

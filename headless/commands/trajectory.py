@@ -188,6 +188,12 @@ def _run_change(
         return
     files.write_trajectory(args.out, changed, to, options)
     console.note(f"{args.out}: {files.FORMATS[to].goes_to}")
+    if "stamps are not written" in files.FORMATS[to].goes_to:
+        _note_gaps(
+            changed,
+            "a line's number is no longer that of its frame: programs that read this file assume one pose per frame",
+            console,
+        )
 
 
 def _restamped(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
@@ -204,8 +210,16 @@ def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> 
 def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
     resampled = trajectories.resample(source, args.rate)
     console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
+    _note_gaps(source, "poses in it are interpolated as if the motion were uniform", console)
     args.file_rate = args.rate
     return resampled
+
+
+def _note_gaps(trajectory: Trajectory, consequence: str, console: Console) -> None:
+    found = trajectories.statistics(trajectory) if len(trajectory) > 1 else None
+    if found and found.gaps:
+        count = f"{found.gaps} gap{'s' * (found.gaps > 1)}, the longest of {found.longest_gap_s:.3f} s"
+        console.note(f"note: the trajectory has {count}; {consequence}")
 
 
 def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:

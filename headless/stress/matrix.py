@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from iclnuim import __version__
 from iclnuim.dataset.frame_pool import FramePool
-from iclnuim.dataset.frames import FrameSource, read_truth, rendered_job
+from iclnuim.dataset.frames import FrameSource, read_truth, rendered_job, require_images
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.files import is_file, make_folder, read_json, sha256, write_json
@@ -67,10 +67,13 @@ class Base:
 
     @classmethod
     def of(cls, folder: Path) -> "Base":
-        """Open a sequence. Its name is that in its recipe, or the last two folders of its path. Raises InputError without ground truth."""
+        """Open a sequence. Its name is that in its recipe, or the last two folders of its path. Raises InputError without ground truth
+        or without one of the images.
+        """
         sequence, truth = Sequence(folder), read_truth(folder)
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder)
+        require_images(folder, sequence.pairs)
         name = rendered_job(folder).get("sequence") or "/".join(folder.resolve().parts[-2:])
         files = [
             f"{p.stamp_s:.6f} {p.rgb.name} {p.rgb.stat().st_size} {p.depth.stat().st_size}" for p in sequence.pairs

@@ -163,6 +163,9 @@ class Summary:
             growth = [self._growth(name, k) for k in (1, 2)]
             readers = self._readers(name)
             last = [self.row(m, name)[SEVERITIES] for m in readers]
+            if math.isnan(sum(growth)) or not all(last):
+                lines.append(f"{name:<18}{'not measured by all third-party odometers':>42}")
+                continue
             failed = sum(g.failed for g in last if g)
             good = growth[0] >= limits.growth_at_1 and growth[1] >= limits.growth_at_2 and 2 * failed > len(readers)
             met += good

@@ -68,8 +68,11 @@ class Experiment:
             raise WorkError(f"{self.system.name} cannot run with {program}", hint=settings.install)
         recipe, path = self._recipe(program), self.folder / "recipe.json"
         if path.is_file():
-            refuse_other("experiment", path, _identity(read_json(path)), _identity(recipe), "another {out}")
+            words = {"images_sha256": "other images"}
+            refuse_other("experiment", path, _identity(read_json(path)), _identity(recipe), "another {out}", words)
         make_folder(self.folder, hint="another {out}")
+        if stage.is_dir() and not self.sequence.is_staged_in(stage):
+            shutil.rmtree(stage)
         if not stage.is_dir():
             with whole_folder(stage) as temporary:
                 self.sequence.write(settings.stage, temporary)
@@ -118,7 +121,7 @@ class Experiment:
             "program": program,
             "program_sha256": sha256(read_bytes(program)),
             "sequence": self.sequence.name,
-            "images_sha256": self.sequence.list_sha256,
+            "images_sha256": self.sequence.images_sha256,
             "camera": camera.pinhole.to_dict(),
             "depth_units_per_metre": camera.depth_units_per_metre,
             "stamp_offset_s": self.sequence.offset_s(self.system.settings.stage),

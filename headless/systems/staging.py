@@ -10,18 +10,27 @@ import math
 import os
 import shutil
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.depth_units import depth16_from_metres
-from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth, sequence_name
+from iclnuim.dataset.frames import (
+    ImagePair,
+    find_pairs,
+    read_camera,
+    read_depth_m,
+    read_truth,
+    require_images,
+    sequence_name,
+)
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.slam_settings import SLAM_SETTINGS
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import Associations, ImageList, write_associations, write_image_list
-from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, sha256
+from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz
 
@@ -43,8 +52,7 @@ class StagedSequence:
     def of(cls, folder: Path, camera: SequenceCamera | None = None, first: int | None = None) -> "StagedSequence":
         """The image pairs of a folder, or its `first` ones. Raises InputError if there are none, or the camera is unknown."""
         pairs = find_pairs(folder)[:first]
-        if missing := [path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()]:
-            raise InputError("all images of the sequence", path=folder, found=f"no {missing[0]}")
+        require_images(folder, pairs)
         return cls(sequence_name(folder), tuple(pairs), camera or read_camera(folder, pairs[0].rgb), read_truth(folder))
 
     @property
@@ -55,14 +63,18 @@ class StagedSequence:
     def rate_hz(self) -> float:
         return frame_rate_hz(self.stamps_s)
 
-    @property
-    def list_sha256(self) -> str:
-        """Hash that identifies the images and their stamps."""
-        return sha256(
-            "\n".join(
-                f"{p.stamp_s:.6f} {os.path.abspath(p.rgb)} {os.path.abspath(p.depth)}" for p in self.pairs
-            ).encode()
-        )
+    @cached_property
+    def images_sha256(self) -> str:
+        """Hash of the content of all images and of their stamps, wherever they are. It takes about 0.4 ms a frame."""
+        with ThreadPoolExecutor() as pool:  # hashing and reading do not need Python's global lock
+            hashes = pool.map(lambda p: (sha256(read_bytes(p.rgb)), sha256(read_bytes(p.depth))), self.pairs)
+            lines = [f"{p.stamp_s:.6f} {rgb} {depth}" for p, (rgb, depth) in zip(self.pairs, hashes, strict=True)]
+        return sha256("\n".join(lines).encode())
+
+    def is_staged_in(self, stage: Path) -> bool:
+        """Whether all links of a view lead to these images: they may have been moved since it was written."""
+        images = {os.path.abspath(path) for pair in self.pairs for path in (pair.rgb, pair.depth)}
+        return all(os.readlink(path) in images for path in stage.rglob("*") if path.is_symlink())
 
     def offset_s(self, settings: StageSettings) -> float:
         """Whole seconds added to the stamps of the view."""

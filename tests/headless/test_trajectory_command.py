@@ -175,6 +175,20 @@ def test_a_resampled_trajectory_gets_frame_numbers_of_its_own_rate(run, walk, tm
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "a.gt.freiburg")[:, 0], range(1, 121))
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("convert {} {} --to kitti", "a line's number is no longer that of its frame"),
+        ("resample {} --rate 60 -o {}", "poses in it are interpolated"),
+    ],
+)
+def test_gaps_are_named_where_a_file_without_stamps_or_interpolation_hides_them(run, walk, tmp_path, words, told):
+    write_trajectory(tmp_path / "holey.txt", WALK[np.r_[0:20, 50:61]], "tum")
+    _, _, err = run(*words.format(tmp_path / "holey.txt", tmp_path / "a.txt").split())
+    assert "note: the trajectory has 1 gap, the longest of 1.033 s" in err and told in err
+    assert "note: " not in run(*words.format(walk, tmp_path / "b.txt").split())[2]
+
+
 # -- plot
 
 

@@ -1,7 +1,9 @@
 """`iclnuim stress` from folder to pages: cells are made once, made again where they differ, and the same whenever they are made."""
 
+import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +11,7 @@ import time
 from html.parser import HTMLParser
 
 import pytest
+from iclnuim.headless.commands.stress import _segment, _systems
 from iclnuim.headless.stress.plan import read_plan
 
 SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "1")
@@ -45,6 +48,36 @@ def test_cells_are_made_once_and_pages_show_them(command_here, folder, tmp_path)
     assert [file for file in first if os.stat(out / file).st_mtime_ns != stamps[file]] == [victim]
     parser = HTMLParser()
     parser.feed((out / "stress.html").read_text())
+
+
+def test_the_calibration_names_what_was_not_measured(command_here, folder, tmp_path):
+    words = ("stress", folder, "-o", tmp_path / "out", *SMALL)
+    assert command_here(*words, "--only", "holes", "--severities", "1,2,5", "--quiet")[0] == 0
+    _, text, _ = command_here(*words, "--report-only", "--calibration")
+    lines = {line.split()[0]: line for line in text.splitlines() if line[:1].isalpha()}
+    assert "not measured by all third-party odometers" in lines["gloss"] and "not measured" not in lines["holes"]
+
+
+def test_two_frames_are_no_segment():
+    assert _segment("3") == 3
+    with pytest.raises(argparse.ArgumentTypeError, match="expected at least 3 frames, found 2"):
+        _segment("2")
+
+
+def test_options_of_a_system_given_by_its_path(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'about = "x"\nprogram = "true"\ncommand = ["{program}", "{mode}"]\n[options]\nmode = ""\n[trajectories.final]\nfile = "f.txt"\n'
+    )
+    (system,) = _systems(argparse.Namespace(system=[str(file)], set=[f"{file}.mode=1.5"]))
+    assert system.options["mode"] == "1.5"
+
+
+def test_a_missing_image_is_bad_input(command_here, folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    next(copy.glob("depth/*3.png")).unlink()
+    code, _, err = command_here("stress", copy, "-o", tmp_path / "out", "--only", "holes", *SMALL)
+    assert code == 2 and "expected all images of the sequence, found no" in err
 
 
 @pytest.mark.slow

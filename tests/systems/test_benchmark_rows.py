@@ -4,7 +4,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from iclnuim.formats.png import write_png
 from iclnuim.headless.benchmark.cells import LAMBERTIAN, Cell
 from iclnuim.headless.benchmark.measure import Meter, Task, measure
 from iclnuim.headless.benchmark.runner import Benchmark, measured
@@ -93,6 +95,21 @@ def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sourc
     (out / "recipe.json").write_text(json.dumps(task.recipe))
     (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 1}\n')
     assert missing() == 1
+
+
+@pytest.mark.parametrize("changed", ["depth.png", "groundtruth.txt", "camera.json"])
+def test_a_cell_of_a_foreign_sequence_is_measured_again_if_a_file_changed(sources, changed):
+    folder = sources.folder(KT2)
+    before = Sources(sources.data, sources.out).identity(KT2)
+    assert Sources(sources.data, sources.out).identity(KT2) == before
+    if changed == "depth.png":
+        write_png(folder / changed, np.full((6, 8), 999, np.uint16))
+    else:
+        text = (folder / changed).read_text()
+        (folder / changed).write_text(
+            text.replace("1000.0", "1001.0") if changed == "camera.json" else text + "# end\n"
+        )
+    assert Sources(sources.data, sources.out).identity(KT2) != before
 
 
 def test_cells_that_another_version_measured_are_kept_and_said(sources, capsys):

@@ -7,7 +7,9 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+from iclnuim.formats.png import write_png
 from iclnuim.formats.trajectories import read_trajectory
 
 #: mode: frames covered, whether there is an error below 0.1 mm, pieces of what is said
@@ -50,7 +52,8 @@ SLOW = ("exit 3", "says why", "90 Hz", "twice", "nanoseconds", "stops at zero", 
 @pytest.mark.parametrize("mode", [pytest.param(m, marks=pytest.mark.slow) if m in SLOW else m for m in CASES])
 def test_a_row_says_what_was_written(run, fake, mode):
     covered, right, pieces = CASES[mode]
-    rows, _ = run(fake(mode))
+    nothing = not covered and mode != "between frames"  # there the live trajectory is good
+    rows, _ = run(fake(mode), code=3 if nothing else 0)
     row = rows[mode.replace(" ", "_")]
     assert row["frames"] - row["lost"] == covered and row["coverage"] == covered / 60
     assert right is None if row["ate_rmse_m"] is None else (row["ate_rmse_m"] < 1e-4) == right
@@ -74,7 +77,7 @@ def alive(group):
 
 def test_one_that_hangs_is_killed_with_its_children(run, fake, tmp_path):
     started = time.monotonic()
-    rows, _ = run(fake("hangs"), "--time-limit", "0.4")
+    rows, _ = run(fake("hangs"), "--time-limit", "0.4", code=3)
     assert time.monotonic() - started < 5
     assert "wrote nothing" in rows["hangs"]["notes"][0] and "killed at the time limit" in rows["hangs"]["notes"][1]
     assert rows["hangs"]["ate_rmse_m"] is None and 0.4 <= rows["hangs"]["wall_s"] < 2
@@ -123,12 +126,25 @@ def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path)
     assert "expected the experiment that was started there" in err and len(err.splitlines()) == 1
 
 
+def test_changed_images_are_refused_and_moved_ones_are_not(run, fake, make_sequence, tmp_path):
+    data = make_sequence(tmp_path / "data/clean")
+    run(fake("good"), folder=data)
+    (tmp_path / "other/data").mkdir(parents=True)
+    other = data.rename(tmp_path / "other/data/clean")
+    rows, _ = run(fake("good"), "--runs", "2", folder=other)  # the links of the view lead to the new place
+    assert rows["good"]["good_runs"] == 2
+    assert {os.readlink(p) for p in tmp_path.glob("out/good/*/stage/depth/*")} == {str(other / "depth.png")}
+    write_png(other / "depth.png", np.full((6, 8), 1001, np.uint16))
+    _, err = run(fake("good"), "--runs", "2", folder=other, code=2)
+    assert "other images" in err and "expected the experiment that was started there" in err
+
+
 @pytest.mark.parametrize("charts", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run, fake, tmp_path, capsys, charts):
     from iclnuim.headless import cli
 
     run(fake("good"))
-    run(fake("nothing"))
+    run(fake("nothing"), code=3)
     ours = {"odometer": "icp", "frames": 60, "lost": 0, "degenerate": 1, "ms_median": 9.0, "ms_95": 12.0}
     ours |= {"frames_per_s": 100.0, "ate_rmse_m": 0.001, "rpe_1s_rmse_m": 0.002}
     race = {"sequence": "kt2/clean", "preset": "best", "runs": [ours]}

@@ -92,6 +92,12 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     return [ImagePair(n or 0, r.stamp_s, r.rgb, r.depth, r.written) for n, r in zip(numbers, rows, strict=True)]
 
 
+def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
+    """Raises InputError if an image of the pairs does not exist."""
+    if missing := next((path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()), None):
+        raise InputError("all images of the sequence", path=folder, found=f"no {missing}")
+
+
 def rendered_job(folder: Path) -> dict:
     """The job of the run that a sequence was made from, according to its recipe.json; {} for images of other origin.
 
