@@ -17,6 +17,7 @@ from iclnuim.dataset.depth_units import metres_from_depth16
 from iclnuim.dataset.frames import FrameSource, frames_with_poses, image_frames, original_frames, run_frames
 from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
+from iclnuim.dataset.layout import camera_file
 from iclnuim.dataset.packing import LICENCES, check_packable, pack, packed_names
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
@@ -146,7 +147,9 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
 
 
 def _calibrate(args: argparse.Namespace, console: Console) -> None:
-    folder, units, values, lines = args.out, units_from(args), {}, []
+    folder, values, lines = args.out, {}, []
+    own = camera_file(folder) if args.units is None else None
+    units = own.depth_units_per_metre if own else units_from(args)
     rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
     walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
     depth = _calibrate_depth(walls, units) if walls else None

@@ -49,6 +49,27 @@ def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
     assert not (tmp_path / "a.tar.gz").exists()
 
 
+@pytest.mark.parametrize(
+    ("harm", "found"),
+    [
+        (
+            lambda s: (s / "rgb/000003.png").unlink(),
+            r"expected all images of the sequence, found none of frame 3 \(rgb\)",
+        ),
+        (lambda s: shutil.copy(s / "depth/000002.png", s / "depth/000003.png"), "found none of frame 3"),
+        (
+            lambda s: (s / "depth/000009.png").write_bytes(b"mine"),
+            "depth/000009.png: expected the images .* found another image",
+        ),
+    ],
+)
+def test_a_sequence_whose_images_are_not_those_that_were_made_is_not_packed(sequence, tmp_path, harm, found):
+    harm(sequence)
+    with pytest.raises(InputError, match=found):
+        pack(sequence, tmp_path / "a.tar.gz")
+    assert not list(tmp_path.glob("*a.tar*"))
+
+
 def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
     assert write_klg(sequence, tmp_path / "s.klg") == 4
     assert (tmp_path / "s.cal").read_text().split() == ["48", "48", "31.5", "23.5"]

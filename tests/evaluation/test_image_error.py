@@ -50,3 +50,7 @@ def test_equal_images_have_no_error_and_others_are_refused():
         psnr_db(truth, truth[:, 1:])
     with pytest.raises(InputError, match="at least 11 pixels a side"):
         ssim(truth[:10], truth[:10])
+    for other in (truth / 255, truth.astype(np.uint16), truth > 9):
+        for error in (psnr_db, ssim):
+            with pytest.raises(InputError, match=r"expected 8-bit images \(uint8\)"):
+                error(truth, other)

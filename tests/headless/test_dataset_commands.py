@@ -241,6 +241,13 @@ def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys
     assert main(["noise", "calibrate", str(tmp_path / "sensor")]) == 0
     settings = capsys.readouterr().out.split("--depth-settings '")[1].split("'")[0]
     assert set(json.loads(settings)) == {"sigma_d", "sigma_s_px"}
+    for file in sorted((tmp_path / "sensor/depth").iterdir()):  # millimetres, which only camera.json says
+        noisy = postprocess.noisy_depth(1 / wall, "paper", seed=1, frame=int(file.stem), settings={"lateral": False})
+        write_png(file, np.rint(noisy * 1000).astype(np.uint16))
+    camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5, "depth_units_per_metre": 1000}
+    (tmp_path / "sensor/camera.json").write_text(json.dumps(camera))
+    assert main(["noise", "calibrate", str(tmp_path / "sensor"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["depth"]["sigma_d"] == pytest.approx(1 / 6, rel=0.1)
     assert main(["noise", "calibrate", str(tmp_path)]) == 2
 
 

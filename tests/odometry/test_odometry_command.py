@@ -110,7 +110,7 @@ def test_a_camera_that_nothing_tells_is_named_and_one_may_be_given(stretch, tmp_
     estimate = tmp_path / "est.txt"
     assert main(["odometry", "icp", str(stretch), "--camera", "640x480,600,600,320,240", "-o", str(estimate)]) == 0
     assert "camera is assumed" not in capsys.readouterr().err
-    assert main(["odometry", "icp", str(stretch), "--camera", "320x240"]) == 3
+    assert main(["odometry", "icp", str(stretch), "--camera", "320x240"]) == 2
     assert "expected 320 x 240 as in the camera, found 640 x 480" in capsys.readouterr().err
 
 

@@ -70,6 +70,22 @@ def test_one_wall_gives_the_disparity_noise_for_the_shift_it_is_told(plane):
     assert found.fixed_sigma_s and found.sigma_d == pytest.approx(1 / 6, rel=0.05)
 
 
+def test_a_room_instead_of_a_wall_and_equal_repeats_are_refused(plane):
+    model = PaperDepthNoise(lateral=False)
+    (wall,) = _walls(model, plane, (25,))
+    v, u = np.mgrid[0 : wall.shape[1], 0 : wall.shape[2]]
+    relief = wall + 0.05 * np.sin(u / 15) * np.cos(v / 20)
+    moving = np.stack([np.roll(relief[k], 5 * k, axis=1) for k in range(len(relief))])
+    for depth_z_m in (relief, moving):
+        with pytest.raises(
+            InputError, match="expected a flat wall in front of a camera that does not move, found deviations of"
+        ):
+            calibrate_depth([depth_z_m])
+    images = _series(0.01, 0.01)
+    with pytest.raises(InputError, match="differ by their noise, found the same image twice"):
+        calibrate_rgb(EXPOSURES, [np.stack([stack[0], stack[0], stack[0]]) for stack in images])
+
+
 def test_too_little_is_said_in_one_line():
     with pytest.raises(InputError, match="two or more exposures"):
         calibrate_rgb([1.0], [np.zeros((3, 4, 4, 3), np.uint8)])

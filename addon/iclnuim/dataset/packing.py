@@ -3,14 +3,17 @@
 import gzip
 import io
 import tarfile
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..errors import InputError
 from ..formats.files import atomic_write, read_bytes, sha256
-from .sequence import read_recipe
+from .sequence import read_entries, read_recipe
 
 CHECKSUMS, LICENCE, ABOUT = "SHA256SUMS", "LICENSE.txt", "README.txt"
+_IMAGES = (".png", ".jpg", ".npy")
+_AGAIN = "the command that made the sequence, again"
 #: Licences for data sets, by SPDX name.
 LICENCES = {
     "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"),
@@ -32,8 +35,8 @@ def pack(
 ) -> int:
     """Write `archive` (.tar.gz) with the files of `folder`, in a top folder of its name, and `extra` files by name. Returns the number of files.
 
-    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished recipe or for
-    an unknown licence, WorkError if the archive cannot be written.
+    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished recipe, with images that are missing or
+    not those that were made, or for an unknown licence; WorkError if the archive cannot be written.
     """
     folder = Path(folder)
     check_packable(folder, licence)
@@ -42,6 +45,7 @@ def pack(
     extra = {**(extra or {}), LICENCE: terms.encode(), ABOUT: _ABOUT.encode()}
     names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
     sums: list[str] = []
+    images = _Images(folder)
 
     def write(temporary: Path) -> None:
         with (
@@ -52,12 +56,40 @@ def pack(
             for name in names:
                 data = extra[name] if name in extra else read_bytes(folder / name)
                 sums.append(f"{sha256(data)}  {name}\n")
+                if name not in extra:
+                    images.check(name, sha256(data))
                 _add(tar, f"{top}/{name}", data)
                 on_file(name)
+            images.check_all()
             _add(tar, f"{top}/{CHECKSUMS}", "".join(sums).encode())
 
     atomic_write(archive, write)
     return len(names) + 1
+
+
+class _Images:
+    """The images of a sequence by their hashes in its journal, and those found so far. Without a journal nothing is checked."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.found = folder, Counter[str]()
+        entries = sorted(read_entries(folder / "frames.jsonl").items())
+        self.made = [(n, kind, digest) for n, entry in entries for kind, digest in entry.digests.items() if digest]
+        self.digests = {digest for _, _, digest in self.made}
+
+    def check(self, name: str, digest: str) -> None:
+        """Raises InputError for an image that was not made with the sequence, or has changed since."""
+        self.found[digest] += 1
+        if self.made and "/" in name and name.endswith(_IMAGES) and digest not in self.digests:
+            expected = "the images that were made with the sequence"
+            raise InputError(expected, path=self.folder / name, found="another image", hint=_AGAIN)
+
+    def check_all(self) -> None:
+        """Raises InputError if an image was not found. Frames may share images; then the last of them counts as missing."""
+        for number, kind, digest in self.made:
+            self.found[digest] -= 1
+            if self.found[digest] < 0:
+                found = f"none of frame {number} ({kind}) as it was made"
+                raise InputError("all images of the sequence", path=self.folder, found=found, hint=_AGAIN)
 
 
 def packed_names(folder: Path) -> list[str]:

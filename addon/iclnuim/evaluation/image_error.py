@@ -34,7 +34,10 @@ class ViewSettings(Settings):
 
 
 def psnr_db(image: np.ndarray, truth: np.ndarray) -> float:
-    """Peak signal-to-noise ratio of 8-bit images (h, w) or (h, w, 3), in dB, over all pixels and channels; inf if they are equal."""
+    """Peak signal-to-noise ratio of 8-bit images (h, w) or (h, w, 3), in dB, over all pixels and channels; inf if they are equal.
+
+    Raises InputError for images of different size, or that are not uint8.
+    """
     image, truth = _both(image, truth)
     squared = float(((image - truth) ** 2).mean())
     return 10 * float(np.log10(_WHITE**2 / squared)) if squared else float("inf")
@@ -46,7 +49,7 @@ def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> floa
     Wang et al., IEEE Transactions on Image Processing 13(4), 2004, equation 13. window: `gaussian`, the authors' (11 x 11, sigma 1.5,
     population variance), or `uniform`, 7 x 7 with sample variance. Windows that are not inside the image are not used. The results equal
     scikit-image's structural_similarity: with gaussian_weights=True, sigma=1.5, use_sample_covariance=False, or with its defaults.
-    Raises InputError for images of different size or smaller than the window.
+    Raises InputError for images of different size or smaller than the window, or that are not uint8.
     """
     image, truth = _both(image, truth)
     weights, sample = _WINDOWS[window]
@@ -63,6 +66,10 @@ def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> floa
 def _both(image: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if image.shape != truth.shape:
         raise InputError(f"images of one size, {truth.shape}", found=image.shape)
+    if other := next((i.dtype for i in (image, truth) if i.dtype != np.uint8), None):
+        raise InputError(
+            "8-bit images (uint8)", found=other, hint="np.rint(255 * image).astype(np.uint8) for values of 0..1"
+        )
     return image.astype(float), truth.astype(float)
 
 

@@ -29,8 +29,8 @@ class Sequence:
     """Image pairs of a folder in any TUM-like format, and their camera; frames are read one at a time.
 
     depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures disparity, and a constant error of its
-    disparity is such an offset. camera: by default the one found in the folder. Raises InputError if there are no images, or
-    no camera is found.
+    disparity is such an offset. camera: by default the one found in the folder. Raises InputError if there are no images, no
+    camera is found, or no pair can be read with it.
     """
 
     def __init__(self, folder: Path | str, depth_offset: float = 0.0, camera: SequenceCamera | None = None) -> None:
@@ -42,6 +42,19 @@ class Sequence:
         if present is None:
             raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
         self.camera: SequenceCamera = camera or read_camera(self.folder, present)
+        self._require_one()
+
+    def _require_one(self) -> None:
+        """Read pairs until one is good, usually the first. Raises the InputError of the first one if there is none."""
+        first = None
+        for pair in self.pairs:
+            try:
+                self.images(pair)
+                return
+            except InputError as error:
+                first = first or error
+        assert first is not None
+        raise first
 
     def __len__(self) -> int:
         return len(self.pairs)

@@ -3,6 +3,7 @@
 This is the inverse of the models `paper`: from images made by these models, their sigmas are estimated again.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from .transfer import light_from_srgb
 #: Values closer than this to black or white may be clipped and are not used for response or noise.
 _DARKEST, _BRIGHTEST = 6.0, 244.0
 _BINS = 60
+#: Side in pixels of blocks over which the noise of a depth sensor averages out.
+_BLOCK = 16
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class DepthCalibration:
 def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> RgbCalibration:
     """Estimate response and noise from `images[k]` (repeats, h, w, 3) uint8, taken at `exposures[k]` in any unit.
 
-    Raises InputError for fewer than two exposures, fewer than two repeats, or no values between black and white.
+    Raises InputError for fewer than two exposures, fewer than two repeats, equal repeats, or no values between black and white.
     """
     gains = np.asarray(exposures, float)
     if len(gains) < 2 or len(images) != len(gains) or (gains <= 0).any():
@@ -57,6 +60,8 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     use &= use.sum(0) >= 2
     if not use.any():
         raise InputError("pixels that are neither black nor white under two exposures", found="none")
+    if any(np.array_equal(stack[0], stack[k]) for stack in images for k in range(1, len(stack))):
+        raise InputError("images of an exposure that differ by their noise", found="the same image twice")
     gamma = _gamma(gains, means, use)
     curves = {"linear": lambda v: v, "srgb": light_from_srgb, "gamma": lambda v: v**gamma}  # v: share of white
     spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
@@ -77,7 +82,7 @@ def calibrate_depth(
 
     A plane is linear in disparity, so the residual is noise: variance = sigma_d^2 + sigma_s^2 g^2 + 1/12, where g is the slope in steps per
     pixel and 1/12 is the variance of rounding. Walls with different slopes determine both sigmas; otherwise `sigma_s_px` is assumed. Raises
-    InputError if less than a tenth of a wall was measured.
+    InputError if less than a tenth of a wall was measured, or if it is not flat or moves.
     """
     rows = [_wall(np.asarray(wall, float), disparity_cm / 100) for wall in walls]
     slope2, variance = (np.array(column) for column in zip(*rows, strict=True))
@@ -157,4 +162,23 @@ def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
     fitted = (design @ plane).reshape(height, width)
     used = seen & keep.reshape(height, width)
     error = (disparity - fitted)[used]
+    _refuse_relief(np.where(used, disparity - fitted, np.nan), float(np.var(error)))
     return float((plane[1] / width) ** 2 + (plane[2] / height) ** 2), float(np.mean(error**2) - np.mean(error) ** 2)
+
+
+def _refuse_relief(error: np.ndarray, variance: float) -> None:
+    """Raises InputError if more than half of the variance of `error` (frames, h, w), NaN where not measured, is common to whole blocks of pixels.
+
+    A sensor's noise is independent over such distances. A surface that is not flat, or that moves, is not. Rounding may be common, too.
+    """
+    frames, high, wide = len(error), error.shape[1] // _BLOCK, error.shape[2] // _BLOCK
+    blocks = error[:, : high * _BLOCK, : wide * _BLOCK].reshape(frames, high, _BLOCK, wide, _BLOCK)
+    known = np.isfinite(blocks).mean((2, 4)) > 0.5
+    if known.sum() < 4:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # blocks without any measurement
+        common = float(np.var(np.nanmean(blocks, (2, 4))[known]))
+    if common - 1 / 12 > variance / 2:
+        found = f"deviations of {common**0.5:.2g} disparity steps over blocks of {_BLOCK} x {_BLOCK} pixels"
+        raise InputError("a flat wall in front of a camera that does not move", found=found)
