@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from iclnuim import SE3, noisy_depth
+from iclnuim import SE3, Trajectory, absolute_trajectory_error, noisy_depth, noisy_rgb, relative_pose_error
 from iclnuim.errors import InputError
 from iclnuim.formats.ply import write_ply
 
@@ -10,7 +10,7 @@ CORNERS = np.eye(3)
 FACE = np.array([[0, 1, 2]])
 
 
-@pytest.mark.parametrize("given", [{"seed": -1}, {"frame": -1}])
+@pytest.mark.parametrize("given", [{"seed": -1}, {"frame": -1}, {"seed": 1.5}, {"seed": "a"}, {"frame": None}])
 def test_noise_has_a_seed_and_a_frame_of_at_least_0(given):
     with pytest.raises(InputError, match="a seed and a frame of at least 0"):
         noisy_depth(np.full((12, 16), 2.0), **given)
@@ -28,6 +28,7 @@ def test_a_quaternion_has_four_numbers(quaternion):
         (CORNERS[:, :2], None, r"vertices \(n, 3\)"),
         (CORNERS, FACE[:, :2], r"triangles \(m, 3\)"),
         (CORNERS, FACE + 1, "indices of the 3 vertices in triangles, found 1 to 3"),
+        (CORNERS, FACE.astype(float), "triangles as integers, found float64"),
         (CORNERS, FACE - 1, "indices of the 3 vertices in triangles, found -1 to 1"),
     ],
 )
@@ -35,6 +36,29 @@ def test_a_mesh_has_three_coordinates_three_corners_and_indices_of_its_vertices(
     with pytest.raises(InputError, match=words):
         write_ply(tmp_path / "a.ply", points, triangles)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("colours", [np.zeros((2, 3), np.uint8), np.ones((3, 3))])
+def test_colours_of_a_mesh_are_bytes_for_each_vertex(tmp_path, colours):
+    with pytest.raises(InputError, match=r"colours \(3, 3\) as uint8"):
+        write_ply(tmp_path / "a.ply", CORNERS, FACE, colours=colours)
+    assert not list(tmp_path.iterdir())
+
+
+def test_twists_have_six_numbers_and_a_trajectory_has_an_axis():
+    with pytest.raises(InputError, match=r"twists \(..., 6\), found \(5,\)"):
+        SE3.exp([0] * 5)
+    with pytest.raises(InputError, match=r"poses \(n,\), found poses \(\)"):
+        Trajectory.at_rate(SE3.identity())
+
+
+def test_images_have_pixels_and_trajectories_are_trajectories():
+    for noise in (noisy_rgb, noisy_depth):
+        with pytest.raises(InputError, match=r"found an array \(0, 0, 3\)"):
+            noise(np.zeros((0, 0, 3)))
+    for error in (absolute_trajectory_error, relative_pose_error):
+        with pytest.raises(InputError, match="a Trajectory or the name of a file, found SE3"):
+            error(SE3.identity(), SE3.identity())
 
 
 def test_a_surface_is_compared_with_vertices_that_are_finite():

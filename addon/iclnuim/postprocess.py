@@ -65,8 +65,10 @@ def noisy_rgb(
 
 
 def _floating(image: np.ndarray, expected: str, hint: str) -> np.ndarray:
-    """Raises InputError for whole numbers: they are the values of an image file, in another unit."""
+    """Raises InputError for an image without pixels, and for whole numbers: they are the values of an image file, in another unit."""
     image = np.asarray(image)
+    if not image.size:
+        raise InputError(expected, found=f"an array {image.shape}")
     if image.dtype.kind != "f":
         raise InputError(f"{expected}, as floating-point numbers", found=image.dtype, hint=hint)
     return image
@@ -145,4 +147,8 @@ def relative_pose_error(
 
 
 def _trajectory(given: TrajectoryOrFile) -> Trajectory:
-    return given if isinstance(given, Trajectory) else read_trajectory(given).trajectory
+    if isinstance(given, Trajectory):
+        return given
+    if not isinstance(given, str | os.PathLike):
+        raise InputError("a Trajectory or the name of a file", found=type(given).__name__)
+    return read_trajectory(given).trajectory

@@ -91,6 +91,8 @@ def write_ply(
     """
     points = np.asarray(points)
     check_mesh(points, np.zeros((0, 3), int) if triangles is None else np.asarray(triangles))
+    if colours is not None and (len(colours) != len(points) or colours.dtype != np.uint8):
+        raise InputError(f"colours ({len(points)}, 3) as uint8", found=f"{colours.shape} {colours.dtype}")
     columns = [(name, "f4", points[:, a]) for a, name in enumerate("xyz")]
     if normals is not None:
         columns += [(name, "f4", normals[:, a]) for a, name in enumerate(("nx", "ny", "nz"))]

@@ -61,8 +61,10 @@ class SE3:
 
     @classmethod
     def exp(cls, twist: np.ndarray) -> "SE3":
-        """From twists (..., 6): translational part first (metres), rotation vector last (radians)."""
+        """From twists (..., 6): translational part first (metres), rotation vector last (radians). Raises InputError for other shapes."""
         twist = np.asarray(twist, float)
+        if twist.shape[-1:] != (6,):
+            raise InputError("twists (..., 6)", found=twist.shape)
         v, w = twist[..., :3], twist[..., 3:]
         angle = np.linalg.norm(w, axis=-1)[..., None, None]
         a, b, c = so3.exp_coefficients(angle)

@@ -61,7 +61,9 @@ class Trajectory:
 
     @classmethod
     def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> "Trajectory":
-        """Pose i gets the stamp 1 + i / rate."""
+        """Pose i gets the stamp 1 + i / rate. Raises InputError for a single pose without a leading axis."""
+        if len(T_world_camera.shape) != 1:
+            raise InputError("poses (n,)", found=f"poses {T_world_camera.shape}")
         return cls(stamps_of_frames(np.arange(len(T_world_camera)), rate_hz), T_world_camera)
 
     def __len__(self) -> int:

@@ -31,10 +31,10 @@ class NoiseModel(Settings):
 def frame_generator(seed: int, frame: int, stream: int) -> np.random.Generator:
     """The random generator of one image. Each frame is reproducible on its own, in any order, on any worker.
 
-    Raises InputError for a negative seed or frame.
+    Raises InputError unless seed and frame are whole numbers of at least 0.
     """
-    if min(seed, frame) < 0:
-        raise InputError("a seed and a frame of at least 0", found=f"{seed} and {frame}")
+    if not all(isinstance(n, int | np.integer) and n >= 0 for n in (seed, frame)):
+        raise InputError("a seed and a frame of at least 0", found=f"{seed!r} and {frame!r}")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, frame, stream])))
 
 
