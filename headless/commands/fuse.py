@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from iclnuim.errors import InputError
-from iclnuim.formats.files import check_file, write_json
+from iclnuim.formats.files import check_file, is_file, read_json, write_json
 from iclnuim.formats.ply import write_ply
 from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory, read_trajectory
 from iclnuim.fusion.settings import PRESETS, FuseSettings, VolumeSettings
@@ -16,6 +16,9 @@ from ..sequence_options import add_camera_options, open_sequence, require
 
 if TYPE_CHECKING:
     from iclnuim.fusion.mesh import Mesh
+
+#: Ending of the recipe, which is written next to the mesh.
+_RECIPE = ".json"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -33,12 +36,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--plot", type=Path, metavar="PNG", help="a picture of the surface, seen obliquely from above")
     add_camera_options(parser)
     common(parser, "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png")
+    parser.set_defaults(beside_out=_RECIPE)
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
     if args.out.suffix.lower() != ".ply":
         raise InputError("a mesh named *.ply", path=args.out)
+    recipe_file = args.out.with_suffix(_RECIPE)
     check_file(args.out)
+    check_file(recipe_file)
+    _refuse_other_json(recipe_file)
     require("fuse", "numba", "cv2")
     if args.plot:
         require("fuse --plot", "embreex")
@@ -62,7 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     write_ply(args.out, surface.mesh.points, surface.mesh.triangles, colours=surface.mesh.colours)
     figures = {"mesh": str(args.out), "sequence": str(args.folder), "poses": str(poses), **surface.figures}
     recipe = {"schema_version": 1, "kind": "surface", "iclnuim": __version__, "source_commit": source_commit()}
-    write_json(args.out.with_suffix(".json"), {**recipe, **figures})
+    write_json(recipe_file, {**recipe, **figures})
     if args.plot:
         _draw(surface.mesh, loaded, args.plot)
     f, rate = figures, figures["frames"] / figures["seconds"]
@@ -73,6 +80,19 @@ def run(args: argparse.Namespace, console: Console) -> None:
         f"at most {f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
     )
     console.result(figures, "\n".join(lines))
+
+
+def _refuse_other_json(path: Path) -> None:
+    """Raises InputError if a file exists where the recipe is to be written and is not the recipe of a surface."""
+    if not is_file(path):
+        return
+    try:
+        found = read_json(path).get("kind")
+    except InputError:
+        found = None
+    if found != "surface":
+        expected = "no file, or the recipe of an earlier surface, which the new one replaces"
+        raise InputError(expected, path=path, found="another file", hint="another name for {out}")
 
 
 def _volume_settings(args: argparse.Namespace) -> VolumeSettings:

@@ -71,6 +71,25 @@ def test_a_file_of_the_sequence_is_not_overwritten_and_an_estimate_in_its_folder
         assert main(["odometry", "icp", "seq", "-o", "seq/est.txt", "--first", "1"]) == 0
 
 
+@pytest.mark.parametrize("name", ["seq/camera", "notes"])
+def test_a_surface_replaces_no_json_that_is_not_its_recipe(sequence, name, capsys, monkeypatch):
+    path = sequence.parent / f"{name}.json"
+    if name == "notes":
+        path.write_text("[1]")
+    before = path.read_bytes()
+    monkeypatch.setattr("iclnuim.fusion.mesh.fuse_sequence", None)
+    assert main(["fuse", "seq", "-o", f"{name}.ply"]) == 2
+    error = capsys.readouterr().err
+    assert f"{name}.json: expected" in error and "another name for --out" in error
+    assert path.read_bytes() == before and not path.with_suffix(".ply").exists()
+
+
+def test_a_surface_and_its_recipe_are_replaced_by_the_next(sequence):
+    for _ in range(2):
+        assert main(["fuse", "seq", "-o", "surface.ply", "--max-blocks", "4000"]) == 0
+    assert json.loads((sequence.parent / "surface.json").read_text())["kind"] == "surface"
+
+
 def test_a_link_stays_and_its_target_is_written(tmp_path):
     (tmp_path / "link.txt").symlink_to("target.txt")
     atomic_write_text(tmp_path / "link.txt", "one")
