@@ -15,19 +15,32 @@ _SEQUENCE = re.compile(
     r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|calibration|orb_slam.*)\.(txt|json|jsonl|csv|yaml)|.*\.gt\.\w+"
 )
 _IMAGES = (".png", ".jpg", ".exr", ".npy")
+#: Folders of images, of which a folder that is not a complete sequence has at least one.
+_FOLDERS = ("rgb", "depth", "exr")
+#: A sequence's images are at most this many folders below it.
+_DEPTH = 4
 
 
 def check_outputs(args: argparse.Namespace) -> None:
-    """Raises InputError if an existing file that would be written is one that the command reads, or belongs to a sequence that it reads."""
+    """Raises InputError if an existing file that would be written is one that the command reads, or belongs to a sequence."""
     if getattr(args, "force", False):
         return
     for name, path in _outputs(args):
         if path.is_file():
             for given in _inputs(args):
                 if _is_read(path, given):
-                    hint = f"another name for {{{name}}}"
-                    what = f"the input {given}" if given.is_file() else f"a file of the sequence {given}"
-                    raise InputError("an output that is none of the inputs", path=path, found=what, hint=hint)
+                    raise _refused(name, path, f"the input {given}" if given.is_file() else _of_sequence(given))
+            if folder := _sequence_with(path):
+                raise _refused(name, path, _of_sequence(folder))
+
+
+def _refused(name: str, path: Path, what: str) -> InputError:
+    hint = f"another name for {{{name}}}"
+    return InputError("an output that is none of the inputs and in no sequence", path=path, found=what, hint=hint)
+
+
+def _of_sequence(folder: Path) -> str:
+    return f"a file of the sequence {folder}"
 
 
 def _outputs(args: argparse.Namespace) -> Iterator[tuple[str, Path]]:
@@ -56,3 +69,26 @@ def _is_read(path: Path, given: Path) -> bool:
         return False
     image = path.suffix.lower() in _IMAGES and path.resolve().parent != given.resolve()
     return image or bool(_SEQUENCE.fullmatch(path.name))
+
+
+def _sequence_with(path: Path) -> Path | None:
+    """The sequence that a file belongs to, whether or not the command reads it; None if there is none."""
+    path = path.resolve()
+    return next((folder for folder in path.parents[:_DEPTH] if _has(folder, path)), None)
+
+
+def _has(folder: Path, path: Path) -> bool:
+    """Whether a file is an image, the ground truth, a list or the camera of a sequence in any format."""
+    from iclnuim.dataset.frames import find_pairs, find_truth
+
+    try:
+        images = {image.resolve() for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)}
+        truth = find_truth(folder)
+    except InputError:
+        images, truth = set(), None
+    places = {image.parent for image in images} | {folder / name for name in _FOLDERS if (folder / name).is_dir()}
+    if not places:
+        return False
+    image = path.suffix.lower() in _IMAGES and path.parent in places - {folder}
+    listed = path.parent == folder and _SEQUENCE.fullmatch(path.name)
+    return path in images or image or bool(listed) or truth is not None and path == truth.resolve()

@@ -71,6 +71,36 @@ def test_a_file_of_the_sequence_is_not_overwritten_and_an_estimate_in_its_folder
         assert main(["odometry", "icp", "seq", "-o", "seq/est.txt", "--first", "1"]) == 0
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["evaluate", "ate", "seq/groundtruth.txt", "est.txt", "--csv", "seq/camera.json"],
+        ["evaluate", "ate", "seq", "est.txt", "--plot", "seq/rgb/0.png"],
+        ["evaluate", "rpe", "est.txt", "est.txt", "--csv", "seq/groundtruth.txt"],
+        ["evaluate", "surface", "mesh.ply", "--model", "mesh.ply", "--plot", "seq/depth/0.png"],
+        ["evaluate", "views", "views", "--truth", "views", "--csv", "seq/camera.json"],
+        ["trajectory", "plot", "seq/groundtruth.txt", "-o", "seq/depth/0.png"],
+        ["stress", "--plot", "seq/rgb/1.png"],
+        ["bench", "odometry", "results.json", "--plot", "seq/rgb/1.png"],
+        ["figure", "1", "-o", "seq/rgb/1.png"],
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)
+def test_no_command_replaces_a_file_of_a_sequence(sequence, words, capsys):
+    (sequence.parent / "est.txt").write_bytes((sequence / "groundtruth.txt").read_bytes())
+    before = {path: path.read_bytes() for path in sequence.rglob("*") if path.is_file()}
+    assert main(words) == 2
+    assert "a file of the sequence" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in sequence.rglob("*") if path.is_file()} == before
+
+
+def test_pictures_and_tables_in_a_sequence_that_are_not_its_own_are_replaced(sequence):
+    (sequence / "plots").mkdir()
+    words = ["evaluate", "ate", "seq/groundtruth.txt", "seq/groundtruth.txt", "--align", "none"]
+    for _ in range(2):
+        assert main([*words, "--plot", "seq/plots/error.png", "--csv", "seq/error.csv"]) == 0
+
+
 @pytest.mark.parametrize("name", ["seq/camera", "notes"])
 def test_a_surface_replaces_no_json_that_is_not_its_recipe(sequence, name, capsys, monkeypatch):
     path = sequence.parent / f"{name}.json"
