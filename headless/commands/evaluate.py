@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from iclnuim.fusion.surface_error import Reconstruction, TrueSurface
     from iclnuim.geometry.se3 import SE3
 
+#: Least and largest upper end of a heat map.
+_MAX_ERROR_MM = (1e-3, 1e5)
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
@@ -165,6 +168,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.geometry.scene_axes import parse_unit
 
     settings, unit_m, recording = settings_from(args, QualitySettings()), parse_unit(args.unit), checked_rerun(args)
+    _check_max_error(args.max_error)
     seen_by, whole = _seen_by(args)
     mesh = read_reconstruction(args.mesh, unit_m)
     for note in mesh.notes:
@@ -192,6 +196,13 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     quality = _quality(surface, mesh, T_model_mesh, seen_by, whole, settings, console)
     values["quality"] = quality
     console.result(values, _surface_text(values))
+
+
+def _check_max_error(max_error_mm: float) -> None:
+    """Raises InputError unless the heat map has a range of colours."""
+    low, high = _MAX_ERROR_MM
+    if not low <= max_error_mm <= high:
+        raise InputError(f"{low:g} to {high:g} mm", setting="--max-error", found=max_error_mm)
 
 
 def run_views(args: argparse.Namespace, console: Console) -> None:

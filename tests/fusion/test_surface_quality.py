@@ -325,6 +325,7 @@ def test_every_kind_of_reconstruction_and_alignment_is_measured_and_said_in_word
         (("mesh.ply", "--nearest", "vertex"), "--nearest"),
         (("mesh.ply", "--samples", "3"), "--samples"),
         (("mesh.ply", "--seen-by", "nothing.txt"), "nothing.txt"),
+        *((("mesh.ply", f"--max-error={value}"), "--max-error: expected") for value in ("-5", "nan", "inf", "0")),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(looked, monkeypatch, command_here, options, said):
