@@ -271,6 +271,7 @@ def files(tmp_path_factory):
     rows = ["# mesh, model", *(" ".join(f"{x:.6f}" for x in row) for row in np.hstack([lost.apply(picked), picked]))]
     (folder / "pairs.txt").write_text("\n".join(rows))
     (folder / "bad_pairs.txt").write_text("1 2 3 4 5\n")
+    (folder / "reflection.txt").write_text("1 0 0 0  0 1 0 0  0 0 -1 0  0 0 0 1\n")
     return folder
 
 
@@ -326,6 +327,11 @@ def test_every_kind_of_reconstruction_and_alignment_is_measured_and_said_in_word
         (("mesh.ply", "--samples", "3"), "--samples"),
         (("mesh.ply", "--seen-by", "nothing.txt"), "nothing.txt"),
         *((("mesh.ply", f"--max-error={value}"), "--max-error: expected") for value in ("-5", "nan", "inf", "0")),
+        *(
+            (("mesh.ply", f"--unit={value}"), "--unit: expected 1e-06 to 1e+06 m")
+            for value in ("-1", "nan", "inf", "0")
+        ),
+        (("mesh.ply", "--transform", "reflection.txt"), "reflection.txt: expected a rotation and a translation"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(looked, monkeypatch, command_here, options, said):

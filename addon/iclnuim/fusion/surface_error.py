@@ -27,6 +27,8 @@ MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", *GLTF_ENDINGS)
 WITHIN_M = (0.001, 0.005, 0.01, 0.05)
 #: Units, in metres, that reconstructions have by mistake -> value of the unit setting.
 OTHER_UNITS_M = {unit_m: name for name, unit_m in UNITS_M.items() if name != "m"} | {0.1: "0.1", 1000.0: "1000"}
+#: Smallest and largest unit of a reconstruction.
+_UNITS_M = (1e-6, 1e6)
 #: A mean distance below this share of the model's size is not checked further.
 _SMALL_MEAN = 0.002
 #: Valid size ratio of a reconstruction in metres to its model: from a part of it to all of it with some outliers.
@@ -264,8 +266,11 @@ class Reconstruction:
 def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
     """Read a mesh or a point cloud in units of unit_m. Points that are not finite, and triangles with such points, are left out.
 
-    Raises InputError for a file that is neither or has no finite point, WorkError if a reader is missing.
+    Raises InputError for a file that is neither or has no finite point and for an invalid unit, WorkError if a reader is missing.
     """
+    low, high = _UNITS_M
+    if not low <= unit_m <= high:
+        raise InputError(f"{low:g} to {high:g} m", setting="unit", found=unit_m)
     points, triangles, _ = _read(Path(path))
     finite = np.isfinite(points).all(axis=1)
     invalid, notes = int((~finite).sum()), []
@@ -376,6 +381,8 @@ def read_transform(path: Path) -> SE3:
     rigid = np.isfinite(T).all() and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3)
     if not rigid or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
         raise InputError("a rigid motion, last row 0 0 0 1", path=path)
+    if np.linalg.det(T[:3, :3]) < 0:
+        raise InputError("a rotation and a translation", path=path, found="a reflection (determinant -1)")
     return SE3(T[:3, :3], T[:3, 3])
 
 
