@@ -7,6 +7,8 @@ from itertools import product
 from iclnuim import shipped
 from iclnuim.errors import InputError
 
+#: Presets of the odometers that the benchmark measures.
+PRESETS = ("best", "paper")
 NOISES = ("clean", "noisy")
 #: In place of a noise: clean frames of the same room rendered without reflections, for finding 11.
 LAMBERTIAN = "lambertian"

@@ -9,7 +9,7 @@ from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write_text, make_folder
 
-from ..benchmark.cells import Cell, all_cells, chosen, lambertian_cells
+from ..benchmark.cells import PRESETS, Cell, all_cells, chosen, lambertian_cells
 from ..benchmark.correlation import correlation_table
 from ..benchmark.findings import findings_table
 from ..benchmark.html_report import write_report
@@ -22,7 +22,6 @@ from ..farm.lock import OutputLock
 from ..options import Console, common, count
 from ..sequence_options import require
 
-PRESETS = ("best", "paper")
 _BYTES_A_WORKER = 2 << 30
 
 

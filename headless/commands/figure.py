@@ -5,6 +5,7 @@ from pathlib import Path
 
 from iclnuim.formats.files import check_picture
 
+from ..benchmark.cells import PRESETS
 from ..options import Console, common
 from ..sequence_options import require
 
@@ -17,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--data", type=Path, default=Path("out"), metavar="DIR", help="sequences, for 2 to 4; default: out")
     help = "folder of `iclnuim benchmark`, for 5 to 9; default: out/benchmark"
     add("--benchmark", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
-    add("--preset", default="best", help="preset of the cells: best (default) or paper")
+    add("--preset", choices=PRESETS, default="best", help="preset of the cells; default: best")
     common(parser, "iclnuim figure 6 -o figure_6.png", json=False)
 
 

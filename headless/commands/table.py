@@ -5,6 +5,7 @@ from pathlib import Path
 
 from iclnuim.errors import InputError
 
+from ..benchmark.cells import PRESETS
 from ..benchmark.paper_tables import preset_tables, table_1, trajectory_rows
 from ..benchmark.runner import measured
 from ..benchmark.text_tables import FORMATS
@@ -17,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("number", type=int, choices=range(1, 8), metavar="N", help=help)
     help = "folder of `iclnuim benchmark`, for tables 2 to 7; default: out/benchmark"
     add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
-    add("--preset", default="best", help="best (default) or paper")
+    add("--preset", choices=PRESETS, default="best", help="default: best")
     add("--format", choices=tuple(FORMATS), default="text", help="default: text")
     common(parser, "iclnuim table 1")
 

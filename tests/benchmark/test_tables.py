@@ -104,6 +104,14 @@ def test_what_is_missing_is_one_line(tmp_path, capsys):
     assert cli.main(["table", "3", "--out", str(tmp_path)]) == 2
 
 
+@pytest.mark.parametrize("words", [["table", "3"], ["table", "1"], ["figure", "6"]], ids=" ".join)
+def test_an_unknown_preset_is_refused_by_name(words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main([*words, "--preset", "foo"])
+    error = capsys.readouterr().err
+    assert all(word in error for word in ("--preset", "'foo'", "best", "paper"))
+
+
 def test_one_table_of_a_benchmark_in_a_format(tmp_path, capsys):
     out = written(tmp_path / "bench", [result(ICP, 0.0015, 0.003)])
     assert cli.main(["table", "3", "--out", str(out), "--format", "latex"]) == 0
