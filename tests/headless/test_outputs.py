@@ -207,6 +207,15 @@ def test_what_would_fail_at_the_end_fails_before_the_work(sequence, spoil, words
     assert words in capsys.readouterr().err
 
 
+def test_a_sequence_without_a_surface_says_why_its_frames_are_left_out(sequence, capsys):
+    for path in (sequence / "depth").glob("*.png"):
+        write_png(path, np.full((24, 32), 10_000, np.uint16))
+    assert main(["fuse", "seq", "-o", "surface.ply", "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert "no triangle in 0 fused frames; 3 left out, the first: depth/0.png: expected 64 x 48" in error
+    assert "found 32 x 24; try --camera with the size of the images" in error
+
+
 @pytest.mark.parametrize("lacking", [("cx", "cy"), ("fx", "fy", "cx", "cy"), ("width",)])
 def test_a_camera_is_not_completed_with_another_ones_figures(sequence, lacking, capsys):
     camera = PinholeCamera().to_dict()

@@ -234,6 +234,7 @@ def fuse_sequence(
     bar = progress(len(posed), "fuse") if progress else None
     without = [p.stamp_s for p in chosen if p not in set(posed)]
     left_out = [f"{stamp_s:.6f} s: no pose within {settings.max_difference_s} s" for stamp_s in without]
+    refused: list[InputError] = []
     started, fusing_s = time.perf_counter(), 0.0
     for i, pair in enumerate(posed):
         try:
@@ -245,15 +246,14 @@ def fuse_sequence(
             raise
         except InputError as error:
             left_out.append(f"{pair.stamp_s:.6f} s: {error}")
+            refused.append(error)
         if bar:
             bar.advance()
     before = time.perf_counter()
     parts.append(extract(volume, min_weight=settings.min_weight))
     mesh = Mesh.joined([part for part in parts if len(part.triangles)])
     if not len(mesh.triangles):
-        raise InputError(
-            "images that produce a surface", path=folder, found=f"no triangle in {volume.frames} fused frames"
-        )
+        raise _no_surface(folder, volume.frames, left_out, refused)
     figures = {
         "frames": volume.frames,
         "left_out": len(left_out),
@@ -269,6 +269,17 @@ def fuse_sequence(
         "settings": asdict(settings),
     }
     return Surface(mesh, sequence.camera, left_out, figures)
+
+
+def _no_surface(folder: Path | str, fused: int, left_out: list[str], refused: list[InputError]) -> InputError:
+    """The error for no surface, with the number of frames left out, and the reason of the first whose images were refused, if any was."""
+    found, hint = f"no triangle in {fused} fused frames", None
+    if left_out:
+        first = left_out[0]
+        if refused:
+            first, hint = str(refused[0]).partition("; try ")[0], refused[0].hint
+        found += f"; {len(left_out)} left out, the first: {first.removeprefix(f'{folder}/')}"
+    return InputError("images that produce a surface", path=folder, found=found, hint=hint)
 
 
 def _posed(pairs: list[ImagePair], trajectory: Trajectory, max_difference_s: float) -> tuple[list[ImagePair], SE3]:
