@@ -57,6 +57,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.preset not in PRESETS:
         raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
     settings = settings_from(args, FuseSettings(_volume_settings(args)))
+    volume = settings.volume
+    if args.truncation is None and volume.truncation_m > PRESETS[args.preset].truncation_m:
+        console.note(f"truncation distance {volume.truncation_m:g} m: three voxels of {volume.voxel_m:g} m")
     poses = args.poses or find_truth(args.folder)
     if poses is None:
         raise InputError("a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE")

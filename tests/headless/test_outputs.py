@@ -240,6 +240,17 @@ def test_voxels_of_any_size_can_be_chosen(sequence, options, preset, capsys):
     assert main(["fuse", "seq", "-o", "surface.ply", "--preset", preset, "--max-blocks", "4000", *options]) == 0
 
 
+def test_a_truncation_that_grows_with_the_voxels_is_said_in_a_note_and_in_the_help(sequence, capsys):
+    notes = []
+    for options in (["--voxel", "0.03"], ["--voxel", "0.01"], ["--voxel", "0.03", "--truncation", "0.09"]):
+        assert main(["fuse", "seq", "-o", "surface.ply", "--max-blocks", "4000", *options]) == 0
+        notes.append("truncation distance 0.09 m: three voxels of 0.03 m" in capsys.readouterr().err)
+    assert notes == [True, False, False]
+    with pytest.raises(SystemExit):
+        main(["fuse", "--help"])
+    assert "the command fuse uses three voxels" in " ".join(capsys.readouterr().out.split())
+
+
 def test_the_folder_one_stands_in_is_packed_beside_it(sequence, monkeypatch):
     monkeypatch.chdir(sequence)
     assert main(["convert", ".", "../tum"]) == 0

@@ -19,7 +19,11 @@ class VolumeSettings(Settings):
         4.5 / 512, "side of a voxel", unit="m", low=1e-6, high=1.0, option="--voxel", source="Handa 2014, VI-C"
     )
     truncation_m: float = setting(
-        0.045, "truncation distance, at least two voxels", unit="m", option="--truncation", source="Handa 2014, VI-C"
+        0.045,
+        "truncation distance, at least two voxels; if it is not given, the command fuse uses three voxels where these are more",
+        unit="m",
+        option="--truncation",
+        source="Handa 2014, VI-C",
     )
     behind_m: float = setting(0.045, "distance behind its surface up to which a frame is fused", unit="m", option="")
     slanted: int = setting(
