@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.files import is_file
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.odometry.registry import PACKAGES
 
@@ -54,13 +56,23 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     add("--units", type=float, metavar="N", help="depth units per metre; default: those of camera.json, or 5000")
 
 
-def camera_from(args: argparse.Namespace) -> SequenceCamera | None:
-    """The camera given by the options; None where none is given: the folder then decides."""
+def camera_from(args: argparse.Namespace, folder: Path | None = None) -> SequenceCamera | None:
+    """The camera given by the options; with --units alone, that of `folder` with these units. None where none is given: the folder then decides."""
     if args.camera:
         return SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
-    if args.units is not None:
+    if args.units is None:
+        return None
+    if folder is None:
         raise InputError("--camera with --units", found="--units alone")
-    return None
+    return _camera_with_units(folder, units_from(args))
+
+
+def _camera_with_units(folder: Path, units_per_metre: float) -> SequenceCamera:
+    from iclnuim.dataset.frames import find_pairs, read_camera
+
+    images = [pair.rgb for pair in find_pairs(folder)]
+    camera = read_camera(folder, next(filter(is_file, images), images[0]))
+    return replace(camera, depth_units_per_metre=units_per_metre)
 
 
 def units_from(args: argparse.Namespace) -> float:
@@ -72,7 +84,7 @@ def open_sequence(args: argparse.Namespace, console: Console, folder: Path, dept
     """Open the sequence with the camera given by the options, or with that of the folder. A note names a camera that is assumed."""
     from iclnuim.odometry.run import Sequence
 
-    sequence = Sequence(folder, depth_offset, camera_from(args))
+    sequence = Sequence(folder, depth_offset, camera_from(args, folder))
     note_assumed_camera(folder, sequence.camera, console)
     return sequence
 

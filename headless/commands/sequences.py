@@ -107,7 +107,7 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(args: argparse.Namespace, console: Console) -> None:
-    source = original_frames(args.source, args.frames, camera_from(args))
+    source = original_frames(args.source, args.frames, camera_from(args, args.source))
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing and source.truth_of(source.numbers) is not None:
@@ -142,7 +142,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         return
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
-    source = image_frames(Path(args.source), args.frames, camera_from(args))
+    source = image_frames(Path(args.source), args.frames, camera_from(args, Path(args.source)))
     _write(source, sequence_options(args), args, console)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from iclnuim import noisy_depth, noisy_rgb
 from iclnuim.dataset.depth_units import depth16_from_metres
+from iclnuim.dataset.frames import read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, check_file
 from iclnuim.formats.png import write_png
@@ -230,6 +231,33 @@ def test_depth_units_of_zero_are_refused(sequence, capsys):
     for words in (["--units", "0"], ["--units", "0", "--camera", "64x48"]):
         assert main(["odometry", "icp", "seq", *words]) == 2
     assert "1 to 1000000 depth units per metre, found 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["odometry", "icp", "seq", "-o", "out.txt"],
+        ["fuse", "seq", "-o", "out.ply", "--max-blocks", "4000", "--voxel", "0.03"],
+        ["noise", "seq", "out", "--depth-noise", "paper"],
+        ["convert", "seq", "out"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_depth_units_alone_replace_those_of_the_folder_s_camera(sequence, words, monkeypatch):
+    used = []
+
+    def remembered(path, units_per_metre):
+        used.append(units_per_metre)
+        return read_depth_m(path, units_per_metre)
+
+    monkeypatch.setattr("iclnuim.dataset.frames.read_depth_m", remembered)
+    assert main([*words, "--units", "2500"]) == 0
+    if words[0] in ("noise", "convert"):
+        made, recipe = (json.loads((sequence.parent / f"out/{name}.json").read_text()) for name in ("camera", "recipe"))
+        assert json.loads((sequence / "camera.json").read_text()).items() <= made.items()
+        assert recipe["source"]["depth_units_per_metre"] == 2500
+    else:
+        assert set(used) == {2500}
 
 
 @pytest.mark.parametrize(
