@@ -75,6 +75,20 @@ def test_a_wrong_depth_scale_is_guessed(folder):
     assert "with 5000 units per metre: 1000 units per metre would give" in wrong
 
 
+def test_colour_images_of_16_bits_which_no_odometer_reads_are_an_error(folder):
+    for path in (folder / "rgb").glob("*.png"):
+        write_png(path, np.full((72, 96, 3), 30_000, np.uint16))
+    assert "rgb images are 96 x 72, 16-bit RGB, not 8-bit RGB" in inspect_sequence(folder).wrong
+
+
+@pytest.mark.parametrize("black", [1, 12])
+def test_black_colour_images_are_a_warning_and_an_error_if_all_are(folder, black):
+    for path in sorted((folder / "rgb").glob("*.png"))[:black]:
+        write_png(path, np.zeros((72, 96, 3), np.uint8))
+    found, sentence = inspect_sequence(folder), f"{black} of 12 inspected colour images are black, the first 000000.png"
+    assert (found.wrong, found.odd) == (([sentence], []) if black == 12 else ([], [sentence]))
+
+
 def test_clipped_depth_is_seen(folder):
     path = folder / "depth/000000.png"
     units = read_depth16(path)

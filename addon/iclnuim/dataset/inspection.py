@@ -12,10 +12,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, WorkError
 from ..evaluation.associate import nearest
 from ..formats.files import is_file
-from ..formats.images import ARRAY, image_header
+from ..formats.images import ARRAY, image_header, read_colour8
 from ..formats.png import PngHeader
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
@@ -28,7 +28,7 @@ from .layout import SequenceCamera
 
 T = TypeVar("T")
 
-#: Number of depth images that are read, and maximum distance of a pose from its frame, as a share of the time between frames.
+#: Number of colour and of depth images whose pixels are read, and maximum distance of a pose from its frame, as a share of the time between frames.
 _SAMPLES, _SLACK = 24, 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
@@ -65,6 +65,7 @@ def inspect_sequence(folder: Path | str) -> Inspection:
     _count(result, pairs)
     _time(result, pairs)
     headers = _images(result, pairs)
+    _brightness(result, pairs)
     camera = result.attempt(read_camera, folder, pairs[0].rgb)
     if camera is not None:
         _camera(result, camera, headers)
@@ -127,9 +128,26 @@ def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
         if len(found) > 1:
             result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items()))
         if wrong := [each for each in found if not each.endswith(expected)]:
-            where = result.wrong if kind == "depth" else result.odd
+            unreadable = kind == "depth" or any(h.bits != 8 for k, h in headers if k == kind)
+            where = result.wrong if unreadable else result.odd
             where.append(f"{kind} images are {wrong[0]}, not {expected[0]}")
     return [h for _, h in headers]
+
+
+def _sampled(pairs: list[ImagePair]) -> list[ImagePair]:
+    """Pairs at equal distances, of which the images are read."""
+    return [pairs[i] for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)})]
+
+
+def _brightness(result: Inspection, pairs: list[ImagePair]) -> None:
+    """Report black colour images: an error if all inspected ones are."""
+    bright: list[tuple[str, bool]] = []
+    for pair in _sampled(pairs):
+        with contextlib.suppress(InputError, WorkError):  # reported already, or no package reads JPEG
+            bright.append((pair.rgb.name, bool(read_colour8(pair.rgb).any())))
+    if black := [name for name, light in bright if not light]:
+        where = result.wrong if len(black) == len(bright) else result.odd
+        where.append(f"{len(black)} of {len(bright)} inspected colour images are black, the first {black[0]}")
 
 
 def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]) -> None:
@@ -152,13 +170,13 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
     per_metre, c = camera.depth_units_per_metre, camera.pinhole
     depths: list[tuple[float, np.ndarray]] = []
     others: list[tuple[str, tuple[int, ...]]] = []
-    for i in sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _SAMPLES)}):
+    for pair in _sampled(pairs):
         with contextlib.suppress(InputError):  # reported already
-            depth = read_depth_m(pairs[i].depth, per_metre)
+            depth = read_depth_m(pair.depth, per_metre)
             if depth.shape == (c.height, c.width):
-                depths.append((pairs[i].stamp_s, depth))
+                depths.append((pair.stamp_s, depth))
             else:
-                others.append((pairs[i].depth.name, depth.shape))
+                others.append((pair.depth.name, depth.shape))
     if others:
         (name, (h, w)), several = others[0], f"{len(others)} of {len(depths) + len(others)} inspected depth images"
         result.wrong.append(f"{several} are not of the camera's size {c.width} x {c.height}: {name} is {w} x {h}")
