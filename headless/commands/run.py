@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     system = read_system(args.system, _options(args))
     experiments = []
     for folder in args.folders:
-        sequence = StagedSequence.of(folder, camera_from(args), args.first)
+        sequence = StagedSequence.of(folder, camera_from(args, folder), args.first)
         note_assumed_camera(folder, sequence.camera, console)
         experiments.append(Experiment(system, sequence, args.out))
     if len({e.folder for e in experiments}) < len(experiments):
