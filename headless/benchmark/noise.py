@@ -199,7 +199,6 @@ def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | Non
     names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
     right.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
     right.axhline(1, color="black", linewidth=0.8)
-    right.axhline(1.6, color=COLOURS[1], linewidth=1, linestyle="--")
     for k, p in enumerate(pairs):
         right.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
     right.set_ylabel("processor time of clean + noisy relative to\nreading the EXR and writing the PNGs alone")
