@@ -38,11 +38,34 @@ def test_a_mesh_has_three_coordinates_three_corners_and_indices_of_its_vertices(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("colours", [np.zeros((2, 3), np.uint8), np.ones((3, 3))])
+@pytest.mark.parametrize(
+    "colours",
+    [
+        np.zeros((2, 3), np.uint8),
+        np.ones((3, 3)),
+        [[1, 2, 3]] * 3,
+        np.zeros(3, np.uint8),
+        np.zeros((3, 2), np.uint8),
+        np.zeros((3, 4), np.uint8),
+    ],
+)
 def test_colours_of_a_mesh_are_bytes_for_each_vertex(tmp_path, colours):
     with pytest.raises(InputError, match=r"colours \(3, 3\) as uint8"):
         write_ply(tmp_path / "a.ply", CORNERS, FACE, colours=colours)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_mesh_has_a_normal_for_each_vertex(tmp_path):
+    for normals in (np.zeros((2, 3)), np.zeros(3)):
+        with pytest.raises(InputError, match=r"normals \(3, 3\)"):
+            write_ply(tmp_path / "a.ply", CORNERS, FACE, normals=normals)
+    write_ply(tmp_path / "a.ply", CORNERS, FACE, normals=CORNERS.tolist())
+
+
+def test_depth_has_rows_and_columns():
+    for shape in ((3,), ()):
+        with pytest.raises(InputError, match=r"depth \(h, w\) in metres, found \("):
+            noisy_depth(np.ones(shape))
 
 
 def test_twists_have_six_numbers_and_a_trajectory_has_an_axis():
@@ -67,6 +90,12 @@ def test_a_surface_is_compared_with_vertices_that_are_finite():
 
     with pytest.raises(InputError, match="indices of the 3 vertices"):
         TrueSurface(CORNERS, FACE + 1)
+    for triangles in (FACE.astype(float), FACE.astype(float).tolist()):
+        with pytest.raises(InputError, match="triangles as integers, found float64"):
+            TrueSurface(CORNERS, triangles)
+    for points in (np.zeros(3), np.zeros((2, 2)), np.zeros((1, 1, 3)), np.float64(1)):
+        with pytest.raises(InputError, match=r"vertices \(n, 3\), found \("):
+            TrueSurface(CORNERS, FACE).error(points)
     for points in (np.zeros((0, 3)), np.array([[0, 0, np.nan]])):
         with pytest.raises(InputError, match="vertices .n, 3. that are finite"):
             TrueSurface(CORNERS, FACE).error(points)

@@ -43,9 +43,11 @@ def noisy_depth(
 
     model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). camera: default is the
     benchmark's camera, scaled to the image's width. The noise depends only on seed and frame number. Raises InputError for an
-    unknown model or setting, for whole numbers, and for another size than the camera's.
+    unknown model or setting, for whole numbers, and for another shape or size than the camera's.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
+    if depth_z_m.ndim != 2:
+        raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
     if depth_z_m.shape != (camera.height, camera.width):
         raise InputError(f"depth of the camera's size {camera.width}x{camera.height}", found=depth_z_m.shape[::-1])

@@ -91,10 +91,15 @@ def write_ply(
     """
     points = np.asarray(points)
     check_mesh(points, np.zeros((0, 3), int) if triangles is None else np.asarray(triangles))
-    if colours is not None and (len(colours) != len(points) or colours.dtype != np.uint8):
-        raise InputError(f"colours ({len(points)}, 3) as uint8", found=f"{colours.shape} {colours.dtype}")
     columns = [(name, "f4", points[:, a]) for a, name in enumerate("xyz")]
+    if colours is not None:
+        colours = np.asarray(colours)
+        if colours.shape not in ((len(points), 3), (len(points), 0)) or colours.dtype != np.uint8:
+            raise InputError(f"colours ({len(points)}, 3) as uint8", found=f"{colours.shape} {colours.dtype}")
     if normals is not None:
+        normals = np.asarray(normals)
+        if normals.shape != points.shape:
+            raise InputError(f"normals {points.shape}", found=normals.shape)
         columns += [(name, "f4", normals[:, a]) for a, name in enumerate(("nx", "ny", "nz"))]
     if colours is not None and colours.shape[1]:
         columns += [(name, "u1", colours[:, a]) for a, name in enumerate(("red", "green", "blue"))]

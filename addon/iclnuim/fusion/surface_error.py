@@ -102,9 +102,11 @@ class TrueSurface:
     def error(self, points: np.ndarray, T_model_mesh: SE3 | None = None) -> SurfaceError:
         """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit, handedness or world frame seems to be wrong.
 
-        Raises InputError if there are no vertices, or some are NaN or infinite.
+        Raises InputError for another shape, if there are no vertices, or if some are NaN or infinite.
         """
         points = np.asarray(points)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError("vertices (n, 3)", found=points.shape)
         if not len(points) or not np.isfinite(points).all():
             found = f"{np.count_nonzero(~np.isfinite(points).all(-1))} of {len(points)} that are not"
             raise InputError("vertices (n, 3) that are finite", found=found)

@@ -36,8 +36,9 @@ class TriangleDistance:
         except ImportError:
             raise WorkError("distances to a surface need the package libigl; try: pip install libigl") from None
         self._new_tree: Any = igl.AABB
-        self.vertices, self.triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-        check_mesh(self.vertices, self.triangles)
+        self.vertices = np.ascontiguousarray(vertices, float)
+        check_mesh(self.vertices, np.asarray(triangles))
+        self.triangles = np.ascontiguousarray(triangles, np.int64)
         self._tree = self._build_tree(self.triangles) if len(triangles) <= slab else None
         self._slab = slab
 
