@@ -82,8 +82,9 @@ def test_a_room_instead_of_a_wall_and_equal_repeats_are_refused(plane):
         ):
             calibrate_depth([depth_z_m])
     images = _series(0.01, 0.01)
-    with pytest.raises(InputError, match="differ by their noise, found the same image twice"):
-        calibrate_rgb(EXPOSURES, [np.stack([stack[0], stack[0], stack[0]]) for stack in images])
+    for repeats in ([0, 0, 0], [0, 1, 1]):
+        with pytest.raises(InputError, match="differ by their noise, found the same image twice"):
+            calibrate_rgb(EXPOSURES, [stack[repeats] for stack in images])
 
 
 def test_too_little_is_said_in_one_line():

@@ -60,7 +60,7 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     use &= use.sum(0) >= 2
     if not use.any():
         raise InputError("pixels that are neither black nor white under two exposures", found="none")
-    if any(np.array_equal(stack[0], stack[k]) for stack in images for k in range(1, len(stack))):
+    if any(len({image.tobytes() for image in stack}) < len(stack) for stack in images):
         raise InputError("images of an exposure that differ by their noise", found="the same image twice")
     gamma = _gamma(gains, means, use)
     curves = {"linear": lambda v: v, "srgb": light_from_srgb, "gamma": lambda v: v**gamma}  # v: share of white
