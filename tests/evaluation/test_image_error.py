@@ -50,7 +50,11 @@ def test_equal_images_have_no_error_and_others_are_refused():
         psnr_db(truth, truth[:, 1:])
     with pytest.raises(InputError, match="at least 11 pixels a side"):
         ssim(truth[:10], truth[:10])
-    for other in (truth / 255, truth.astype(np.uint16), truth > 9):
+    for other in (truth[:0], truth[0, 0], truth[None, None], np.uint8(3)):
+        for error in (psnr_db, ssim):
+            with pytest.raises(InputError, match=r"expected images \(h, w\) or \(h, w, 3\), found \("):
+                error(other, other)
+    for other in (truth.tolist(), truth / 255, truth.astype(np.uint16), truth > 9):
         for error in (psnr_db, ssim):
             with pytest.raises(InputError, match=r"expected 8-bit images \(uint8\)"):
                 error(truth, other)

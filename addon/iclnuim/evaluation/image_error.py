@@ -64,6 +64,9 @@ def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> floa
 
 
 def _both(image: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    image, truth = np.asarray(image), np.asarray(truth)
+    if not truth.size or truth.ndim not in (2, 3):
+        raise InputError("images (h, w) or (h, w, 3)", found=truth.shape)
     if image.shape != truth.shape:
         raise InputError(f"images of one size, {truth.shape}", found=image.shape)
     if other := next((i.dtype for i in (image, truth) if i.dtype != np.uint8), None):
