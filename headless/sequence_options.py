@@ -56,14 +56,12 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     add("--units", type=float, metavar="N", help="depth units per metre; default: those of camera.json, or 5000")
 
 
-def camera_from(args: argparse.Namespace, folder: Path | None = None) -> SequenceCamera | None:
+def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None:
     """The camera given by the options; with --units alone, that of `folder` with these units. None where none is given: the folder then decides."""
     if args.camera:
         return SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
     if args.units is None:
         return None
-    if folder is None:
-        raise InputError("--camera with --units", found="--units alone")
     return _camera_with_units(folder, units_from(args))
 
 

@@ -10,7 +10,7 @@ from iclnuim.dataset.ground_truth import KINDS, NORMAL, NORMAL_STEPS, NORMAL_ZER
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json
-from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16, same_pixels
+from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
 
 from ..options import Console, common
 
@@ -69,8 +69,11 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     def compare_file(name: str) -> tuple[bool, float, list[str]]:
         one, other = files[0][name], files[1][name]
         if not why:
-            equal = one.read_bytes() == other.read_bytes() or _same_png(one, other)
-            return not equal, 0.0, [] if equal else _other_channels(one, other)
+            if one.read_bytes() == other.read_bytes():
+                return False, 0.0, []
+            other_channels = _other_channels(one, other)
+            same_png = one.suffix == ".png" and other_channels == []  # versions before 0.2.0 compressed in another way
+            return not same_png, 0.0, other_channels or []
         shares = _shares(_channels(one, units[0]), _channels(other, units[1]))
         beyond = [channel for channel, share in shares.items() if share > SHARE]
         return bool(beyond), max(shares.values()), beyond
@@ -100,20 +103,12 @@ def _run_recipe(folder: Path) -> dict:
     raise InputError("a run (sequence.json) or a sequence (recipe.json)", path=folder, found="neither")
 
 
-def _same_png(a: Path, b: Path) -> bool:
-    """Whether two PNGs contain the same pixels: versions before 0.2.0 compressed them in another way."""
-    try:
-        return a.suffix == ".png" and same_pixels(a, b)
-    except InputError:
-        return False
-
-
-def _other_channels(a: Path, b: Path) -> list[str]:
-    """Names of the channels that are not bitwise equal; none if a file cannot be read."""
+def _other_channels(a: Path, b: Path) -> list[str] | None:
+    """Names of the channels that are not bitwise equal; None if a file cannot be read."""
     try:
         one, other = (read_exr(f) if f.suffix == ".exr" else _channels(f, 1.0) for f in (a, b))
     except InputError:
-        return []
+        return None
     equal = {name for name in one.keys() & other.keys() if np.array_equal(one[name], other[name], equal_nan=True)}
     return [name for name in one | other if name not in equal]
 

@@ -57,9 +57,8 @@ def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
     """The likely cause if less than 1 % of the pixels of an image (h, w, 3) are not black; None for all other images."""
-    brightest = np.maximum(
-        np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2]
-    )  # 20 times as fast as a maximum over the last axis
+    # 20 times as fast as a maximum over the last axis
+    brightest = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
     if (brightest > _BLACK).mean() >= 0.01:
         return None
     seen = depth_z_m > 0

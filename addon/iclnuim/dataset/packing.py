@@ -55,9 +55,10 @@ def pack(
         ):
             for name in names:
                 data = extra[name] if name in extra else read_bytes(folder / name)
-                sums.append(f"{sha256(data)}  {name}\n")
+                digest = sha256(data)
+                sums.append(f"{digest}  {name}\n")
                 if name not in extra:
-                    images.check(name, sha256(data))
+                    images.check(name, digest)
                 _add(tar, f"{top}/{name}", data)
                 on_file(name)
             images.check_all()
