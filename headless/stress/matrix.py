@@ -135,6 +135,7 @@ class Matrix:
                     progress(1)
 
     def _track_all(self, tasks: list[Task], workers: int, progress: Callable[[int], object]) -> None:
+        _one_thread()
         with FramePool(lambda k: self._track(tasks[k]), min(workers, len(tasks)), progress) as pool:
             for k in range(len(tasks)):
                 pool.add(k)
@@ -152,7 +153,6 @@ class Matrix:
 
     def _track(self, task: Task) -> int:
         """Compute the missing methods of a task on one thread, in a process of the pool; returns their number."""
-        _one_thread()
         missing = self._missing(task, self.methods)
         segment = self.segment(task)
         all_tracked = track_all(
@@ -241,7 +241,7 @@ def label(system: System) -> str:
 
 
 def _one_thread() -> None:
-    """Limit OpenCV to one thread, as processes share the cores."""
+    """Limit OpenCV to one thread, as processes share the cores. Before they are forked: a fork would wait for threads that it does not have."""
     import cv2
 
     cv2.setNumThreads(1)

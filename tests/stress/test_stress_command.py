@@ -102,6 +102,15 @@ def test_what_cannot_be_is_said_in_one_line(command_here, folder, tmp_path, word
     assert code in (2, 3) and message in err.splitlines()[-1]
 
 
+def test_it_ends_though_opencv_has_threads_already(folder, tmp_path):
+    """A fork does not have the threads that OpenCV started before; it would wait for them for ever."""
+    program = "import cv2, numpy, sys; from iclnuim.headless.cli import main; "
+    program += "cv2.setNumThreads(4); cv2.resize(numpy.zeros((2000, 2000), 'f'), (999, 999)); sys.exit(main())"
+    words = ["stress", folder, "-o", tmp_path / "out", "--only", "holes", "--severities", "5", *SMALL, "--quiet"]
+    subprocess.run([sys.executable, "-c", program, *words], check=True, capture_output=True, timeout=60)
+    assert len(cells(tmp_path / "out")) == 2 * 3
+
+
 @pytest.mark.slow
 def test_killed_twenty_times_it_ends_with_the_same_table(folder, tmp_path):
     words = [sys.executable, "-m", "iclnuim", "stress", folder, "--only", "holes", "--only", "noise", "--only", "speed"]
