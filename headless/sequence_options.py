@@ -14,7 +14,7 @@ from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import is_file
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.odometry.registry import PACKAGES
+from iclnuim.odometry.registry import PACKAGES, odometer
 
 from .options import Console, add_settings, settings_from
 
@@ -111,3 +111,17 @@ def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
             console.note(f"note: {old} is now called {new}; the next release removes the old name")
             return new + word.removeprefix(old)
     return word
+
+
+def installed(names: list[str], preset: str, console: Console) -> list[str]:
+    """The odometers whose packages are installed; a note reports each one that is left out. Raises WorkError if none is left."""
+    found = []
+    for name in names:
+        try:
+            odometer(name, preset)
+            found.append(name)
+        except WorkError as error:
+            if name == names[-1] and not found:
+                raise
+            console.note(f"left out: {error}")
+    return found

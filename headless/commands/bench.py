@@ -21,10 +21,12 @@ from iclnuim.formats.files import read_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.odometry.registry import NAMES, odometer
+from iclnuim.report import pareto
 
 from ..options import Console, action, count, renamed, subcommands
-from ..sequence_options import add_camera_options, current_word, open_sequence, require
+from ..sequence_options import add_camera_options, current_word, installed, open_sequence, require
 from ..systems.experiment import merged
+from . import bench_curve
 from .odometry import RENAMED_METHODS
 
 if TYPE_CHECKING:
@@ -82,25 +84,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
         renamed(parser, "--chart", "--plot", type=Path)
 
-    help = "speed against accuracy of odometers as one setting changes in steps, all steps on the same frames"
-    example = (
-        "iclnuim bench curve iterations out/living_room/kt2/clean --method icp --method rgbd --plot iterations.png"
-    )
-    curve = action(actions, "curve", help, example, _curve)
-    add = curve.add_argument
-    add("curve", metavar="CURVE", help="levels, iterations, pixels, keyframe, resolution, realtime, rate or voxel")
-    add("folder", type=Path, metavar="DIR", help="a sequence with ground truth")
-    add_camera_options(curve)
-    help = "an odometer; may be given several times; default: icp and rgbd"
-    add("--method", action="append", metavar="NAME", help=help)
-    help = "for the curve voxel: a room or a mesh file; default: living_room"
-    add("--model", default="living_room", metavar="MODEL", help=help)
-    add("--values", type=_numbers, metavar="V,V", help="values of the setting; default: those of the curve")
-    add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
-    add("--first", type=count, default=120, metavar="N", help="number of frames from there; default: 120")
-    help = "threads of OpenCV; our odometers always use one; default: 1"
-    add("--threads", type=count, default=1, metavar="N", help=help)
-    add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
+    bench_curve.configure(actions)
 
     help = "time of trajectory evaluation next to that of evo_ape, each a whole process"
     evaluate = action(actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", _evaluate)
@@ -128,10 +112,6 @@ def _refuse(error: WorkError, args: argparse.Namespace, console: Console) -> Non
 
 def _sizes(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(float(part) for part in text.split(","))
 
 
 def _render(args: argparse.Namespace, console: Console) -> None:
@@ -203,7 +183,7 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
     folders = [folder for folder in args.folders if folder.suffix != ".json"]
     if folders:
         require("bench odometry", "numba", "cv2")
-        which = _installed(which, args.preset, console)
+        which = installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder) for folder in folders]
     results += [_compare_odometers(s, which, args.preset, args.first, console.progress) for s in sequences]
     results = merged(results)
@@ -216,20 +196,6 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         title = r["sequence"] + (f", our odometers with preset {r['preset']}" if r["preset"] else "")
         texts.append(f"{title}\n{table(r['runs'])}\nPareto front: {', '.join(_front(r['runs']))}")
     console.result({"races": results}, "\n\n".join(texts))
-
-
-def _installed(names: list[str], preset: str, console: Console) -> list[str]:
-    """The odometers whose packages are installed; a note reports each one that is left out. Raises WorkError if none is left."""
-    found = []
-    for name in names:
-        try:
-            odometer(name, preset)
-            found.append(name)
-        except WorkError as error:
-            if name == names[-1] and not found:
-                raise
-            console.note(f"left out: {error}")
-    return found
 
 
 def _compare_odometers(
@@ -258,8 +224,8 @@ def _read_results(path: Path) -> list[dict]:
 
 def _front(runs: list[dict]) -> list[str]:
     """The Pareto front: names of the runs that no other run beats in both median time and error."""
-    points = [(d["odometer"], d["ms_median"], d["ate_rmse_m"]) for d in runs if _has_point(d)]
-    return [n for n, ms, ate in points if not any(m <= ms and a <= ate and (m, a) != (ms, ate) for _, m, a in points)]
+    runs = [d for d in runs if _has_point(d)]
+    return [runs[k]["odometer"] for k in pareto.front([(d["ms_median"], d["ate_rmse_m"]) for d in runs])]
 
 
 def _has_point(d: dict) -> bool:
@@ -309,58 +275,6 @@ def _odometry_figure(results: list[dict]) -> "Figure":
     drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
     drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
     return drawing
-
-
-def _curve(args: argparse.Namespace, console: Console) -> None:
-    require("bench curve", "numba", "cv2")
-    import cv2
-    from iclnuim.dataset.frames import read_truth
-    from iclnuim.shipped import source_commit
-
-    from ..stress import curves, fusion_curve
-    from ..stress.segment import Segment
-
-    names = (*curves.CURVES, "voxel")
-    if args.curve not in names:
-        raise InputError(f"a curve ({', '.join(names)})", found=args.curve)
-    sequence, truth = open_sequence(args, console, args.folder), read_truth(args.folder)
-    if truth is None:
-        raise InputError("a ground truth in the folder", path=args.folder)
-    segment = Segment.of(sequence, truth, args.start, args.first, seed=1)
-    cv2.setNumThreads(args.threads)
-    title = f"bench curve {args.curve}"
-    if args.curve == "voxel":
-        from iclnuim.fusion.surface_error import TrueSurface, read_model
-
-        require(title, "igl")
-        surface = TrueSurface(*read_model(args.model))
-        progress = console.progress(len(segment.numbers), title)
-        fused = fusion_curve.measure(args.values or fusion_curve.VALUES, segment, surface, progress.advance)
-        points, text, drawn = (
-            [p.to_dict() for p in fused],
-            fusion_curve.table(fused),
-            partial(fusion_curve.figure, fused),
-        )
-    else:
-        values, methods = args.values or curves.CURVES[args.curve][0], args.method or ["icp", "rgbd"]
-        progress = console.progress(curves.length(args.curve, values, segment), title)
-        found = curves.measure(args.curve, methods, values, segment, progress.advance)
-        points, text, drawn = (
-            [p.to_dict() for p in found],
-            curves.table(found),
-            partial(curves.figure, args.curve, found),
-        )
-    if args.plot:
-        from iclnuim.report import charts
-
-        charts.save(drawn(), args.plot)
-    recipe = {
-        "folder": str(args.folder),
-        "start": args.start,
-        "threads": args.threads,
-        "source_commit": source_commit(),
-    }
-    console.result({"recipe": recipe, "points": points}, text)
 
 
 def _evaluate(args: argparse.Namespace, console: Console) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
-from iclnuim.odometry.registry import NAMES, odometer
+from iclnuim.odometry.registry import NAMES
 
 from ..options import Console, common, count
-from ..sequence_options import require
+from ..sequence_options import installed, require
 from ..systems.system import System, read_system
 
 _SEVERITIES = (1, 2, 3, 4, 5)
@@ -119,14 +119,7 @@ def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     selected = [name for name in NAMES if name in exact or any(text in name for text in texts if text not in exact)]
     if not selected:
         raise InputError(f"part of a name of {', '.join(NAMES)}", setting="--methods", found=args.methods[0])
-    found = []
-    for name in selected:
-        try:
-            odometer(name, args.preset)
-            found.append(name)
-        except WorkError as error:
-            console.note(f"left out: {error}")
-    return tuple(found)
+    return tuple(installed(selected, args.preset, console))
 
 
 def _segment(text: str) -> int:

@@ -5,7 +5,7 @@ Times can be compared only within a run: all variants process a frame before the
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from iclnuim.errors import InputError
@@ -22,24 +22,30 @@ from .cell import ate_rmse_m
 from .motion import depth_at, exposed
 from .segment import Segment
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 #: Maximum relative difference between depths of one surface.
 _EDGE = 0.02
 
 
 @dataclass(frozen=True)
 class Point:
-    """One step of a curve for one method: number of frames, of tracked frames, ATE, and mean processing time per frame."""
+    """One step of a curve for one method: number of frames, of those processed and tracked, ATE, and mean processing time per frame.
+
+    value: None for a method that does not have the setting, and so has one step only.
+    """
 
     method: str
     curve: str
-    value: float
+    value: float | None
     frames: int
+    processed: int
     tracked: int
     ate_m: float | None
     ms: float
+
+    @property
+    def failed(self) -> bool:
+        """Whether more than half of the processed frames were lost."""
+        return 2 * self.tracked < self.processed
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -50,7 +56,7 @@ class Variant:
     """A method at one step. halvings: how often each image is halved before it is tracked."""
 
     method: str
-    value: float
+    value: float | None
     tracker: Tracker
     halvings: int = 0
     seconds: float = 0.0
@@ -73,7 +79,7 @@ class Variant:
             poses = SE3.from_matrix(np.array([T.matrix for T in self.poses]))
             ate_m = ate_rmse_m(truth, Trajectory(np.array(self.stamps_s), poses))
         ms = 1e3 * self.seconds / max(1, self.processed)
-        return Point(self.method, curve, self.value, frames, len(self.poses), ate_m, ms)
+        return Point(self.method, curve, self.value, frames, self.processed, len(self.poses), ate_m, ms)
 
 
 @dataclass(eq=False)
@@ -87,7 +93,7 @@ class Busy(Variant):
             return
         before = self.seconds
         super().add(stamp_s, frame)
-        self.done_s = stamp_s + self.value * (self.seconds - before)
+        self.done_s = stamp_s + (self.value or 1.0) * (self.seconds - before)
 
 
 # -- settings of our odometers in steps: (settings of the method, value) -> settings
@@ -134,10 +140,20 @@ CURVES = {name: (values, unit) for name, (_, values, unit) in SETTINGS.items()} 
 def measure(
     curve: str, methods: Sequence[str], values: Sequence[float], segment: Segment, progress: Callable[[], object]
 ) -> list[Point]:
-    """Measure all steps of all methods; progress() is called once per frame. Raises InputError if a method has no such setting."""
+    """Measure all steps of all methods; progress() is called once per frame. Methods without the setting have one step.
+
+    Raises InputError if no method has it.
+    """
     if curve == "rate":
-        return [point for hz in values for point in _at_rate(methods, hz, segment, progress)]
-    variants = [_variant(curve, method, value, segment.camera) for method in methods for value in values]
+        points = [point for hz in values for point in _at_rate(methods, hz, segment, progress)]
+        return sorted(points, key=lambda p: methods.index(p.method))
+    if curve in SETTINGS and not any(map(_has_iterations, methods)):
+        raise InputError("rgbd, dvo, icp or icp_rgbd, which have such settings", found=", ".join(methods))
+    variants = [
+        _variant(curve, method, value, segment.camera)
+        for method in methods
+        for value in (values if curve not in SETTINGS or _has_iterations(method) else (None,))
+    ]
     return _interleaved(curve, variants, segment.frames, segment.truth, progress)
 
 
@@ -170,7 +186,9 @@ def _interleaved(
     return [one.point(curve, truth, total) for one in variants]
 
 
-def _variant(curve: str, method: str, value: float, camera: PinholeCamera) -> Variant:
+def _variant(curve: str, method: str, value: float | None, camera: PinholeCamera) -> Variant:
+    if value is None:
+        return Variant(method, None, Tracker(odometer(method), camera))
     if curve in SETTINGS:
         return Variant(method, value, Tracker(_changed(method, SETTINGS[curve][0], value), camera))
     if curve == "keyframe":
@@ -185,10 +203,13 @@ def _variant(curve: str, method: str, value: float, camera: PinholeCamera) -> Va
     return Variant(method, value, Tracker(odometer(method), camera), halvings)
 
 
+def _has_iterations(method: str) -> bool:
+    """Whether it is one of our odometers that align images or planes step by step."""
+    return method not in BASELINES and method != "fovis"
+
+
 def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> Odometer:
     """One of our odometers with changed settings, in all of its groups of settings that have iterations."""
-    if method in BASELINES or method == "fovis":
-        raise InputError("rgbd, dvo, icp or icp_rgbd, which have such settings", found=method)
     kind: Any = type(odometer(method))
     preset = kind.PRESETS["best"]
     if isinstance(preset, tuple):
@@ -234,25 +255,6 @@ def table(points: Sequence[Point]) -> str:
     lines = [f"{'method':<26}{'value':>8}{'tracked':>10}{'ATE [mm]':>10}{'ms':>8}"]
     for p in points:
         ate = "-" if p.ate_m is None else f"{1e3 * p.ate_m:.3f}"
-        lines.append(f"{p.method:<26}{p.value:>8g}{f'{p.tracked}/{p.frames}':>10}{ate:>10}{p.ms:>8.1f}")
+        value = "-" if p.value is None else f"{p.value:g}"
+        lines.append(f"{p.method:<26}{value:>8}{f'{p.tracked}/{p.frames}':>10}{ate:>10}{p.ms:>8.1f}")
     return "\n".join(lines)
-
-
-def figure(curve: str, points: Sequence[Point]) -> "Figure":
-    """ATE over time per frame, with a line for each method through its steps."""
-    from iclnuim.report.charts import COLOURS
-    from matplotlib.figure import Figure
-
-    drawing = Figure(figsize=(7.5, 5), layout="constrained")
-    axes = drawing.subplots()
-    for k, method in enumerate(dict.fromkeys(p.method for p in points)):
-        own = [p for p in points if p.method == method and p.ate_m is not None]
-        x, y = [p.ms for p in own], [1e3 * (p.ate_m or 0.0) for p in own]
-        axes.plot(x, y, "o-", color=COLOURS[k % len(COLOURS)], linewidth=1, label=method)
-        for p, px, py in zip(own, x, y, strict=True):
-            axes.annotate(f"{p.value:g}", (px, py), xytext=(4, 4), textcoords="offset points", fontsize=8)
-    axes.set(xscale="log", yscale="log", xlabel="mean ms per frame", ylabel="ATE RMSE [mm]")
-    axes.set_title(f"{curve}: {CURVES[curve][1]}")
-    axes.grid(alpha=0.3, which="both")
-    drawing.legend(loc="outside right upper", fontsize=8)
-    return drawing

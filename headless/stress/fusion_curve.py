@@ -1,7 +1,7 @@
 """The curve of fusion: voxel size against surface error, time and memory, with all sizes on the same frames in one run."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -85,19 +85,23 @@ def table(points: Sequence[FusedPoint]) -> str:
     return "\n".join(lines)
 
 
-def figure(points: Sequence[FusedPoint]) -> "Figure":
-    """Mean distance to the true surface over time per frame and over memory."""
+def figure(results: Mapping[str, Sequence[FusedPoint]]) -> "Figure":
+    """Mean distance to the true surface over time per frame and over memory, with a line for each sequence."""
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(9, 4.2), layout="constrained")
     panels = drawing.subplots(1, 2, sharey=True)
-    for axes, name, label, colour in zip(panels, ("ms", "memory_mb"), ("ms per frame", "MB"), COLOURS[:2], strict=True):
-        x, y = [getattr(p, name) for p in points], [1e3 * p.mean_m for p in points]
-        axes.plot(x, y, "o-", color=colour, linewidth=1)
-        for p, px, py in zip(points, x, y, strict=True):
-            axes.annotate(f"{1e3 * p.voxel_m:.3g} mm", (px, py), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    for axes, name, label in zip(panels, ("ms", "memory_mb"), ("ms per frame", "MB"), strict=True):
+        for (sequence, points), colour in zip(results.items(), COLOURS * len(results), strict=False):
+            x, y = [getattr(p, name) for p in points], [1e3 * p.mean_m for p in points]
+            axes.plot(x, y, "o-", color=colour, linewidth=1, label=sequence)
+            for p, px, py in zip(points, x, y, strict=True):
+                text = f"{1e3 * p.voxel_m:.3g} mm"
+                axes.annotate(text, (px, py), xytext=(4, 4), textcoords="offset points", fontsize=8, color=colour)
         axes.set(xscale="log", yscale="log", xlabel=label)
+        axes.margins(0.12)
         axes.grid(alpha=0.3, which="both")
     panels[0].set_ylabel("mean distance to the true surface [mm]")
+    panels[0].legend(fontsize=8)
     return drawing

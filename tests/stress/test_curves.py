@@ -84,6 +84,33 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
         assert code == 2 and message in err
 
 
+def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_path):
+    methods = ("--method", "icp", "--method", "baseline:opencv-icp")
+    words = ("bench", "curve", "iterations", folder, "--first", "6", "--values", "0.5,1", *methods)
+    code, out, err = command_here(*words, "--json", "--plot", tmp_path / "curve.svg")
+    assert code == 0, err
+    points = json.loads(out)["points"]
+    assert [(p["method"], p["value"]) for p in points] == [("icp", 0.5), ("icp", 1.0), ("baseline:opencv-icp", None)]
+    assert {p["processed"] for p in points} == {6} and len({p["sequence"] for p in points}) == 1
+    drawn = (tmp_path / "curve.svg").read_text()
+    assert drawn.startswith("<?xml") and len(drawn) > 10_000
+    code, _, err = command_here(*words[:3], folder, folder, *words[4:])
+    assert code == 2 and "expected sequences with different names" in err
+
+
+def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
+    from iclnuim.headless.stress import curve_chart
+    from iclnuim.report import pareto
+
+    fast = curves.Point("icp", "levels", 2, 20, 20, 4, 1e-4, 1.0)
+    sound = curves.Point("icp", "levels", 0, 20, 10, 9, 1e-3, 5.0)  # half of the frames were dropped, not lost
+    assert fast.failed and not sound.failed
+    axes = curve_chart.figure("levels", {"kt2": [fast, sound]}).axes[0]
+    dashed = next(line for line in axes.lines if line.get_linestyle() == "--")
+    assert dashed.get_xydata().tolist() == [[5.0, 1.0]] and any(line.get_marker() == "x" for line in axes.lines)
+    assert pareto.front([(3, 1), (1, 3), (2, 3), (1, 3), (4, 0)]) == [1, 3, 0, 4]
+
+
 @pytest.mark.slow
 def test_smaller_voxels_are_nearer_to_the_true_box_and_take_more_memory(command_here, folder, tmp_path):
     corners = np.array(np.meshgrid([-2.0, 2.0], [-2.5, 2.5], [0.0, 2.5])).reshape(3, -1).T

@@ -1,0 +1,130 @@
+"""`iclnuim bench curve`: speed against accuracy as one setting changes in steps."""
+
+import argparse
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from iclnuim import __version__
+from iclnuim.dataset.frames import read_truth, sequence_name
+from iclnuim.errors import InputError
+from iclnuim.odometry.registry import NAMES
+from iclnuim.shipped import source_commit
+
+from ..options import Actions, Console, action, count
+from ..sequence_options import add_camera_options, installed, open_sequence, require
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..stress.segment import Segment
+
+#: Points for --json, text, and a function that draws the chart.
+Curve = tuple[list[dict[str, Any]], str, Callable[[], "Figure"]]
+_SEED = 1
+
+
+def configure(actions: Actions) -> None:
+    help = "speed against accuracy of odometers as one setting changes in steps, all steps on the same frames"
+    example = (
+        "iclnuim bench curve iterations out/living_room/kt2/clean --method icp --method rgbd --plot iterations.png"
+    )
+    curve = action(actions, "curve", help, example, _curve)
+    add = curve.add_argument
+    add("curve", metavar="CURVE", help="levels, iterations, pixels, keyframe, resolution, realtime, rate or voxel")
+    add("folders", type=Path, nargs="+", metavar="DIR", help="sequences with ground truth")
+    add_camera_options(curve)
+    help = "an odometer; may be given several times; default: icp and rgbd; all: every one that is installed"
+    add("--method", action="append", metavar="NAME", help=help)
+    help = "for the curve voxel: a room or a mesh file; default: living_room"
+    add("--model", default="living_room", metavar="MODEL", help=help)
+    add("--values", type=_numbers, metavar="V,V", help="values of the setting; default: those of the curve")
+    add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
+    add("--first", type=count, default=120, metavar="N", help="number of frames from there; default: 120")
+    help = "threads of OpenCV and Open3D; our odometers always use one; default: 1"
+    add("--threads", type=count, default=1, metavar="N", help=help)
+    add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split(","))
+
+
+def _curve(args: argparse.Namespace, console: Console) -> None:
+    require("bench curve", "numba", "cv2")
+    os.environ.setdefault("OMP_NUM_THREADS", str(args.threads))  # of Open3D, before it is loaded
+    import cv2
+
+    from ..stress import curves
+    from ..stress.segment import Segment
+
+    names = (*curves.CURVES, "voxel")
+    if args.curve not in names:
+        raise InputError(f"a curve ({', '.join(names)})", found=args.curve)
+    segments = {}
+    for folder in args.folders:
+        sequence, truth = open_sequence(args, console, folder), read_truth(folder)
+        if truth is None:
+            raise InputError("a ground truth in the folder", path=folder)
+        segments[sequence_name(folder)] = Segment.of(sequence, truth, args.start, args.first, seed=_SEED)
+    if len(segments) < len(args.folders):
+        raise InputError("sequences with different names", found=", ".join(map(str, args.folders)))
+    cv2.setNumThreads(args.threads)
+    measure = _fusion_curve if args.curve == "voxel" else _odometer_curve
+    points, text, drawn = measure(args, console, segments)
+    if args.plot:
+        from iclnuim.report import charts
+
+        charts.save(drawn(), args.plot)
+    recipe = {
+        "folders": [str(folder) for folder in args.folders],
+        "start": args.start,
+        "frames": args.first,
+        "threads": args.threads,
+        "seed": _SEED,
+        "iclnuim": __version__,
+        "source_commit": source_commit(),
+    }
+    console.result({"recipe": recipe, "points": points}, text)
+
+
+def _odometer_curve(args: argparse.Namespace, console: Console, segments: "dict[str, Segment]") -> "Curve":
+    from ..stress import curves
+
+    methods = args.method or ["icp", "rgbd"]
+    if "all" in methods:
+        methods = installed(list(NAMES), "best", console)
+    values, unit = curves.CURVES[args.curve]
+    values, results = args.values or values, {}
+    total = sum(curves.length(args.curve, values, segment) for segment in segments.values())
+    progress = console.progress(total, f"bench curve {args.curve}")
+    for name, segment in segments.items():
+        results[name] = curves.measure(args.curve, methods, values, segment, progress.advance)
+
+    def drawn() -> "Figure":
+        from ..stress import curve_chart
+
+        return curve_chart.figure(f"{args.curve}: {unit}", results)
+
+    return *_listed(results, curves.table), drawn
+
+
+def _fusion_curve(args: argparse.Namespace, console: Console, segments: "dict[str, Segment]") -> "Curve":
+    from iclnuim.fusion.surface_error import TrueSurface, read_model
+
+    from ..stress import fusion_curve
+
+    require("bench curve voxel", "igl")
+    surface = TrueSurface(*read_model(args.model))
+    progress = console.progress(sum(len(s.numbers) for s in segments.values()), "bench curve voxel")
+    values = args.values or fusion_curve.VALUES
+    results = {name: fusion_curve.measure(values, s, surface, progress.advance) for name, s in segments.items()}
+    return *_listed(results, fusion_curve.table), partial(fusion_curve.figure, results)
+
+
+def _listed(results: dict[str, list], table: Callable[[Any], str]) -> tuple[list[dict], str]:
+    """The points of all sequences for --json, and their tables."""
+    points = [{"sequence": name, **point.to_dict()} for name, found in results.items() for point in found]
+    return points, "\n\n".join(f"{name}\n{table(found)}" for name, found in results.items())

@@ -1,0 +1,67 @@
+"""Chart of `iclnuim bench curve`: error over time per frame, with a line for each method through its steps and the Pareto front of all."""
+
+from collections.abc import Mapping, Sequence
+
+from iclnuim.report import pareto
+from iclnuim.report.charts import COLOURS
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from .curves import Point
+
+_COLUMNS = 2
+
+
+def figure(title: str, results: Mapping[str, Sequence[Point]]) -> Figure:
+    """A panel for each sequence, with common axes. Ours are lines with dots; third-party ones are dotted lines with squares.
+
+    The first and last step of a method have their values beside them. A cross is a step that lost more than half of the frames it processed;
+    it is not part of the front.
+    """
+    columns = min(len(results), _COLUMNS)
+    rows = -(-len(results) // columns)
+    drawing = Figure(figsize=(4.6 * columns + 1.9, 3.5 * rows + 0.4), layout="constrained")
+    panels = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    methods = list(dict.fromkeys(p.method for points in results.values() for p in points))
+    shown = {}
+    for axes, (name, points) in zip(panels.flat, results.items(), strict=False):
+        for k, method in enumerate(methods):
+            own = [p for p in points if p.method == method and p.ate_m is not None]
+            if own:
+                shown[method] = _line(axes, own, COLOURS[k % len(COLOURS)], hollow=k >= len(COLOURS))
+        found = [(p.ms, 1e3 * p.ate_m) for p in points if p.ate_m is not None and not p.failed]
+        best = [found[k] for k in pareto.front(found)]
+        axes.plot([ms for ms, _ in best], [mm for _, mm in best], "--", color="grey", linewidth=0.8, zorder=0)
+        axes.set(xscale="log", yscale="log", title=name)
+        axes.grid(alpha=0.3, which="both")
+    for axes in panels.flat[len(results) :]:
+        axes.set_visible(False)
+    drawing.suptitle(title)
+    drawing.supxlabel("mean ms per frame", fontsize="medium")
+    drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
+    drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
+    return drawing
+
+
+def _line(axes: Axes, points: Sequence[Point], colour: str, hollow: bool) -> Line2D:
+    """The line of a method through its steps; returns its handle for the legend."""
+    theirs = points[0].method.startswith("baseline:")
+    marker, line = ("s", ":") if theirs else ("o", "-")
+    x, y = [p.ms for p in points], [1e3 * (p.ate_m or 0.0) for p in points]
+    inside = "white" if hollow else colour
+    (handle,) = axes.plot(x, y, line + marker, color=colour, markerfacecolor=inside, linewidth=1, markersize=4)
+    for p, px, py in zip(points, x, y, strict=True):
+        if p.failed:
+            axes.plot(px, py, "x", color="black", markersize=7)
+    for k in {0, len(points) - 1}:
+        if points[k].value is not None:
+            axes.annotate(
+                f"{points[k].value:g}",
+                (x[k], y[k]),
+                xytext=(3, 3),
+                textcoords="offset points",
+                fontsize=7,
+                color=colour,
+            )
+    return handle
