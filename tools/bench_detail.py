@@ -13,6 +13,8 @@ from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.options import Actions, Console, action, renamed
 
+from . import detail_odometry
+
 
 def configure(actions: Actions) -> None:
     help = "triangles and texels against depth error, colour error and times; their share that no trajectory sees"
@@ -41,6 +43,7 @@ def configure(actions: Actions) -> None:
     detail.add_argument("--camera", default="320x240", metavar="WxH", help="default: 320x240")
     detail.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
     renamed(detail, "--chart", "--plot", type=Path)
+    detail_odometry.configure(actions)
 
 
 def _numbers(text: str) -> tuple[float, ...]:

@@ -98,7 +98,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         checkout.load("iclnuim.tools", "this benchmark")
         checkout.load("iclnuim.blend.builder", "this benchmark")
     except WorkError as error:
-        for name in ("farm", "chaos", "detail"):
+        for name in ("farm", "chaos", "detail", "detail-odometry"):
             unavailable = actions.add_parser(name, help="needs a checkout of the repository")
             unavailable.set_defaults(run=partial(_refuse, error))
     else:

@@ -149,12 +149,9 @@ def measure(
         return sorted(points, key=lambda p: methods.index(p.method))
     if curve in SETTINGS and not any(map(_has_iterations, methods)):
         raise InputError("rgbd, dvo, icp or icp_rgbd, which have such settings", found=", ".join(methods))
-    variants = [
-        _variant(curve, method, value, segment.camera)
-        for method in methods
-        for value in (values if curve not in SETTINGS or _has_iterations(method) else (None,))
-    ]
-    return _interleaved(curve, variants, segment.frames, segment.truth, progress)
+    steps = [(method, value) for method in methods for value in _values(curve, method, values)]
+    variants = [_variant(curve, method, value, segment.camera) for method, value in steps]
+    return interleaved(curve, variants, segment.frames, segment.truth, progress)
 
 
 def length(curve: str, values: Sequence[float], segment: Segment) -> int:
@@ -162,7 +159,7 @@ def length(curve: str, values: Sequence[float], segment: Segment) -> int:
     return sum(len(_stamps_s(segment, hz)) for hz in values) if curve == "rate" else len(segment.numbers)
 
 
-def _interleaved(
+def interleaved(
     curve: str,
     variants: list[Variant],
     frames: Callable[[], Iterable[tuple[float, Frame]]],
@@ -184,6 +181,16 @@ def _interleaved(
             one.add(stamp_s, frame)
         progress()
     return [one.point(curve, truth, total) for one in variants]
+
+
+def _values(curve: str, method: str, values: Sequence[float]) -> Sequence[float | None]:
+    """The steps that a method has: with fewer levels it can leave out fewer of them."""
+    if curve in SETTINGS and not _has_iterations(method):
+        return (None,)
+    if curve != "levels":
+        return values
+    fewest = min(sum(map(bool, part.iterations)) for part in _parts(method))
+    return [value for value in values if value < fewest]
 
 
 def _variant(curve: str, method: str, value: float | None, camera: PinholeCamera) -> Variant:
@@ -217,6 +224,13 @@ def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> 
     return kind(change(preset, value))
 
 
+def _parts(method: str) -> list[Any]:
+    """The groups of settings of one of our odometers that have iterations."""
+    kind: Any = type(odometer(method))
+    preset = kind.PRESETS["best"]
+    return [part for part in (preset if isinstance(preset, tuple) else (preset,)) if hasattr(part, "iterations")]
+
+
 def halved(frame: Frame, times: int) -> Frame:
     """The frame at half size, `times` times: 2 x 2 means of grey, and of depth where its four pixels belong to one surface; elsewhere depth is missing."""
     grey, depth_z_m = frame.grey, frame.depth_z_m
@@ -247,7 +261,7 @@ def _at_rate(methods: Sequence[str], hz: float, segment: Segment, progress: Call
 
     variants = [Variant(method, hz, Tracker(odometer(method), segment.camera)) for method in methods]
     dense = Trajectory(_stamps_s(segment, hz), sample(segment.truth, _stamps_s(segment, hz)))
-    return _interleaved("rate", variants, frames, dense, progress)
+    return interleaved("rate", variants, frames, dense, progress)
 
 
 def table(points: Sequence[Point]) -> str:

@@ -98,6 +98,14 @@ def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_pat
     assert code == 2 and "expected sequences with different names" in err
 
 
+def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
+    words = ("bench", "curve", "levels", folder, "--first", "4", "--method", "icp", "--method", "rgbd", "--json")
+    code, out, err = command_here(*words)
+    assert code == 0, err
+    steps = [(p["method"], p["value"]) for p in json.loads(out)["points"]]
+    assert steps == [("icp", 0), ("icp", 1), ("rgbd", 0), ("rgbd", 1), ("rgbd", 2)]
+
+
 def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
     from iclnuim.headless.stress import curve_chart
     from iclnuim.report import pareto

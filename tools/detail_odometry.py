@@ -1,0 +1,267 @@
+"""`iclnuim bench detail-odometry`: how a room's level of detail changes the errors of odometers and of fused surfaces.
+
+A room is built at several levels, and at the default level with several random seeds. Another seed gives other cloth, wood and plaster of the
+same detail, so the differences between seeds are those that detail has to exceed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from iclnuim import __version__, shipped
+from iclnuim.blender import output
+from iclnuim.dataset.frames import read_truth
+from iclnuim.errors import InputError, WorkError, blender_missing
+from iclnuim.formats.files import is_file, make_folder, read_json, write_json
+from iclnuim.headless.options import Actions, Console, action, count
+from iclnuim.headless.sequence_options import installed, require
+from iclnuim.odometry.registry import NAMES, odometer
+
+#: The level that is shipped.
+DEFAULT = 1.0
+KINDS = ("clean", "noisy")
+#: A level is sufficient if errors change by less than this share at the next one, or by less than between seeds where they are below SMALL_M.
+SHARE, SMALL_M = 0.05, 0.010
+_VOXEL_M = 4.5 / 512
+
+
+@dataclass(frozen=True)
+class Build:
+    """A room at a level of detail with a seed. ate_m: by kind of sequence and method, None if lost. surface_m: mean distance of the
+    fused surface to this model.
+    """
+
+    sequence: str
+    detail: float
+    seed: int
+    triangles: int
+    ate_m: dict[str, dict[str, float | None]]
+    surface_m: float
+
+
+def configure(actions: Actions) -> None:
+    help = "level of detail of a room against the errors of odometers and of fused surfaces"
+    example = "iclnuim bench detail-odometry kt2 --levels 0.5,1,1.4 --seeds 0,1,2"
+    parser = action(actions, "detail-odometry", help, example, _run)
+    add = parser.add_argument
+    add("sequences", nargs="*", default=["kt2", "office/kt0"], metavar="SEQUENCE", help="default: kt2 office/kt0")
+    help = "levels of detail; default: 0.35,0.5,0.7,1,1.4"
+    add("--levels", type=_numbers, default=(0.35, 0.5, 0.7, 1.0, 1.4), metavar="D,D", help=help)
+    add("--seeds", type=_numbers, default=(0, 1, 2), metavar="N,N", help="seeds of the room at level 1; default: 0,1,2")
+    add("--start", type=int, default=80, metavar="N", help="the first frame; default: 80")
+    add("--first", type=count, default=240, metavar="N", help="number of frames from there; default: 240")
+    add("--map-size", type=int, default=1024, metavar="N", help="light map size; default: 1024")
+    add("--map-samples", type=int, default=8, metavar="N", help="light map samples; default: 8")
+    help = "an odometer; may be given several times; default: every one that is installed"
+    add("--method", action="append", metavar="NAME", help=help)
+    add("--camera", metavar="WxH", help="default: 640x480")
+    add("-o", "--out", type=Path, default=Path("out/detail"), metavar="DIR", help="default: out/detail; resumed")
+    add("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split(","))
+
+
+def _run(args: argparse.Namespace, console: Console) -> None:
+    require("bench detail-odometry", "numba", "cv2", "igl")
+    try:
+        with output.blender_output_in(
+            Path(os.devnull)
+        ):  # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
+            import bpy  # noqa: F401
+    except ImportError as error:
+        raise blender_missing("bench detail-odometry", error) from None
+    sequences = [shipped.full_name(name) for name in args.sequences]
+    if not all(0.15 <= d <= 3 for d in args.levels):
+        raise InputError("levels within 0.15..3", found=args.levels)
+    methods = args.method or installed(list(NAMES), "best", console)
+    variants = [(s, d, 0) for s in sequences for d in sorted(args.levels)]
+    variants += [
+        (s, DEFAULT, int(seed)) for s in sequences for seed in args.seeds if (s, DEFAULT, int(seed)) not in variants
+    ]
+    progress, builds = console.progress(len(variants), "bench detail-odometry", "rooms"), []
+    for sequence, detail, seed in variants:
+        builds.append(_measured(sequence, detail, seed, methods, args))
+        console.note(str(builds[-1]))
+        progress.advance()
+    if args.plot:
+        from iclnuim.report import charts
+
+        charts.save(_figure(builds), args.plot)
+    sufficient = {s: sufficient_level([b for b in builds if b.sequence == s]) for s in sequences}
+    values = {"builds": [asdict(b) for b in builds], "sufficient": sufficient, "changes": changes(builds)}
+    console.result(values, _text(builds, sufficient))
+
+
+def _measured(sequence: str, detail: float, seed: int, methods: Sequence[str], args: argparse.Namespace) -> Build:
+    """Build, light and render the room, and run all methods, unless this has been done."""
+    room, kt = sequence.split("/")
+    folder = args.out.resolve() / room / f"{detail:g}_{seed}" / kt
+    settings = {
+        "version": __version__, "methods": list(methods), "frames": [args.start, args.first],
+        "light": [args.map_size, args.map_samples], "camera": args.camera,
+    }  # fmt: skip
+    kept = folder / "build.json"
+    if is_file(kept) and (found := read_json(kept)).get("settings") == settings:
+        return Build(**found["build"])
+    make_folder(folder)
+    scene = folder.parent / f"{room}.blend"
+    if not scene.is_file():
+        _iclnuim("scene", "build", room, "--detail", f"{detail:g}", "--seed", str(seed), "--out", str(scene))
+    camera = ("--camera", args.camera) if args.camera else ()
+    frames = ("--frames", f"{args.start}:{args.start + args.first}")
+    light = ("--light", "baked", "--map-size", str(args.map_size), "--map-samples", str(args.map_samples))
+    path = str(shipped.trajectory_file(sequence))
+    _iclnuim("make", "--scene", str(scene), "--trajectory", path, *frames, *light, *camera, "--out", str(folder))
+    triangles, surface_m = _surface(folder / KINDS[0], scene, args.first)
+    ate_m = {kind: _errors(folder / kind, methods, args.first) for kind in KINDS}
+    build = Build(sequence, detail, seed, triangles, ate_m, surface_m)
+    write_json(kept, {"settings": settings, "build": asdict(build)})
+    return build
+
+
+def _iclnuim(*words: str) -> None:
+    """Run a command of iclnuim in a process of its own. Raises WorkError with its last line if it fails."""
+    done = subprocess.run([sys.executable, "-m", "iclnuim", *words, "--quiet"], capture_output=True, text=True)
+    if done.returncode:
+        raise WorkError((done.stderr.strip().splitlines() or [f"iclnuim {words[0]} failed"])[-1])
+
+
+def _segment(folder: Path, frames: int) -> Any:
+    from iclnuim.headless.stress.segment import Segment
+    from iclnuim.odometry.run import Sequence as Images
+
+    truth = read_truth(folder)
+    assert truth is not None  # make wrote it
+    return Segment.of(Images(folder), truth, 0, frames, seed=1)
+
+
+def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, float | None]:
+    """ATE in metres of each method; None if it lost more than half of the frames."""
+    from iclnuim.headless.stress import curves
+    from iclnuim.odometry.track import Tracker
+
+    segment = _segment(folder, frames)
+    variants = [curves.Variant(name, None, Tracker(odometer(name), segment.camera)) for name in methods]
+    points = curves.interleaved("detail", variants, segment.frames, segment.truth, lambda: None)
+    return {p.method: None if p.failed else p.ate_m for p in points}
+
+
+def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
+    """Triangles of the model, and the mean distance in metres of the surface that is fused along the true poses."""
+    from iclnuim.fusion.surface_error import TrueSurface, read_model
+    from iclnuim.headless.stress import fusion_curve
+
+    points, triangles = read_model(str(scene))
+    (fused,) = fusion_curve.measure((_VOXEL_M,), _segment(folder, frames), TrueSurface(points, triangles), lambda: None)
+    return len(triangles), fused.mean_m
+
+
+def changes(builds: Sequence[Build]) -> list[dict[str, Any]]:
+    """For each sequence, kind and method: ATE by level, its relative change at the next level up, and the range between seeds at level 1
+    divided by their median.
+    """
+    rows = []
+    for sequence in dict.fromkeys(b.sequence for b in builds):
+        own = [b for b in builds if b.sequence == sequence]
+        levels = sorted((b for b in own if b.seed == 0), key=lambda b: b.detail)
+        for kind in KINDS:
+            for method in levels[0].ate_m[kind]:
+                ate_m = [b.ate_m[kind][method] for b in levels]
+                seeds_m = [b.ate_m[kind][method] for b in own if b.detail == DEFAULT]
+                steps = [_change(a, b) for a, b in zip(ate_m, ate_m[1:], strict=False)]
+                rows.append(
+                    {
+                        "sequence": sequence, "kind": kind, "method": method, "levels": [b.detail for b in levels],
+                        "ate_m": ate_m, "seeds_m": seeds_m, "change": steps, "spread": _spread(seeds_m),
+                    }
+                )  # fmt: skip
+    return rows
+
+
+def _change(one: float | None, other: float | None) -> float | None:
+    """Relative change; 0 if both are lost, None if only one is."""
+    if one is None or other is None:
+        return 0.0 if one is other else None
+    return abs(one / other - 1)
+
+
+def _spread(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return (max(known) - min(known)) / median(known) if len(known) > 1 else None
+
+
+def sufficient_level(builds: Sequence[Build]) -> float | None:
+    """The lowest level from which on no error changes at the next level by more than SHARE, or than between seeds where it is below SMALL_M."""
+    rows = changes(builds)
+    levels: list[float] = rows[0]["levels"]
+    found = None
+    for k in reversed(range(len(levels) - 1)):
+        if not all(_is_small(row, k) for row in rows):
+            break
+        found = levels[k]
+    return found
+
+
+def _is_small(row: dict[str, Any], k: int) -> bool:
+    change, spread = row["change"][k], row["spread"]
+    if change is None:
+        return False
+    ate_m = row["ate_m"][k + 1]
+    return change <= SHARE or (spread is not None and ate_m is not None and ate_m < SMALL_M and change <= spread)
+
+
+def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
+    lines = []
+    for row in changes(builds):
+        figures = "".join(f"{'-' if m is None else f'{1e3 * m:.3g}':>9}" for m in row["ate_m"])
+        spread = "-" if row["spread"] is None else f"{row['spread']:.0%}"
+        lines.append(f"{row['sequence']:<16}{row['kind']:<7}{row['method']:<26}{figures}   seeds {spread}")
+    for b in builds:
+        lines.append(
+            f"{b.sequence} {b.detail:g}, seed {b.seed}: {b.triangles:,} triangles, surface {1e3 * b.surface_m:.3f} mm"
+        )
+    lines += [f"{name}: sufficient from level {'none' if d is None else f'{d:g}'}" for name, d in sufficient.items()]
+    return "\n".join(lines)
+
+
+def _figure(builds: Sequence[Build]) -> Any:
+    """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between seeds. The last row is the surface error."""
+    from iclnuim.report.charts import COLOURS
+    from matplotlib.figure import Figure
+
+    rows = changes(builds)
+    panels = list(dict.fromkeys((row["sequence"], row["kind"]) for row in rows))
+    drawing = Figure(figsize=(4.2 * len(panels) / 2 + 2.2, 7.4), layout="constrained")
+    grid = drawing.subplots(2, -(-len(panels) // 2), sharex=True, sharey=True, squeeze=False)
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    shown = {}
+    for axes, (sequence, kind) in zip(grid.T.flat, panels, strict=False):
+        for row in (r for r in rows if (r["sequence"], r["kind"]) == (sequence, kind)):
+            k = methods.index(row["method"])
+            colour, theirs = COLOURS[k % len(COLOURS)], row["method"].startswith("baseline:")
+            points = [(d, 1e3 * m) for d, m in zip(row["levels"], row["ate_m"], strict=True) if m is not None]
+            if not points:
+                continue
+            inside = "white" if k >= len(COLOURS) else colour
+            style = {"color": colour, "markerfacecolor": inside, "linewidth": 1, "markersize": 4}
+            (shown[row["method"]],) = axes.plot(*zip(*points, strict=True), "s:" if theirs else "o-", **style)
+            if known := [1e3 * m for m in row["seeds_m"] if m is not None]:
+                axes.plot([DEFAULT] * 2, [min(known), max(known)], color=colour, linewidth=4, alpha=0.35)
+        axes.set(xscale="log", yscale="log", title=f"{sequence} {kind}")
+        axes.set_xticks(rows[0]["levels"], labels=[f"{d:g}" for d in rows[0]["levels"]])
+        axes.xaxis.set_minor_formatter("")
+        axes.grid(alpha=0.3)
+    drawing.supxlabel("level of detail; bars: range between seeds", fontsize="medium")
+    drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
+    drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
+    return drawing
