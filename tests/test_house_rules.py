@@ -55,7 +55,7 @@ MAY_IMPORT |= {
     "headless.stress": f"{LIBRARY} headless headless.systems",
     "headless.commands": f"{LIBRARY} headless headless.farm headless.benchmark headless.stress headless.systems",
     "headless.cli": f"{LIBRARY} headless headless.commands",
-    "tools": f"{LIBRARY} headless headless.farm headless.benchmark builder",
+    "tools": f"{LIBRARY} headless headless.farm headless.benchmark headless.stress builder",
     "builder": f"{LIBRARY} headless",
 }
 #: What only a checkout has: loaded by name where it is there.

@@ -19,6 +19,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import geometric_mean
 from typing import Any
 
 TOP = Path(__file__).resolve().parents[1]
@@ -37,6 +38,22 @@ _STRESS = (
     f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --system fovis --system dvo --runs 1{_STRESS_METHODS}"
     " --plot docs/pictures/stress.png"
 )
+_CURVED = {
+    "all": f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy --method all --start 80 --first 240",
+    "clean": f"{_KT2}/clean out/office/kt1/clean --method all --start 80 --first 120",
+    "fused": f"{_KT2}/clean {_KT2}/noisy --start 80 --first 240",
+}
+#: Curve -> its sequences, and the default step, to which the table refers.
+_CURVES = {
+    "iterations": ("all", 1.0),
+    "levels": ("all", 0.0),
+    "pixels": ("all", 1.0),
+    "resolution": ("all", 640.0),
+    "keyframe": ("all", 0.2),
+    "rate": ("clean", 30.0),
+    "realtime": ("all", 1.0),
+}
+_DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --first 120 --plot docs/pictures/detail_odometry.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/pictures/noise.png"
 _SURFACES = {
@@ -307,6 +324,67 @@ def _short(method: str) -> str:
     return {"run:fovis": "FOVIS", "run:dvo": "DVO"}.get(method, method.removeprefix("baseline:"))
 
 
+def _curve_command(curve: str, which: str) -> str:
+    return f"bench curve {curve} {_CURVED[which]} --plot docs/pictures/curve_{curve}.png"
+
+
+def _curve(default: float) -> Callable[[Sequence[Any]], str]:
+    """Error and time of each step divided by those of the default step; geometric means over the sequences."""
+
+    def text(found: Sequence[Any]) -> str:
+        points = found[0]["points"]
+        steps = {(p["method"], p["sequence"], p["value"]): p for p in points if p["value"] is not None}
+        names, values = (dict.fromkeys(key[k] for key in steps) for k in (0, 2))
+        sequences = dict.fromkeys(key[1] for key in steps)
+
+        def cell(name: str, value: float) -> str:
+            pairs = [(steps.get((name, s, value)), steps[name, s, default]) for s in sequences]
+            found = [(one, base) for one, base in pairs if one is not None]
+            if not found:
+                return "-"
+            if lost := sum(one["ate_m"] is None or 2 * one["tracked"] < one["processed"] for one, _ in found):
+                return f"fails on {lost}"
+            error, time = (geometric_mean([one[key] / base[key] for one, base in found]) for key in ("ate_m", "ms"))
+            share = sum(one["processed"] / one["frames"] for one, _ in found) / len(found)
+            return f"{error:.2f}, {time:.2f}" + ("" if share > 0.995 else f" ({share:.0%})")
+
+        return table(("", *map(_short, names)), [(f"{value:g}", *(cell(n, value) for n in names)) for value in values])
+
+    return text
+
+
+def _voxels(found: Sequence[Any]) -> str:
+    rows = [
+        (
+            p["sequence"], f"{1e3 * p['voxel_m']:.3g} mm", f"{1e3 * p['mean_m']:.3g} mm", f"{1e3 * p['p95_m']:.3g} mm",
+            f"{p['ms']:.0f}", f"{p['memory_mb']:.0f}",
+        )
+        for p in found[0]["points"]
+    ]  # fmt: skip
+    return table(("", "voxel", "mean distance", "95 %", "ms per frame", "MB"), rows)
+
+
+def _detail_odometry(found: Sequence[Any]) -> str:
+    """ATE in mm by level, and the range between seeds at level 1 divided by its median."""
+    changes = found[0]["changes"]
+    rows = []
+    for row in changes:
+        errors = ("-" if m is None else f"{1e3 * m:.3g}" for m in row["ate_m"])
+        spread = "" if row["spread"] is None else f"{row['spread']:.0%}"
+        rows.append((f"{row['sequence'].replace('_', ' ')} {row['kind']}", f"`{row['method']}`", *errors, spread))
+    levels = [f"{d:g}" for d in changes[0]["levels"]]
+    return table(("", "", *levels, "between seeds"), rows)
+
+
+def _detail_surface(found: Sequence[Any]) -> str:
+    builds = [b for b in found[0]["builds"] if b["seed"] == 0]
+    rows = [
+        (b["sequence"].replace("_", " "), f"{b['detail']:g}", f"{b['triangles']:,}", f"{1e3 * b['surface_m']:.3f} mm")
+        for b in builds
+    ]
+    return table(("", "detail", "triangles", "mean distance of the fused surface"), rows)
+
+
 _BENCHMARK = (*(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation")
 
 MEASURED = (
@@ -353,6 +431,13 @@ MEASURED = (
     ),
     Measured("docs/stress.md", "stress-fails", (_STRESS,), _stress_fails),
     Measured("docs/stress.md", "stress-totals", (_STRESS,), _stress_totals),
+    *(
+        Measured("docs/curves.md", f"curve-{curve}", (_curve_command(curve, which),), _curve(default))
+        for curve, (which, default) in _CURVES.items()
+    ),
+    Measured("docs/curves.md", "curve-voxel", (_curve_command("voxel", "fused"),), _voxels),
+    Measured("docs/detail.md", "detail-odometry", (_DETAIL_ODOMETRY,), _detail_odometry),
+    Measured("docs/detail.md", "detail-surface", (_DETAIL_ODOMETRY,), _detail_surface),
     *(
         Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
         for name in _BENCHMARK

@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from .curves import Point
 
 _COLUMNS = 2
+_TICKS_MS = (2, 5, 10, 20, 50, 100, 200)
 
 
 def figure(title: str, results: Mapping[str, Sequence[Point]]) -> Figure:
@@ -34,7 +35,9 @@ def figure(title: str, results: Mapping[str, Sequence[Point]]) -> Figure:
         best = [found[k] for k in pareto.front(found)]
         axes.plot([ms for ms, _ in best], [mm for _, mm in best], "--", color="grey", linewidth=0.8, zorder=0)
         axes.set(xscale="log", yscale="log", title=name)
-        axes.grid(alpha=0.3, which="both")
+        axes.set_xticks(_TICKS_MS, labels=map(str, _TICKS_MS))
+        axes.xaxis.set_minor_formatter("")
+        axes.grid(alpha=0.3)
     for axes in panels.flat[len(results) :]:
         axes.set_visible(False)
     drawing.suptitle(title)

@@ -124,14 +124,14 @@ def pixels(settings: Any, value: float) -> Any:
 #: Curve -> function of settings, default values, unit.
 SETTINGS: dict[str, tuple[Callable[[Any, float], Any], tuple[float, ...], str]] = {
     "levels": (levels, (0, 1, 2), "finest levels left out"),
-    "iterations": (iterations, (0.25, 0.5, 1, 2, 4), "x iterations"),
-    "pixels": (pixels, (1, 2, 4, 8), "x minimum gradient, or x stride"),
+    "iterations": (iterations, (0.25, 0.5, 1, 2, 4), "times the default"),
+    "pixels": (pixels, (1, 2, 4, 8), "times the minimum gradient or the stride"),
 }
 #: Further curves -> default values, unit.
 OTHERS: dict[str, tuple[tuple[float, ...], str]] = {
-    "keyframe": ((0.02, 0.05, 0.1, 0.2, 0.4), "m to the next keyframe"),
-    "resolution": ((640, 320, 160), "px wide"),
-    "realtime": ((1, 2, 4, 8, 16), "times slower machine, which drops frames while busy"),
+    "keyframe": ((0.02, 0.05, 0.1, 0.2, 0.4), "metres to the next keyframe"),
+    "resolution": ((640, 320, 160), "width of the images in pixels"),
+    "realtime": ((1, 2, 4, 8, 16), "times slower machine, frames dropped while it is busy"),
     "rate": ((15, 30, 60, 120, 240), "frames per second, exposed for half of each"),
 }
 CURVES = {name: (values, unit) for name, (_, values, unit) in SETTINGS.items()} | OTHERS
