@@ -35,7 +35,8 @@ _STRESS_METHODS = "".join(
     f" --methods {name}" for name in ("fovis", "rgbd", "dvo", "icp", "icp_rgbd", "opencv", "plane", "intensity")
 )
 _STRESS = (
-    f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --system fovis --system dvo --runs 1{_STRESS_METHODS}"
+    f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --system fovis --system dvo --system orbslam3"
+    f" --set orbslam3.vocabulary=ORBvoc.txt --runs 3{_STRESS_METHODS}"
     " --plot docs/pictures/stress.png"
 )
 _CURVED = {
@@ -321,7 +322,9 @@ def _stress_totals(found: Sequence[Any]) -> str:
 
 def _short(method: str) -> str:
     """The name of a method of `iclnuim stress` in a table."""
-    return {"run:fovis": "FOVIS", "run:dvo": "DVO"}.get(method, method.removeprefix("baseline:"))
+    return {"run:fovis": "FOVIS", "run:dvo": "DVO", "run:orbslam3": "ORB-SLAM3"}.get(
+        method, method.removeprefix("baseline:")
+    )
 
 
 def _curve_command(curve: str, which: str) -> str:

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--system", action="append", default=[], metavar="SYSTEM", help=help)
     help = "an option of a system; may be given several times"
     add("--set", action="append", default=[], metavar="SYSTEM.NAME=VALUE", help=help)
-    help = "number of runs of each third-party system on each segment; default: 5"
+    help = "runs on each segment of a system that is not deterministic; default: 5"
     add("--runs", type=count, default=5, metavar="N", help=help)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
     add("--frames", type=_segment, metavar="N", help="number of frames of a segment, at least 3; default: 120")

@@ -174,15 +174,19 @@ class Matrix:
         truth = sample(segment.truth, _stamps_s(segment))
         staged = StagedSequence.of(work / "frames")
         experiment = Experiment(system, staged, work)
-        experiment.run(self.runs, 60.0 + len(segment.numbers))
+        runs = self._runs(system)
+        experiment.run(runs, 60.0 + len(segment.numbers))
         name = next(iter(system.trajectories)) if "live" not in system.trajectories else "live"
         found = []
-        for number in range(1, self.runs + 1):
+        for number in range(1, runs + 1):
             file = experiment.folder / f"run_{number}" / "matched" / f"{name}.txt"
             poses = Poses.of_file(_read(file), staged.stamps_s)
             found.append(cell(poses, Trajectory(staged.stamps_s, truth), self.plan.bounds, not task.severity))
         self._write(task, label(system), _median_cell(found))
         shutil.rmtree(work)
+
+    def _runs(self, system: System) -> int:
+        return 1 if system.settings.deterministic else self.runs
 
     def _missing(self, task: Task, names: Iterable[str]) -> list[str]:
         return [name for name in names if not self._is_done(task, name)]
@@ -220,7 +224,7 @@ class Matrix:
             "method": name,
             "preset": self.preset if name in ODOMETERS else None,
             "options": {k: v for k, v in system.options.items() if k != "program"} if system else None,
-            "runs": self.runs if system else 1,
+            "runs": self._runs(system) if system else 1,
         }
 
     def _recipe(self) -> dict[str, Any]:

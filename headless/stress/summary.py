@@ -158,7 +158,7 @@ class Summary:
 
         A failed run counts as infinite growth.
         """
-        limits, lines, met = self.plan.calibration, [], 0
+        limits, lines, met, measured = self.plan.calibration, [], 0, 0
         for name in self.perturbations:
             growth = [self._growth(name, k) for k in (1, 2)]
             readers = self._readers(name)
@@ -168,13 +168,13 @@ class Summary:
                 continue
             failed = sum(g.failed for g in last if g)
             good = growth[0] >= limits.growth_at_1 and growth[1] >= limits.growth_at_2 and 2 * failed > len(readers)
-            met += good
+            met, measured = met + good, measured + 1
             figures = "".join(f"{value:>9.3g}" for value in growth)
             lines.append(
                 f"{name:<18}{figures}{f'{failed} of {len(readers)}':>10}  {'' if good else 'too mild'}".rstrip()
             )
         head = f"{'median growth at':<18}{'1':>9}{'2':>9}{'fail at 5':>10}"
-        return "\n".join([head, *lines, f"{met} of {len(lines)} perturbations are as strong as required"])
+        return "\n".join([head, *lines, f"{met} of {measured} measured perturbations are as strong as required"])
 
     def _readers(self, name: str) -> list[str]:
         """Third-party odometers of this summary that calibrate a perturbation."""

@@ -81,6 +81,9 @@ class SystemSettings(Settings):
     program: str | None = parameter(None, "value of {program}, looked up on PATH; python: the Python that runs iclnuim")
     install: str | None = parameter(None, "how to install it, for the error if it is missing")
     check: tuple[str, ...] | None = parameter(None, "a command that fails if something is missing; default: none")
+    deterministic: bool = parameter(
+        False, "whether every run writes the same trajectory; `iclnuim stress` then runs it once"
+    )
     stage: StageSettings = StageSettings()
 
 

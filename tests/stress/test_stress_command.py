@@ -56,6 +56,7 @@ def test_the_calibration_names_what_was_not_measured(command_here, folder, tmp_p
     _, text, _ = command_here(*words, "--report-only", "--calibration")
     lines = {line.split()[0]: line for line in text.splitlines() if line[:1].isalpha()}
     assert "not measured by all third-party odometers" in lines["gloss"] and "not measured" not in lines["holes"]
+    assert text.splitlines()[-1].split()[1:4] == ["of", "1", "measured"]
 
 
 def test_two_frames_are_no_segment():
@@ -142,6 +143,8 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(command_he
     assert command_here(*words[:-4], *both, "-o", tmp_path / "again", "--workers", "1")[0] == 0
     place, name = "cells/box_clean/4/holes_5", "baseline_opencv-rgbd-icp.json"
     files = tmp_path / "out" / place / f"run_{name}", tmp_path / "again" / place / name
-    system, own = (json.loads(file.read_text())["cell"] for file in files)
+    system, own = (json.loads(file.read_text()) for file in files)
+    assert system["identity"]["runs"] == 1  # it is deterministic
+    system, own = system["cell"], own["cell"]
     assert system["ate_m"] == pytest.approx(own["ate_m"], rel=0.02) and system["coverage"] == own["coverage"]
     assert not (tmp_path / "out/work").exists() or not any((tmp_path / "out/work").rglob("*.png"))
