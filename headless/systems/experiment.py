@@ -36,7 +36,7 @@ _IDENTITY = (
     "depth_units_per_metre",
 )
 #: Keys of a system's file that do not decide the result.
-_TEXTS = ("about", "title", "install")
+_DESCRIPTIONS = ("about", "title", "install", "deterministic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def _identity(recipe: dict) -> dict:
     """What decides the result."""
     found = {key: recipe.get(key) for key in _IDENTITY}
     if isinstance(found["system"], dict):
-        found["system"] = {key: value for key, value in found["system"].items() if key not in _TEXTS}
+        found["system"] = {key: value for key, value in found["system"].items() if key not in _DESCRIPTIONS}
     return found
 
 
