@@ -39,20 +39,17 @@ _STRESS = (
     f" --set orbslam3.vocabulary=ORBvoc.txt --runs 3{_STRESS_METHODS}"
     " --plot docs/pictures/stress.png"
 )
-_CURVED = {
-    "all": f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy --method all --start 80 --first 240",
-    "clean": f"{_KT2}/clean out/office/kt1/clean --method all --start 80 --first 120",
-    "fused": f"{_KT2}/clean {_KT2}/noisy --start 80 --first 240",
-}
-#: Curve -> its sequences, and the default step, to which the table refers.
+_CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
+_FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
+#: Curve -> sequences, number of frames, and the default step, to which the table refers.
 _CURVES = {
-    "iterations": ("all", 1.0),
-    "levels": ("all", 0.0),
-    "pixels": ("all", 1.0),
-    "resolution": ("all", 640.0),
-    "keyframe": ("all", 0.2),
-    "rate": ("clean", 30.0),
-    "realtime": ("all", 1.0),
+    "iterations": (_FOUR, 240, 1.0),
+    "levels": (_FOUR, 240, 0.0),
+    "pixels": (_FOUR, 240, 1.0),
+    "resolution": (_FOUR, 240, 640.0),
+    "keyframe": (_FOUR, 120, 0.2),
+    "rate": (_CLEAN_TWO, 60, 30.0),
+    "realtime": (_FOUR, 120, 1.0),
 }
 _DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --first 120 --plot docs/pictures/detail_odometry.png"
 _FARM = "bench farm kt2 --plot docs/pictures/farm.png"
@@ -327,8 +324,9 @@ def _short(method: str) -> str:
     )
 
 
-def _curve_command(curve: str, which: str) -> str:
-    return f"bench curve {curve} {_CURVED[which]} --plot docs/pictures/curve_{curve}.png"
+def _curve_command(curve: str, sequences: str, frames: int, method: str = "--method all") -> str:
+    options = f"{method} --start 80 --first {frames} --plot docs/pictures/curve_{curve}.png"
+    return f"bench curve {curve} {sequences} {options.strip()}"
 
 
 def _curve(default: float) -> Callable[[Sequence[Any]], str]:
@@ -435,10 +433,12 @@ MEASURED = (
     Measured("docs/stress.md", "stress-fails", (_STRESS,), _stress_fails),
     Measured("docs/stress.md", "stress-totals", (_STRESS,), _stress_totals),
     *(
-        Measured("docs/curves.md", f"curve-{curve}", (_curve_command(curve, which),), _curve(default))
-        for curve, (which, default) in _CURVES.items()
+        Measured("docs/curves.md", f"curve-{curve}", (_curve_command(curve, sequences, frames),), _curve(default))
+        for curve, (sequences, frames, default) in _CURVES.items()
     ),
-    Measured("docs/curves.md", "curve-voxel", (_curve_command("voxel", "fused"),), _voxels),
+    Measured(
+        "docs/curves.md", "curve-voxel", (_curve_command("voxel", f"{_KT2}/clean {_KT2}/noisy", 240, ""),), _voxels
+    ),
     Measured("docs/detail.md", "detail-odometry", (_DETAIL_ODOMETRY,), _detail_odometry),
     Measured("docs/detail.md", "detail-surface", (_DETAIL_ODOMETRY,), _detail_surface),
     *(
