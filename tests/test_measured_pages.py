@@ -39,6 +39,18 @@ DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events":
 UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
 ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
 GROUP = {"succeeded": 0.5, "false_successes": 0.1, "false_alarms": 0.0, "ate_m": 0.001, "nees": None}
+STEP = {"method": "icp", "sequence": "kt2/clean", "frames": 9, "processed": 9, "tracked": 9, "ate_m": 0.001, "ms": 9.0}
+STEPS = [{**STEP, "value": value} for value in (0.0, 0.2, 1.0, 30.0, 640.0)]
+VOXEL = {"sequence": "kt2/clean", "voxel_m": 0.01, "mean_m": 0.001, "p95_m": 0.002, "ms": 9.0, "memory_mb": 90.0}
+CHANGE = {
+    "sequence": "kt2",
+    "kind": "clean",
+    "method": "icp",
+    "levels": [0.5, 1],
+    "ate_m": [None, 1e-3],
+    "spread": None,
+}
+BUILD = {"sequence": "kt2", "seed": 0, "detail": 1.0, "triangles": 1000, "surface_m": 0.001}
 TABLE = {"columns": ["odometer", "error mm", "kt0"], "rows": [["ICP", "RMSE", "1.0"], ["", "Mean", "0.9"]]}
 BENCHMARK_TABLES = [
     m.mark.removeprefix("benchmark-").replace("-", "_") for m in MEASURED if m.page == "docs/benchmark.md"
@@ -48,12 +60,15 @@ PRINTED = {
     "bench render": {
         "ways": [{"way": {"family": "baked", "label": "1"}, "seconds": 0.1, "error": ERROR, "flicker": 0.004}]
     },
+    "bench detail-odometry": {"changes": [CHANGE], "builds": [BUILD]},
     "bench detail": {
         "levels": dict.fromkeys(("living_room", "office"), LEVELS),
         "knee": dict.fromkeys(("living_room", "office"), 1.0),
         "maps": {"office": [MAP, {**MAP, "psnr_db": 41.0, "median_of_255": 0.3}]},
         "unseen": [UNSEEN],
     },
+    "bench curve voxel": {"points": [VOXEL]},
+    "bench curve": {"points": STEPS},
     "bench odometry": {"races": [{"sequence": "kt2/clean", "runs": [RUN]}, {"sequence": "kt2/noisy", "runs": []}]},
     "bench farm": {
         "splits": [{"light": "path", "workers": 1, "threads": 2, "frames_an_hour": 905.0, "busy_share": 1.0}]
@@ -92,3 +107,18 @@ def test_what_is_kept_is_not_measured_again_and_becomes_the_table(tmp_path, monk
     assert measured.main(["--only", "farm-splits"]) == 0
     assert page.read_text().splitlines()[3] == "| --- | --- | --- | --- | --- |"
     assert "\n| 2 x 2 | 27,460 | 91% |  |  |\n<!-- end of farm-splits -->\nafter\n" in page.read_text()
+
+
+def test_steps_of_a_curve_are_relative_to_the_default_step_as_geometric_means():
+    def step(sequence, value, ate_mm, ms, processed=10, tracked=10):
+        figures = {"frames": 10, "processed": processed, "tracked": tracked, "ate_m": 1e-3 * ate_mm, "ms": ms}
+        return {"method": "icp", "sequence": sequence, "value": value, **figures}
+
+    points = [step("a", 1.0, 2.0, 10.0), step("a", 2.0, 2.0, 5.0), step("a", 4.0, 1.0, 10.0, 5, 5)]
+    points += [step("b", 1.0, 1.0, 10.0), step("b", 2.0, 4.0, 20.0), step("b", 4.0, 1.0, 10.0, 10, 4)]
+    points += [{**points[0], "method": "fovis", "value": None}]
+    rows = measured._curve(1.0)([{"points": points}]).splitlines()
+    assert rows[0] == "|  | icp |"  # a method without the setting has no column
+    assert rows[2:] == ["| 1 | 1.00, 1.00 |", "| 2 | 2.00, 1.00 |", "| 4 | fails on 1 |"]
+    points[-2]["tracked"] = 10
+    assert measured._curve(1.0)([{"points": points}]).splitlines()[-1] == "| 4 | 0.71, 1.00 (75%) |"

@@ -96,8 +96,7 @@ def _odometer_curve(args: argparse.Namespace, console: Console, segments: "dict[
     methods = args.method or ["icp", "rgbd"]
     if "all" in methods:
         methods = installed(list(NAMES), "best", console)
-    values, unit = curves.CURVES[args.curve]
-    values, results = args.values or values, {}
+    values, results = args.values or curves.CURVES[args.curve][0], {}
     total = sum(curves.length(args.curve, values, segment) for segment in segments.values())
     progress = console.progress(total, f"bench curve {args.curve}")
     for name, segment in segments.items():
@@ -106,7 +105,7 @@ def _odometer_curve(args: argparse.Namespace, console: Console, segments: "dict[
     def drawn() -> "Figure":
         from ..stress import curve_chart
 
-        return curve_chart.figure(f"{args.curve}: {unit}", results)
+        return curve_chart.figure(args.curve, results)
 
     return *_listed(results, curves.table), drawn
 
