@@ -40,7 +40,7 @@ UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texe
 ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
 GROUP = {"succeeded": 0.5, "false_successes": 0.1, "false_alarms": 0.0, "ate_m": 0.001, "nees": None}
 STEP = {"method": "icp", "sequence": "kt2/clean", "frames": 9, "processed": 9, "tracked": 9, "ate_m": 0.001, "ms": 9.0}
-STEPS = [{**STEP, "value": value} for value in (0.0, 0.2, 1.0, 30.0, 640.0)]
+STEPS = [{**STEP, "value": value} for value in (0.0, 0.02, 1.0, 30.0, 640.0)]
 VOXEL = {"sequence": "kt2/clean", "voxel_m": 0.01, "mean_m": 0.001, "p95_m": 0.002, "ms": 9.0, "memory_mb": 90.0}
 CHANGE = {
     "sequence": "kt2",
