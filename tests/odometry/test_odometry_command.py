@@ -11,7 +11,6 @@ pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.errors import WorkError  # noqa: E402
 from iclnuim.headless import sequence_options  # noqa: E402
 from iclnuim.headless.cli import main  # noqa: E402
-from iclnuim.headless.commands import bench  # noqa: E402
 from iclnuim.odometry.registry import NAMES, ODOMETERS, odometer  # noqa: E402
 from iclnuim.odometry.run import Sequence  # noqa: E402
 
@@ -148,7 +147,7 @@ def test_a_comparison_leaves_out_what_is_not_installed_and_says_so(stretch, caps
             raise WorkError(f"{name} needs open3d; try: pip install open3d-cpu")
         return odometer(name, preset)
 
-    monkeypatch.setattr(bench, "odometer", without_open3d)
+    monkeypatch.setattr(sequence_options, "odometer", without_open3d)
     assert main(["bench", "odometry", str(stretch), "--first", "3", "--only", "p"]) == 0
     out, err = capsys.readouterr()
     assert "left out: baseline:open3d-plane needs open3d; try: pip install open3d-cpu" in err
