@@ -81,6 +81,8 @@ def _run(args: argparse.Namespace, console: Console) -> None:
     except ImportError as error:
         raise blender_missing("bench detail-odometry", error) from None
     sequences = [shipped.full_name(name) for name in args.sequences]
+    if args.start < 0:
+        raise InputError("a first frame of 0 or more", setting="--start", found=args.start)
     if not all(0.15 <= d <= 3 for d in args.levels):
         raise InputError("levels within 0.15..3", found=args.levels)
     methods = args.method or installed(list(NAMES), "best", console)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Points for --json, text, and a function that draws the chart.
 Curve = tuple[list[dict[str, Any]], str, Callable[[], "Figure"]]
-_SEED = 1
+_SEED, _FRAMES = 1, 120
 
 
 def configure(actions: Actions) -> None:
@@ -42,7 +42,7 @@ def configure(actions: Actions) -> None:
     add("--model", default="living_room", metavar="MODEL", help=help)
     add("--values", type=_numbers, metavar="V,V", help="values of the setting; default: those of the curve")
     add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
-    add("--first", type=count, default=120, metavar="N", help="number of frames from there; default: 120")
+    add("--first", type=count, metavar="N", help="number of frames from there; default: 120, or all if there are fewer")
     help = "threads of OpenCV and Open3D; our odometers always use one; default: 1"
     add("--threads", type=count, default=1, metavar="N", help=help)
     add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
@@ -68,7 +68,14 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
         sequence, truth = open_sequence(args, console, folder), read_truth(folder)
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder)
-        segments[sequence_name(folder)] = Segment.of(sequence, truth, args.start, args.first, seed=_SEED)
+        left = len(sequence.pairs) - args.start
+        if args.start < 0:
+            raise InputError("a first frame of 0 or more", setting="--start", found=args.start)
+        if left < (args.first or 3):
+            expected = f"at least {args.start + (args.first or 3)} frames"
+            raise InputError(expected, path=folder, found=len(sequence.pairs), hint="another --start or --first")
+        frames = args.first or min(_FRAMES, left)
+        segments[sequence_name(folder)] = Segment.of(sequence, truth, args.start, frames, seed=_SEED)
     if len(segments) < len(args.folders):
         raise InputError("sequences with different names", found=", ".join(map(str, args.folders)))
     cv2.setNumThreads(args.threads)
@@ -81,7 +88,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     recipe = {
         "folders": [str(folder) for folder in args.folders],
         "start": args.start,
-        "frames": args.first,
+        "frames": {name: len(segment.numbers) for name, segment in segments.items()},
         "threads": args.threads,
         "seed": _SEED,
         "iclnuim": __version__,

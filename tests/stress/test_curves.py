@@ -98,6 +98,19 @@ def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_pat
     assert code == 2 and "expected sequences with different names" in err
 
 
+def test_a_short_sequence_is_used_whole_and_too_many_frames_are_refused(command_here, folder):
+    words = ("bench", "curve", "resolution", folder, "--values", "160", "--method", "baseline:opencv-icp")
+    code, out, err = command_here(*words, "--start", "2", "--json")
+    assert code == 0, err
+    (point,) = json.loads(out)["points"]
+    assert 3 < point["frames"] < 120 and list(json.loads(out)["recipe"]["frames"].values()) == [point["frames"]]
+    for options in (("--first", "500"), ("--start", "499"), ("--start", str(point["frames"]))):
+        code, _, err = command_here(*words, *options)
+        assert code == 2 and "frames, found" in err and "try another --start or --first" in err
+    code, _, err = command_here(*words, "--start", "-1")
+    assert code == 2 and "expected a first frame of 0 or more" in err
+
+
 def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
     words = ("bench", "curve", "levels", folder, "--first", "4", "--method", "icp", "--method", "rgbd", "--json")
     code, out, err = command_here(*words)
