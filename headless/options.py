@@ -212,6 +212,11 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     renamed(parser, "--units", "--scene-unit", type=parse_unit)
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """The argparse type of a list of numbers separated by commas."""
+    return tuple(float(part) for part in text.split(","))
+
+
 def count(text: str) -> int:
     """The argparse type of a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:

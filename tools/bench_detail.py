@@ -11,9 +11,7 @@ from iclnuim import shipped
 from iclnuim.blender import output
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.options import Actions, Console, action, renamed
-
-from . import detail_odometry
+from iclnuim.headless.options import Actions, Console, action, numbers, renamed
 
 
 def configure(actions: Actions) -> None:
@@ -43,11 +41,10 @@ def configure(actions: Actions) -> None:
     detail.add_argument("--camera", default="320x240", metavar="WxH", help="default: 320x240")
     detail.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
     renamed(detail, "--chart", "--plot", type=Path)
-    detail_odometry.configure(actions)
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    return () if text == "none" else tuple(float(part) for part in text.split(","))
+    return () if text == "none" else numbers(text)
 
 
 def _detail(args: argparse.Namespace, console: Console) -> int:

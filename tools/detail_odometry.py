@@ -21,7 +21,7 @@ from iclnuim.blender import output
 from iclnuim.dataset.frames import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
-from iclnuim.headless.options import Actions, Console, action, count
+from iclnuim.headless.options import Actions, Console, action, count, numbers
 from iclnuim.headless.sequence_options import installed, require
 from iclnuim.odometry.registry import NAMES, odometer
 
@@ -54,8 +54,8 @@ def configure(actions: Actions) -> None:
     add = parser.add_argument
     add("sequences", nargs="*", default=["kt2", "office/kt0"], metavar="SEQUENCE", help="default: kt2 office/kt0")
     help = "levels of detail; default: 0.35,0.5,0.7,1,1.4"
-    add("--levels", type=_numbers, default=(0.35, 0.5, 0.7, 1.0, 1.4), metavar="D,D", help=help)
-    add("--seeds", type=_numbers, default=(0, 1, 2), metavar="N,N", help="seeds of the room at level 1; default: 0,1,2")
+    add("--levels", type=numbers, default=(0.35, 0.5, 0.7, 1.0, 1.4), metavar="D,D", help=help)
+    add("--seeds", type=numbers, default=(0, 1, 2), metavar="N,N", help="seeds of the room at level 1; default: 0,1,2")
     add("--start", type=int, default=80, metavar="N", help="the first frame; default: 80")
     add("--first", type=count, default=240, metavar="N", help="number of frames from there; default: 240")
     add("--map-size", type=int, default=1024, metavar="N", help="light map size; default: 1024")
@@ -67,16 +67,11 @@ def configure(actions: Actions) -> None:
     add("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
 
 
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(float(part) for part in text.split(","))
-
-
 def _run(args: argparse.Namespace, console: Console) -> None:
     require("bench detail-odometry", "numba", "cv2", "igl")
     try:
-        with output.blender_output_in(
-            Path(os.devnull)
-        ):  # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
+        # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
+        with output.blender_output_in(Path(os.devnull)):
             import bpy  # noqa: F401
     except ImportError as error:
         raise blender_missing("bench detail-odometry", error) from None
@@ -237,8 +232,8 @@ def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
 
 
 def _figure(builds: Sequence[Build]) -> Any:
-    """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between seeds. The last row is the surface error."""
-    from iclnuim.report.charts import COLOURS
+    """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between seeds."""
+    from iclnuim.headless.stress.curve_chart import look
     from matplotlib.figure import Figure
 
     rows = changes(builds)
@@ -249,16 +244,13 @@ def _figure(builds: Sequence[Build]) -> Any:
     shown = {}
     for axes, (sequence, kind) in zip(grid.T.flat, panels, strict=False):
         for row in (r for r in rows if (r["sequence"], r["kind"]) == (sequence, kind)):
-            k = methods.index(row["method"])
-            colour, theirs = COLOURS[k % len(COLOURS)], row["method"].startswith("baseline:")
             points = [(d, 1e3 * m) for d, m in zip(row["levels"], row["ate_m"], strict=True) if m is not None]
             if not points:
                 continue
-            inside = "white" if k >= len(COLOURS) else colour
-            style = {"color": colour, "markerfacecolor": inside, "linewidth": 1, "markersize": 4}
-            (shown[row["method"]],) = axes.plot(*zip(*points, strict=True), "s:" if theirs else "o-", **style)
+            style = look(row["method"], methods)
+            (shown[row["method"]],) = axes.plot(*zip(*points, strict=True), **style)
             if known := [1e3 * m for m in row["seeds_m"] if m is not None]:
-                axes.plot([DEFAULT] * 2, [min(known), max(known)], color=colour, linewidth=4, alpha=0.35)
+                axes.plot([DEFAULT] * 2, [min(known), max(known)], color=style["color"], linewidth=4, alpha=0.35)
         axes.set(xscale="log", yscale="log", title=f"{sequence} {kind}")
         axes.set_xticks(rows[0]["levels"], labels=[f"{d:g}" for d in rows[0]["levels"]])
         axes.xaxis.set_minor_formatter("")

@@ -21,7 +21,6 @@ from iclnuim.formats.files import read_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.odometry.registry import NAMES, odometer
-from iclnuim.report import pareto
 
 from ..options import Console, action, count, renamed, subcommands
 from ..sequence_options import add_camera_options, current_word, installed, open_sequence, require
@@ -102,7 +101,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
             unavailable = actions.add_parser(name, help="needs a checkout of the repository")
             unavailable.set_defaults(run=partial(_refuse, error))
     else:
-        for name in ("bench_farm", "bench_detail"):
+        for name in ("bench_farm", "bench_detail", "detail_odometry"):
             importlib.import_module(f"iclnuim.tools.{name}").configure(actions)
 
 
@@ -224,6 +223,8 @@ def _read_results(path: Path) -> list[dict]:
 
 def _front(runs: list[dict]) -> list[str]:
     """The Pareto front: names of the runs that no other run beats in both median time and error."""
+    from iclnuim.report import pareto
+
     runs = [d for d in runs if _has_point(d)]
     return [runs[k]["odometer"] for k in pareto.front([(d["ms_median"], d["ate_rmse_m"]) for d in runs])]
 

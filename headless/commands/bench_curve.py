@@ -13,7 +13,7 @@ from iclnuim.errors import InputError
 from iclnuim.odometry.registry import NAMES
 from iclnuim.shipped import source_commit
 
-from ..options import Actions, Console, action, count
+from ..options import Actions, Console, action, count, numbers
 from ..sequence_options import add_camera_options, installed, open_sequence, require
 
 if TYPE_CHECKING:
@@ -40,16 +40,12 @@ def configure(actions: Actions) -> None:
     add("--method", action="append", metavar="NAME", help=help)
     help = "for the curve voxel: a room or a mesh file; default: living_room"
     add("--model", default="living_room", metavar="MODEL", help=help)
-    add("--values", type=_numbers, metavar="V,V", help="values of the setting; default: those of the curve")
+    add("--values", type=numbers, metavar="V,V", help="values of the setting; default: those of the curve")
     add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
     add("--first", type=count, metavar="N", help="number of frames from there; default: 120, or all if there are fewer")
     help = "threads of OpenCV and Open3D; our odometers always use one; default: 1"
     add("--threads", type=count, default=1, metavar="N", help=help)
     add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(float(part) for part in text.split(","))
 
 
 def _curve(args: argparse.Namespace, console: Console) -> None:

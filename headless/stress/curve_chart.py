@@ -5,6 +5,7 @@ per second.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from iclnuim.report import pareto
 from iclnuim.report.charts import COLOURS
@@ -34,10 +35,10 @@ def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
     methods = list(dict.fromkeys(p.method for points in results.values() for p in points))
     shown = {}
     for axes, (name, points) in zip(panels.flat, results.items(), strict=False):
-        for k, method in enumerate(methods):
+        for method in methods:
             own = [p for p in points if p.method == method and p.ate_m is not None]
             if own:
-                shown[method] = _line(axes, own, cost, COLOURS[k % len(COLOURS)], hollow=k >= len(COLOURS))
+                shown[method] = _line(axes, own, cost, look(method, methods))
         if curve not in _OVER_SETTING:
             found = [(cost(p), 1e3 * p.ate_m) for p in points if p.ate_m is not None and not p.failed]
             best = [found[k] for k in pareto.front(found)]
@@ -56,6 +57,15 @@ def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
     return drawing
 
 
+def look(method: str, methods: Sequence[str]) -> dict[str, Any]:
+    """Line and marker of one of `methods`: colours in their order, hollow markers once these are used up; dotted lines for third-party ones."""
+    k, theirs = methods.index(method), method.startswith("baseline:")
+    colour = COLOURS[k % len(COLOURS)]
+    shape = {"linestyle": ":", "marker": "s"} if theirs else {"linestyle": "-", "marker": "o"}
+    inside = "white" if k >= len(COLOURS) else colour
+    return {"color": colour, "markerfacecolor": inside, "linewidth": 1, "markersize": 4, **shape}
+
+
 def _axis(curve: str) -> tuple[str, Callable[[Point], float]]:
     """Label of the horizontal axis, and its value for a step."""
     if curve in _OVER_SETTING:
@@ -72,13 +82,10 @@ def _ticks(curve: str, points: Sequence[Point]) -> list[float]:
     return [100.0 * ms for ms in _TICKS_MS] if curve == "rate" else list(_TICKS_MS)
 
 
-def _line(axes: Axes, points: Sequence[Point], cost: Callable[[Point], float], colour: str, hollow: bool) -> Line2D:
+def _line(axes: Axes, points: Sequence[Point], cost: Callable[[Point], float], style: dict[str, Any]) -> Line2D:
     """The line of a method through its steps; returns its handle for the legend."""
-    theirs = points[0].method.startswith("baseline:")
-    marker, line = ("s", ":") if theirs else ("o", "-")
     x, y = [cost(p) for p in points], [1e3 * (p.ate_m or 0.0) for p in points]
-    inside = "white" if hollow else colour
-    (handle,) = axes.plot(x, y, line + marker, color=colour, markerfacecolor=inside, linewidth=1, markersize=4)
+    (handle,) = axes.plot(x, y, **style)
     for p, px, py in zip(points, x, y, strict=True):
         if p.failed:
             axes.plot(px, py, "x", color="black", markersize=7)
@@ -90,6 +97,6 @@ def _line(axes: Axes, points: Sequence[Point], cost: Callable[[Point], float], c
                 xytext=(3, 3),
                 textcoords="offset points",
                 fontsize=7,
-                color=colour,
+                color=style["color"],
             )
     return handle

@@ -150,6 +150,8 @@ def measure(
     if curve in SETTINGS and not any(map(_has_iterations, methods)):
         raise InputError("rgbd, dvo, icp or icp_rgbd, which have such settings", found=", ".join(methods))
     steps = [(method, value) for method in methods for value in _values(curve, method, values)]
+    if not steps:  # only levels can run out
+        raise InputError("fewer levels left out than a method has", found=", ".join(f"{v:g}" for v in values))
     variants = [_variant(curve, method, value, segment.camera) for method, value in steps]
     return interleaved(curve, variants, segment.frames, segment.truth, progress)
 
@@ -217,17 +219,21 @@ def _has_iterations(method: str) -> bool:
 
 def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> Odometer:
     """One of our odometers with changed settings, in all of its groups of settings that have iterations."""
-    kind: Any = type(odometer(method))
-    preset = kind.PRESETS["best"]
+    kind, preset = _best(method)
     if isinstance(preset, tuple):
         return kind(tuple(change(part, value) if hasattr(part, "iterations") else part for part in preset))
     return kind(change(preset, value))
 
 
+def _best(method: str) -> tuple[Any, Any]:
+    """The class of one of our odometers, and its preset: settings, or a tuple with several groups of them."""
+    kind: Any = type(odometer(method))
+    return kind, kind.PRESETS["best"]
+
+
 def _parts(method: str) -> list[Any]:
     """The groups of settings of one of our odometers that have iterations."""
-    kind: Any = type(odometer(method))
-    preset = kind.PRESETS["best"]
+    _, preset = _best(method)
     return [part for part in (preset if isinstance(preset, tuple) else (preset,)) if hasattr(part, "iterations")]
 
 

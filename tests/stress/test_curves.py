@@ -117,6 +117,8 @@ def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
     assert code == 0, err
     steps = [(p["method"], p["value"]) for p in json.loads(out)["points"]]
     assert steps == [("icp", 0), ("icp", 1), ("rgbd", 0), ("rgbd", 1), ("rgbd", 2)]
+    code, _, err = command_here(*words, "--values", "7")
+    assert code == 2 and "expected fewer levels left out than a method has, found 7" in err
 
 
 def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
