@@ -54,6 +54,11 @@ class RenderJob(Settings):
     antialias: bool = setting(
         False, "filter RGB over 1.5 pixels; Z is still that of the pixel centre", source="off in the paper, section II"
     )
+    mipmaps: bool = setting(
+        True,
+        "filter textures for the distance at which they are seen; without, the pattern of distant cloth changes from frame to frame",
+        source="Williams 1983; not in the paper",
+    )
     lambertian: bool = setting(False, "render without reflections")
     map_size: int = setting(2048, "side of the light map", unit="texels", low=16, high=16384)
     map_samples: int = setting(32, "samples per texel of the light map and per light source", low=2, high=65536)
@@ -105,12 +110,15 @@ class RenderJob(Settings):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "RenderJob":
-        """Raises InputError for unknown keys, a newer schema_version, or values out of range."""
+        """The job of a run's recipe. One without `mipmaps` is older than this setting: its frames have none.
+
+        Raises InputError for unknown keys, a newer schema_version, or values out of range.
+        """
         if isinstance(content, Mapping) and "schema_version" in content:
             content = dict(content)
             if (version := content.pop("schema_version")) != SCHEMA_VERSION:
                 raise InputError(f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim")
-        return super().from_dict(content)
+        return super().from_dict({"mipmaps": False, **content} if isinstance(content, Mapping) else content)
 
     def changed(self, **settings: Any) -> "RenderJob":
         """The same job with other settings; None means unchanged. If `light` changes, samples and denoise get the defaults of the new value."""
@@ -157,7 +165,7 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
     """
     path = Path(path)
     content = read_json(path)
-    content = content["job"] if isinstance(content.get("job"), dict) else content
+    content = content["job"] if isinstance(content.get("job"), dict) else {"mipmaps": True, **content}
     content.setdefault("sequence", path.stem)
     try:
         job = RenderJob.from_dict(content)

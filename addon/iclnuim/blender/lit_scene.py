@@ -8,10 +8,8 @@ of roughness and angle, fitted to renders by Cycles 4.5 in a white furnace (20 m
 at most 0.036, beyond 80 degrees.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import bpy
 import numpy as np
@@ -20,7 +18,21 @@ from bpy.types import Image, Material, Node, NodeSocket, NodeTree
 from ..errors import WorkError
 from ..lightmap.surfaces import BACK, FRONT
 from . import surfaces
-from .compat import matt_material, nodes_of, redirect, unlink
+from .compat import matt_material, nodes_of, redirect
+from .shader_nodes import (
+    Source,
+    add_node,
+    calculate,
+    constant,
+    constant_or_input,
+    feed,
+    one_minus,
+    polynomial,
+    product,
+    scaled,
+    set_constant,
+    vectors,
+)  # fmt: skip
 from .surfaces import Part, array_of, material_of_face
 
 _OBJECT_SETTINGS = (
@@ -35,8 +47,6 @@ _BLACK = (0.0, 0.0, 0.0, 1.0)
 _H = (1.019, 0.207, -0.801)
 _A = (0.108, -0.681, -8.445, 6.591)
 _B = (6.599, -8.765, 6.947)
-#: A source for a node's input: a constant, an output, or another input, whose link or value is used.
-Source: TypeAlias = float | tuple[float, ...] | NodeSocket
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,26 +206,31 @@ def let_light_through(materials: Iterable[Material]) -> list[str]:
 def is_glass(node: Node) -> bool:
     """Whether the node is a shader that transmits light, at least in part."""
     if node.type == "BSDF_PRINCIPLED":
-        return _constant(node.inputs["Transmission Weight"]) != 0.0 and _constant(node.inputs["Metallic"]) != 1.0
+        return constant(node.inputs["Transmission Weight"]) != 0.0 and constant(node.inputs["Metallic"]) != 1.0
     return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
 
 
 def _let_through(tree: NodeTree, node: Node) -> None:
     """For shadow rays and diffuse rays, replace the glass by a Transparent BSDF."""
     targets, rays = [link.to_socket for link in node.outputs[0].links], tree.nodes.new("ShaderNodeLightPath")
-    share: Source = _calculate(tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"])
+    share: Source = calculate(tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"])
     colour: Source = node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
     if node.type == "BSDF_PRINCIPLED":  # its colour applies to two surfaces
-        share = _product(tree, share, _input(node, "Transmission Weight"), _one_minus(tree, _input(node, "Metallic")))
-        colour = _node(tree, "Gamma", colour, 0.5)
+        share = product(
+            tree,
+            share,
+            constant_or_input(node, "Transmission Weight"),
+            one_minus(tree, constant_or_input(node, "Metallic")),
+        )
+        colour = add_node(tree, "Gamma", colour, 0.5)
     if (
         node.type != "BSDF_REFRACTION"
     ):  # Schlick's formula, the same from both sides, because panes are often single faces
         facing = tree.nodes.new("ShaderNodeLayerWeight")
         facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
-        passing = _one_minus(tree, _calculate(tree, "POWER", facing.outputs["Facing"], 5.0))
-        colour = _scaled(tree, colour, _product(tree, 1.0 - _f0(node.inputs["IOR"]), passing))
-    mixed = _node(tree, "MixShader", share, node.outputs[0], _node(tree, "BsdfTransparent", colour))
+        passing = one_minus(tree, calculate(tree, "POWER", facing.outputs["Facing"], 5.0))
+        colour = scaled(tree, colour, product(tree, 1.0 - _f0(node.inputs["IOR"]), passing))
+    mixed = add_node(tree, "MixShader", share, node.outputs[0], add_node(tree, "BsdfTransparent", colour))
     for target in targets:
         tree.links.new(mixed, target)
 
@@ -238,7 +253,7 @@ def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool, l
         elif node.type in {*_DIFFUSE, "BSDF_TRANSLUCENT"}:
             light = light or _light_sockets(tree, image, two_sided)
             side = light[node.type == "BSDF_TRANSLUCENT"]
-            shine = _shine(tree, _vectors(tree, "MULTIPLY", node.inputs["Color"], side), limit)
+            shine = _shine(tree, vectors(tree, "MULTIPLY", node.inputs["Color"], side), limit)
             redirect(node.outputs[0], shine)
             tree.nodes.remove(node)
 
@@ -247,20 +262,20 @@ def _shine(tree: NodeTree, colour: NodeSocket, limit: float | None) -> NodeSocke
     """Emission of the colour. For all rays except camera rays it is at most `limit` in each channel."""
     if limit is not None:
         seen = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
-        colour = _blend(tree, seen, _vectors(tree, "MINIMUM", colour, (limit,) * 3), colour)
-    return _node(tree, "Emission", colour)
+        colour = _blend(tree, seen, vectors(tree, "MINIMUM", colour, (limit,) * 3), colour)
+    return add_node(tree, "Emission", colour)
 
 
 def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple[NodeSocket, NodeSocket]:
     """Sockets of the light on the side that is seen, and on the other side. Each reads the map once: the position is chosen, not the colour."""
-    seen = other = _node(tree, "UVMap", uv_map=FRONT_UV)
+    seen = other = add_node(tree, "UVMap", uv_map=FRONT_UV)
     if two_sided:
         facing = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
-        sides = seen, _node(tree, "UVMap", uv_map=BACK_UV)
+        sides = seen, add_node(tree, "UVMap", uv_map=BACK_UV)
         seen, other = _blend(tree, facing, *sides), _blend(tree, facing, *sides[::-1])
     how = {"image": image, "interpolation": "Linear", "extension": "EXTEND"}
-    light = _node(tree, "TexImage", seen, **how)
-    return light, (_node(tree, "TexImage", other, **how) if two_sided else light)
+    light = add_node(tree, "TexImage", seen, **how)
+    return light, (add_node(tree, "TexImage", other, **how) if two_sided else light)
 
 
 def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> NodeSocket:
@@ -276,19 +291,19 @@ def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> N
 
 def _has_diffuse(principled: Node) -> bool:
     """False only for pure metal or pure glass."""
-    return not any(_constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight"))
+    return not any(constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight"))
 
 
 def _reflects(principled: Node) -> bool:
     """False only for pure glass: metal reflects light to others, too."""
-    return _constant(principled.inputs["Transmission Weight"]) != 1.0
+    return constant(principled.inputs["Transmission Weight"]) != 1.0
 
 
 def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
     """Principled = its unchanged gloss, metal and glass, plus the light map times its diffuse share."""
-    colour = _scaled(tree, _vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
+    colour = scaled(tree, vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
     targets = [link.to_socket for link in node.outputs[0].links]
-    both = _node(tree, "AddShader", _shine(tree, colour, limit), _without_diffuse(tree, node))
+    both = add_node(tree, "AddShader", _shine(tree, colour, limit), _without_diffuse(tree, node))
     for target in targets:
         tree.links.new(both, target)
 
@@ -298,33 +313,40 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: fl
 
     (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its emission.
     """
-    gloss = _product(tree, _gloss(tree, node), _one_minus(tree, _input(node, "Metallic")))
-    base = _scaled(tree, _vectors(tree, "ADD", node.inputs["Base Color"]), _one_minus(tree, gloss))
-    sent = _vectors(tree, "ADD", base, _scaled(tree, (1.0, 1.0, 1.0), gloss))
-    share = _product(tree, _one_minus(tree, _input(node, "Transmission Weight")), _input(node, "Alpha"))
-    shine = _shine(tree, _scaled(tree, _vectors(tree, "MULTIPLY", sent, light), share), limit)
+    gloss = product(tree, _gloss(tree, node), one_minus(tree, constant_or_input(node, "Metallic")))
+    base = scaled(tree, vectors(tree, "ADD", node.inputs["Base Color"]), one_minus(tree, gloss))
+    sent = vectors(tree, "ADD", base, scaled(tree, (1.0, 1.0, 1.0), gloss))
+    share = product(
+        tree, one_minus(tree, constant_or_input(node, "Transmission Weight")), constant_or_input(node, "Alpha")
+    )
+    shine = _shine(tree, scaled(tree, vectors(tree, "MULTIPLY", sent, light), share), limit)
     for name in ("Metallic", "Subsurface Weight"):
-        _put(node.inputs[name], 0.0)
-    _put(node.inputs["Base Color"], _BLACK)
-    both = _node(tree, "AddShader", shine)
+        set_constant(node.inputs[name], 0.0)
+    set_constant(node.inputs["Base Color"], _BLACK)
+    both = add_node(tree, "AddShader", shine)
     redirect(node.outputs[0], both)
     tree.links.new(node.outputs[0], both.node.inputs[1])
 
 
 def _diffuse_share(tree: NodeTree, node: Node) -> Source:
     """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): the share of the diffuse base, seen from the camera."""
-    coat = _input(node, "Coat Weight")
+    coat = constant_or_input(node, "Coat Weight")
     if coat != 0.0:
         f0, normal = _f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
-        coat = _product(tree, coat, _albedo(tree, f0, _input(node, "Coat Roughness"), normal))
-    covers = [_input(node, "Metallic"), _input(node, "Transmission Weight"), _gloss(tree, node), coat]
-    return _product(tree, *(_one_minus(tree, c) for c in covers), _input(node, "Alpha"))
+        coat = product(tree, coat, _albedo(tree, f0, constant_or_input(node, "Coat Roughness"), normal))
+    covers = [
+        constant_or_input(node, "Metallic"),
+        constant_or_input(node, "Transmission Weight"),
+        _gloss(tree, node),
+        coat,
+    ]
+    return product(tree, *(one_minus(tree, c) for c in covers), constant_or_input(node, "Alpha"))
 
 
 def _gloss(tree: NodeTree, node: Node) -> Source:
-    level = _constant(node.inputs["Specular IOR Level"])
+    level = constant(node.inputs["Specular IOR Level"])
     f0 = min(_f0(node.inputs["IOR"]) * 2 * (0.5 if level is None else level), 1.0)
-    return _albedo(tree, f0, _input(node, "Roughness"), node.inputs["Normal"])
+    return _albedo(tree, f0, constant_or_input(node, "Roughness"), node.inputs["Normal"])
 
 
 def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) -> Source:
@@ -334,12 +356,12 @@ def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) ->
     facing = tree.nodes.new("ShaderNodeLayerWeight")
     facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
     if normal.is_linked:
-        _feed(tree, normal, facing.inputs["Normal"])
-    cosine = _calculate(tree, "SUBTRACT", 1.0, facing.outputs["Facing"])
-    exponent = _calculate(tree, "MULTIPLY", _polynomial(tree, tuple(-b for b in _B), roughness), cosine)
-    exponent = _calculate(tree, "ADD", exponent, _polynomial(tree, _A, roughness))
-    rim = _product(tree, 1.0 - f0, _calculate(tree, "EXPONENT", exponent))
-    return _calculate(tree, "ADD", _product(tree, f0, _polynomial(tree, _H, roughness)), rim)
+        feed(tree, normal, facing.inputs["Normal"])
+    cosine = calculate(tree, "SUBTRACT", 1.0, facing.outputs["Facing"])
+    exponent = calculate(tree, "MULTIPLY", polynomial(tree, tuple(-b for b in _B), roughness), cosine)
+    exponent = calculate(tree, "ADD", exponent, polynomial(tree, _A, roughness))
+    rim = product(tree, 1.0 - f0, calculate(tree, "EXPONENT", exponent))
+    return calculate(tree, "ADD", product(tree, f0, polynomial(tree, _H, roughness)), rim)
 
 
 def _f0(ior: NodeSocket) -> float:
@@ -351,104 +373,18 @@ def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:
     """The node's closures except the diffuse one: with a black base, mixed with the same node as pure metal and as pure glass."""
     result = node.outputs[0]
     for name in ("Transmission Weight", "Metallic"):
-        if _constant(node.inputs[name]) == 0.0:
+        if constant(node.inputs[name]) == 0.0:
             continue
         pure = tree.nodes.new(node.bl_idname)
         pure.distribution = node.distribution
         for source, target in zip(node.inputs, pure.inputs, strict=True):
             if source.is_linked or hasattr(source, "default_value"):
-                _feed(tree, source, target)
-        _put(pure.inputs[name], 1.0)
+                feed(tree, source, target)
+        set_constant(pure.inputs[name], 1.0)
         if name == "Transmission Weight":
-            _put(pure.inputs["Metallic"], 0.0)
-        result = _node(tree, "MixShader", node.inputs[name], result, pure.outputs[0])
+            set_constant(pure.inputs["Metallic"], 0.0)
+        result = add_node(tree, "MixShader", node.inputs[name], result, pure.outputs[0])
     for name in ("Transmission Weight", "Metallic", "Subsurface Weight"):
-        _put(node.inputs[name], 0.0)
-    _put(node.inputs["Base Color"], _BLACK)
-    return result
-
-
-# Arithmetic in node trees: each function adds nodes and returns the socket of the result.
-
-
-def _feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
-    """Connect `target` to an output, set it to a constant, or copy the link or value of another input; colours and numbers are converted."""
-    if isinstance(source, NodeSocket) and (source.is_output or source.is_linked):
-        tree.links.new(source if source.is_output else source.links[0].from_socket, target)
-        return
-    value, wanted = source.default_value if isinstance(source, NodeSocket) else source, target.default_value
-    if isinstance(wanted, int | float):  # in bpy 5.2 this includes booleans
-        target.default_value = value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
-    elif isinstance(value, int | float):
-        target.default_value = (value,) * 3 + (1.0,) * (len(wanted) - 3)
-    else:
-        target.default_value = (*tuple(value)[: len(wanted)], *(1.0,) * (len(wanted) - len(value)))
-
-
-def _put(socket: NodeSocket, value: float | tuple) -> None:
-    """Unlink an input and set it to a constant."""
-    unlink(socket)
-    socket.default_value = value
-
-
-def _constant(socket: NodeSocket) -> float | None:
-    """The value of an input, None if it is linked."""
-    return None if socket.is_linked else float(socket.default_value)
-
-
-def _input(node: Node, name: str) -> Source:
-    value = _constant(node.inputs[name])
-    return node.inputs[name] if value is None else value
-
-
-def _node(tree: NodeTree, kind: str, *sources: Source, **settings: object) -> NodeSocket:
-    """Add a node whose first inputs get the sources. Returns its first output."""
-    node = tree.nodes.new(f"ShaderNode{kind}")
-    for name, value in settings.items():
-        setattr(node, name, value)
-    for source, target in zip(sources, node.inputs, strict=False):
-        _feed(tree, source, target)
-    return node.outputs[0]
-
-
-def _calculate(tree: NodeTree, operation: str, *sources: Source) -> NodeSocket:
-    """A Math node: `ADD`, `MULTIPLY_ADD`, `EXPONENT`, ..."""
-    return _node(tree, "Math", *sources, operation=operation)
-
-
-def _vectors(tree: NodeTree, operation: str, *sources: Source) -> NodeSocket:
-    """A Vector Math node on colours: `ADD`, `MULTIPLY`."""
-    return _node(tree, "VectorMath", *sources, operation=operation)
-
-
-def _scaled(tree: NodeTree, vector: Source, factor: Source) -> Source:
-    """A colour times a number."""
-    if isinstance(factor, int | float) and factor == 1.0:
-        return vector
-    result = _vectors(tree, "SCALE", vector)
-    _feed(tree, factor, result.node.inputs["Scale"])
-    return result
-
-
-def _product(tree: NodeTree, *sources: Source) -> Source:
-    """The product of numbers. Constants are multiplied directly; a factor of 1 adds no node."""
-    known = math.prod(s for s in sources if isinstance(s, int | float))
-    rest = [s for s in sources if not isinstance(s, int | float)]
-    result: Source = known if known != 1.0 or not rest else rest.pop(0)
-    for source in rest:
-        result = _calculate(tree, "MULTIPLY", result, source)
-    return result
-
-
-def _one_minus(tree: NodeTree, source: Source) -> Source:
-    return 1.0 - source if isinstance(source, int | float) else _calculate(tree, "SUBTRACT", 1.0, source)
-
-
-def _polynomial(tree: NodeTree, coefficients: tuple[float, ...], x: Source) -> Source:
-    """c0 + c1 x + c2 x^2 ..., by Horner's rule; a number if x is a number."""
-    if isinstance(x, int | float):
-        return float(sum(c * x**k for k, c in enumerate(coefficients)))
-    result: Source = coefficients[-1]
-    for c in reversed(coefficients[:-1]):
-        result = _calculate(tree, "MULTIPLY_ADD", result, x, c)
+        set_constant(node.inputs[name], 0.0)
+    set_constant(node.inputs["Base Color"], _BLACK)
     return result

@@ -25,7 +25,20 @@ from ..formats.files import make_folder, process_is_running, read_bytes, sha256,
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..worker_events import Event
-from . import camera, compat, first_look, frames, ground_truth, light_map, output, preflight, scene, settings, surfaces
+from . import (
+    camera,
+    compat,
+    first_look,
+    frames,
+    ground_truth,
+    light_map,
+    mipmaps,
+    output,
+    preflight,
+    scene,
+    settings,
+    surfaces,
+)
 
 Emit = Callable[[Event], None]
 
@@ -63,6 +76,7 @@ class Session:
         self.work = _work_folder(self.run)
         self._output = output.blender_output_in(self.work / "blender.log", errors=False)
         self._ready = False
+        self._mipmaps: list[bpy.types.Image] = []
 
     def __enter__(self) -> "Session":
         self._output.__enter__()
@@ -93,6 +107,8 @@ class Session:
     def save_blend(self, file: Path) -> None:
         """Save a copy of the prepared scene with the keyframed camera, to be played in Blender."""
         self.prepare()
+        for image in self._mipmaps:  # they have no files
+            image.pack()
         bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=True)
 
     def render(self, requested: str | Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
@@ -137,11 +153,13 @@ class Session:
         if job.ground_truth:
             ground_truth.number_objects()
             table = ground_truth.objects_table()
-        if job.light == "baked":
-            folder, _ = light_map.prepare(job, lambda text: self.emit(events.Note(text)))
+        lit_by = light_map.prepare(job, lambda text: self.emit(events.Note(text)))[0] if job.light == "baked" else None
+        if job.mipmaps:  # after the light map is found: it is that of the original textures
+            self._mipmaps = mipmaps.filter_textures(job.camera)
+        if lit_by is not None:
             cycles = bpy.context.scene.cycles
             # path tracing clamps indirect light in the same way; not for built-in rooms, so that their frames do not change
-            light_map.apply(folder, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect)
+            light_map.apply(lit_by, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect)
             settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
             if (
                 bpy.context.scene.world is not None

@@ -148,11 +148,12 @@ def read_run(path: Path) -> RunFolder:
 
 
 def _changed(begun: dict, requested: dict) -> dict[str, str]:
-    """Descriptions of files whose name is the same in both recipes, for messages if their hash differs."""
+    """Descriptions for messages: of mipmaps, and of files whose name is the same in both recipes, for the case that their hash differs."""
     there, job = (recipe["job"] if isinstance(recipe.get("job"), dict) else {} for recipe in (begun, requested))
     sentences = {"trajectory": "other poses or stamps of the trajectory {}", "scene": "another version of the scene {}"}
     same = [name for name in sentences if name in job and there.get(name) == job[name]]
-    return {f"{name}_sha256": sentences[name].format(job[name]) for name in same}
+    textures = f"frames with{'' if there.get('mipmaps') else 'out'} mipmaps"
+    return {"mipmaps": textures, **{f"{name}_sha256": sentences[name].format(job[name]) for name in same}}
 
 
 def refuse_other(
@@ -173,9 +174,15 @@ def refuse_other(
 
 
 def run_identity(recipe: dict) -> dict:
-    """The values that determine the pixels of a run. Scene and trajectory are represented by their hashes, not by name or path."""
+    """The values that determine the pixels of a run. Scene and trajectory are represented by their hashes, not by name or path.
+
+    Runs without mipmaps are those of recipes from before this setting.
+    """
     job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
-    job = {key: value for key, value in job.items() if key not in ("sequence", "scene", "trajectory")}
+    left_out = (
+        ("sequence", "scene", "trajectory") if job.get("mipmaps") else ("sequence", "scene", "trajectory", "mipmaps")
+    )
+    job = {key: value for key, value in job.items() if key not in left_out}
     return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
 
 
