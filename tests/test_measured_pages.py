@@ -60,6 +60,19 @@ PRINTED = {
     "bench render": {
         "ways": [{"way": {"family": "baked", "label": "1"}, "seconds": 0.1, "error": ERROR, "flicker": 0.004}]
     },
+    "bench textures": {
+        "rows": [
+            {
+                "sequence": "living_room/kt2",
+                "textures": "mipmaps",
+                "ms": 90.0,
+                "change_median": 0.001,
+                "change_mean": 0.003,
+            }
+            | {"difference": difference}
+            for difference in (0.004, None)
+        ]
+    },
     "bench detail-odometry": {"changes": [CHANGE], "builds": [BUILD]},
     "bench detail": {
         "levels": dict.fromkeys(("living_room", "office"), LEVELS),

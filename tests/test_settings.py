@@ -128,7 +128,7 @@ def test_a_job_checks_and_keeps_its_settings_as_recipes_have_them():
     job = shipped_job("kt2")
     content = job.to_dict()
     assert list(content) == [
-        "schema_version", "sequence", "scene", "trajectory", "camera", "light", "samples", "denoise", "antialias",
+        "schema_version", "sequence", "scene", "trajectory", "camera", "light", "samples", "denoise", "antialias", "mipmaps",
         "lambertian", "map_size", "map_samples", "seed", "exposure_s", "readout_s",
     ]  # fmt: skip
     whole = {**content, "exposure_s": 0, "reading": {"up": "y", "unit_m": 0.01}, "ground_truth": True}

@@ -103,6 +103,22 @@ def _light(found: Sequence[Any]) -> str:
     return table(header, rows)
 
 
+def _textures(found: Sequence[Any]) -> str:
+    header = (
+        "sequence",
+        "textures",
+        "median change",
+        "mean change",
+        "mean difference from 16 rays a pixel",
+    )
+    rows = []
+    for r in found[0]["rows"]:
+        differences = (r["change_median"], r["change_mean"], r["difference"])
+        name = (r["sequence"].replace("_", " "), r["textures"])
+        rows.append((*name, *("" if d is None else f"{255 * d:.2f}" for d in differences)))
+    return table(header, rows)
+
+
 def _levels(room: str) -> Callable[[Sequence[Any]], str]:
     def text(found: Sequence[Any]) -> str:
         header = (
@@ -390,6 +406,9 @@ _BENCHMARK = (*(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_o
 
 MEASURED = (
     Measured("docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light),
+    Measured(
+        "docs/light.md", "textures", ("bench textures kt2 office/kt0 --plot docs/pictures/textures.png",), _textures
+    ),
     Measured("docs/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
     Measured("docs/detail.md", "detail-office", (_DETAIL,), _levels("office")),
     Measured("docs/detail.md", "detail-unseen", (_DETAIL,), _unseen),

@@ -152,7 +152,7 @@ class Comparison:
         with tempfile.TemporaryDirectory() as folder:
             small = Path(folder) / "small"
             self._render(replace(way.job, camera=self.small), small, sorted({*self.views, *(n + 1 for n in firsts)}))
-            found = error(_frames(small, self.views)[0], self.references)
+            found = error(read_frames(small, self.views)[0], self.references)
             flicker = self._flicker(small, firsts)
             times = self._render(way.job, Path(folder) / "full", self.views[:1] if slow else self.views)
         # the first frame, in which Cycles reads the scene, counts only if it is the only one
@@ -168,7 +168,7 @@ class Comparison:
         key = json.dumps([recipe[k] for k in ("job", "scene_sha256", "trajectory_sha256", "blender")], sort_keys=True)
         folder = shipped.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
         self._render(job, folder, self.views)
-        return _frames(folder, self.views)[0]
+        return read_frames(folder, self.views)[0]
 
     def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
         """Render the missing frames; returns the time of the start, and the times at which each frame was reported (while the next one renders)."""
@@ -189,7 +189,7 @@ class Comparison:
 
     def _flicker(self, folder: Path, firsts: list[int]) -> float:
         poses = load_trajectory(self.job).T_world_camera
-        rgb, depth_z_m = _frames(folder, [n + k for n in firsts for k in (0, 1)])
+        rgb, depth_z_m = read_frames(folder, [n + k for n in firsts for k in (0, 1)])
         differences = []
         for k, n in enumerate(firsts):
             a, b = 2 * k, 2 * k + 1
@@ -198,7 +198,7 @@ class Comparison:
         return float(np.median(np.concatenate(differences)))
 
 
-def _frames(folder: Path, numbers: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def read_frames(folder: Path, numbers: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """(n, h, w, 3) scene-linear RGB and (n, h, w) planar depth in metres."""
     run = read_run(folder)
     channels = [read_exr(run.frame_file(n)) for n in numbers]

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -55,6 +55,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--only", metavar="TEXT", help="only methods whose name contains TEXT, such as `baked`")
     add("--light", choices=("baked", "path"), default="baked", help="for --breakdown; default: baked")
     add("--samples", type=int, metavar="N", help="samples per pixel, for --breakdown")
+
+    help = "frames with and without filtered textures, next to frames of many rays a pixel"
+    textures = action(actions, "textures", help, "iclnuim bench textures kt2 office/kt0 --plot textures.png", _textures)
+    add = textures.add_argument
+    add("sequences", nargs="+", metavar="SEQUENCE")
+    add("--frames", default="::160", metavar="A:B:S", help="each with the frame that follows it; default: every 160th")
+    add("--camera", type=PinholeCamera.parse, default=PinholeCamera(), metavar="WxH", help="default: 640x480")
+    add("--plot", type=Path, metavar="FILE", help="draw parts of frames side by side (.png, .pdf, .svg)")
 
     help = "speed and error of our odometers and third-party ones in one run"
     example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
@@ -152,6 +160,31 @@ def _compare_light(args: argparse.Namespace, console: Console) -> None:
     machine = {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
     text = f"{light_comparison.table(results)}\n{light_comparison.summary(results, job)}"
     console.result({"machine": machine, "ways": [asdict(r) for r in results]}, text)
+
+
+def _textures(args: argparse.Namespace, console: Console) -> None:
+    try:
+        from iclnuim.blender import worker
+    except ImportError as error:
+        raise blender_missing("bench textures", error) from None
+    from iclnuim.report import charts
+
+    from ..benchmark import texture_comparison
+
+    results, parts = [], []
+    progress = console.progress(len(args.sequences), "bench textures", "sequences")
+    for sequence in args.sequences:
+        job = replace(jobs.shipped_job(sequence), camera=args.camera)
+        firsts = frame_slice(args.frames, len(worker.load_trajectory(job)) - 1)
+        rows, part = texture_comparison.measure(job, firsts)
+        results += rows
+        parts.append(part)
+        progress.advance()
+    if args.plot:
+        charts.save(texture_comparison.figure(parts), args.plot)
+    recipe = worker.recipe(job)
+    machine = {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
+    console.result({"machine": machine, "rows": [asdict(r) for r in results]}, texture_comparison.table(results))
 
 
 def _noise(args: argparse.Namespace, console: Console) -> None:

@@ -1,0 +1,256 @@
+"""Mipmaps against formulas: versions of textures, density of textures on faces, and frames of a plane with a fine pattern."""
+
+import json
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+
+from iclnuim.blender import mipmaps  # noqa: E402
+from iclnuim.formats.exr import read_exr  # noqa: E402
+
+TEXELS = 64
+#: Distance of the plane from the camera, and width of a pixel there with fx = fy = 64.
+DISTANCE_M, PIXEL_M = 2.0, 2.0 / 64
+
+
+def new_image(pixels, colour_space="sRGB", **settings):
+    """An image with the values of the rows (h, w, 3), the lowest row first."""
+    height, width = pixels.shape[:2]
+    image = bpy.data.images.new("pattern", width, height, **settings)
+    image.colorspace_settings.name = colour_space
+    image.pixels.foreach_set(np.dstack([pixels, np.ones((height, width))]).astype(np.float32).ravel())
+    return image
+
+
+def checks(period=1):
+    rows, columns = np.indices((TEXELS, TEXELS)) // period
+    return np.repeat(((rows + columns) % 2)[..., None], 3, -1).astype(float)
+
+
+def textured(image, shader="Emission", **settings):
+    """A material with an image as its colour, read through the UV map. Returns the material and its Image Texture node."""
+    material = bpy.data.materials.new("material")
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    texture, shine, out = (tree.nodes.new(f"ShaderNode{k}") for k in ("TexImage", shader, "OutputMaterial"))
+    texture.image = image
+    for key, value in settings.items():
+        setattr(texture, key, value)
+    tree.links.new(texture.outputs["Color"], shine.inputs["Color"])
+    tree.links.new(shine.outputs[0], out.inputs["Surface"])
+    return material, texture
+
+
+def plane(material, repeats, size_m=8.0, y_m=DISTANCE_M):
+    """A square facing -y, whose texture is repeated along both sides."""
+    h = size_m / 2
+    mesh = bpy.data.meshes.new("plane")
+    mesh.from_pydata([(-h, y_m, -h), (h, y_m, -h), (h, y_m, h), (-h, y_m, h)], [], [(0, 1, 2, 3)])
+    layer = mesh.uv_layers.new(name="own")
+    layer.data.foreach_set("uv", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32) * repeats)
+    mesh.materials.append(material)
+    thing = bpy.data.objects.new("plane", mesh)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+@pytest.fixture
+def empty():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def pixels_of(image):
+    return np.array(image.pixels[:], np.float32).reshape(image.size[1], image.size[0], 4)
+
+
+def versions_of(image, size):
+    """The versions of a texture of size x size texels, without their margins."""
+    pixels, before = pixels_of(image), mipmaps.margins(size)[0]
+    start, found = 0, []
+    for k in range(mipmaps.VERSIONS):
+        margin, side = before // 2**k, size // 2**k
+        found.append(pixels[margin : margin + side, start + margin : start + margin + side, :3])
+        start += image.size[0] // 2 // 2**k
+    return found
+
+
+def test_versions_are_means_of_light_and_the_first_is_the_texture(empty):
+    image = new_image(checks())
+    versions = versions_of(mipmaps.with_smaller_versions(image, "REPEAT"), TEXELS)
+    assert [v.shape[0] for v in versions] == [64, 32, 16, 8, 4, 2]
+    assert np.array_equal(versions[0], checks())
+    half = 1.055 * 0.5 ** (1 / 2.4) - 0.055  # the sRGB value of half of white's light
+    for version in versions[1:]:
+        assert version == pytest.approx(half, abs=1 / 255)
+
+
+def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there(empty):
+    ramp = np.broadcast_to(np.linspace(0, 1, TEXELS)[None, :, None], (TEXELS, TEXELS, 3))
+    before, after = mipmaps.margins(TEXELS)
+    for extension, outside in (("REPEAT", (ramp[0, -1, 0], ramp[0, 0, 0])), ("EXTEND", (0.0, 1.0))):
+        row = pixels_of(mipmaps.with_smaller_versions(new_image(ramp), extension))[before, :, 0]
+        left, right = row[before - 1], row[before + TEXELS]
+        assert (left, right) == pytest.approx(outside, abs=1 / 255)
+    assert mipmaps.margins(682) == (32, 54) and (32 + 682 + 54) % 32 == 0
+
+
+def test_linear_images_are_averaged_as_they_are(empty):
+    image = new_image(checks() * 6.0, "Linear Rec.709", float_buffer=True)
+    made = mipmaps.with_smaller_versions(image, "REPEAT")
+    assert made.is_float and made.colorspace_settings.name == "Linear Rec.709"
+    for version in versions_of(made, TEXELS)[1:]:
+        assert version == pytest.approx(3.0, rel=1e-5)
+
+
+def test_a_band_is_filtered_like_the_whole():
+    level = np.random.default_rng(0).random((96, 40, 3)).astype(np.float32)
+    kernel = np.array([1, 3, 3, 1]) / 8
+    padded = np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    expected = np.zeros((48, 20, 3))
+    for i, a in enumerate(kernel):
+        for j, b in enumerate(kernel):
+            expected += a * b * padded[i : i + 96 : 2, j : j + 40 : 2]
+    assert mipmaps.halved(level) == pytest.approx(expected, abs=1e-6)
+
+
+def test_density_is_that_of_faces_in_the_world(empty):
+    thing = plane(textured(new_image(checks()))[0], repeats=3.0, size_m=2.0)
+    assert mipmaps.density(thing, thing.data.uv_layers[0]) == pytest.approx([1.5])
+    thing.scale = (2.0, 2.0, 0.5)  # area times 1
+    bpy.context.view_layer.update()
+    assert mipmaps.density(thing, thing.data.uv_layers[0]) == pytest.approx([1.5])
+    thing.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    assert mipmaps.density(thing, thing.data.uv_layers[0]) == pytest.approx([0.75])
+
+
+def with_mapping(material, texture):
+    tree = material.node_tree
+    mapping, uv = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeTexCoord")
+    mapping.inputs["Scale"].default_value = (4.0, 1.0, 1.0)
+    tree.links.new(uv.outputs["UV"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
+
+
+def with_generated_coordinates(material, texture):
+    uv = material.node_tree.nodes.new("ShaderNodeTexCoord")
+    material.node_tree.links.new(uv.outputs["Generated"], texture.inputs["Vector"])
+
+
+def with_alpha(material, texture):
+    tree = material.node_tree
+    mix, out = tree.nodes.new("ShaderNodeMixShader"), next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    tree.links.new(texture.outputs["Alpha"], mix.inputs[0])
+    tree.links.new(mix.outputs[0], out.inputs["Surface"])
+
+
+def with_displacement(material, texture):
+    out = next(n for n in material.node_tree.nodes if n.type == "OUTPUT_MATERIAL")
+    material.node_tree.links.new(texture.outputs["Color"], out.inputs["Displacement"])
+
+
+def with_raw_data(material, texture):
+    texture.image.colorspace_settings.name = "Non-Color"
+
+
+def with_own_mapping(material, texture):
+    texture.texture_mapping.scale = (2.0, 1.0, 1.0)
+
+
+def with_large_image(material, texture):
+    texture.image.scale(4097, 4096)
+
+
+@pytest.mark.parametrize(
+    ("change", "scale"),
+    [
+        (None, 1.0),
+        (with_mapping, 2.0),
+        *((f, None) for f in (with_generated_coordinates, with_alpha, with_displacement)),
+        *((f, None) for f in (with_raw_data, with_own_mapping, with_large_image)),
+    ],
+)
+def test_textures_that_are_filtered(empty, change, scale):
+    material, texture = textured(new_image(checks()))
+    if change is not None:
+        change(material, texture)
+    assert [t.scale for t in mipmaps.textures_of(material)] == ([] if scale is None else [scale])
+
+
+@pytest.mark.parametrize("settings", [{"interpolation": "Closest"}, {"extension": "CLIP"}, {"projection": "BOX"}])
+def test_textures_that_are_read_in_another_way_are_left(empty, settings):
+    assert mipmaps.textures_of(textured(new_image(checks()), **settings)[0]) == []
+
+
+@pytest.fixture(scope="module")
+def patterned(tmp_path_factory):
+    """Scenes of a plane two metres in front of the camera, by the number of texels within a pixel and the shader, and the camera's path."""
+    folder = tmp_path_factory.mktemp("patterned")
+    files = {}
+    for texels, shader in ((0.25, "Emission"), (7.3, "Emission"), (7.3, "BsdfDiffuse")):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        image = new_image(checks(1 if texels > 1 else 8))
+        image.pack()
+        plane(textured(image, shader)[0], repeats=8.0 / PIXEL_M * texels / TEXELS)
+        sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
+        sun.rotation_euler, sun.data.energy = (np.pi / 2, 0.0, 0.0), np.pi  # shines along +y
+        bpy.context.scene.collection.objects.link(sun)
+        files[texels, shader] = folder / f"{shader}-{texels}.blend"
+        bpy.ops.wm.save_as_mainfile(filepath=str(files[texels, shader]))
+    path = folder / "still.txt"
+    path.write_text("1.0 0 0 0 -0.70710678118 0 0 0.70710678118\n")  # looks along +y
+    return files, path
+
+
+def frame(render_here, out, patterned, texels, shader="Emission", **settings):
+    files, path = patterned
+    camera = "64x64,64,64,31.7,31.3"
+    render_here(out, "0", scene=files[texels, shader], trajectory=path, camera=camera, samples=1, **settings)
+    channels = read_exr(out / "exr/000000.exr")
+    return np.stack([channels[c] for c in "RGB"], -1).astype(float), channels["Z"]
+
+
+def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(render_here, patterned, tmp_path):
+    for texels in (7.3, 0.25):
+        (plain, plain_z), (filtered, z) = (
+            frame(render_here, tmp_path / f"{texels}-{mipmaps}", patterned, texels, mipmaps=mipmaps)
+            for mipmaps in (False, True)
+        )
+        assert np.array_equal(z, plain_z) and plain_z == pytest.approx(DISTANCE_M, abs=1e-4)
+        if texels > 1:
+            assert plain.std() > 0.1  # any of the texels within the pixel
+            assert filtered == pytest.approx(0.5, abs=0.02)
+        else:
+            assert plain.std() > 0.1 and filtered == pytest.approx(plain, abs=2e-3)
+
+
+def test_baked_light_shows_the_filtered_textures_too(render_here, patterned, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    baked = {"light": "baked", "map_size": 64, "map_samples": 2}
+    plain, filtered = (
+        frame(render_here, tmp_path / f"{mipmaps}", patterned, 7.3, "BsdfDiffuse", mipmaps=mipmaps, **baked)[0]
+        for mipmaps in (False, True)
+    )
+    assert plain.std() > 0.1
+    assert filtered == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_run_from_before_mipmaps_goes_on_without_them(render_here, patterned, tmp_path):
+    from iclnuim.errors import InputError
+    from iclnuim.job import RenderJob, read_recipe
+
+    out = tmp_path / "run"
+    frame(render_here, out, patterned, 0.25, mipmaps=False)
+    recipe = json.loads((out / "sequence.json").read_text())
+    assert recipe["job"].pop("mipmaps") is False
+    (out / "sequence.json").write_text(json.dumps(recipe))
+    assert RenderJob.from_dict(recipe["job"]).mipmaps is False
+    frame(render_here, out, patterned, 0.25, mipmaps=False)
+    with pytest.raises(InputError, match="found frames without mipmaps; try another out"):
+        frame(render_here, out, patterned, 0.25)
+    written = tmp_path / "by_hand.json"
+    written.write_text(json.dumps({"scene": "living_room", "trajectory": "living_room/kt2"}))
+    assert read_recipe(written).mipmaps is True
