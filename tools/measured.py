@@ -114,7 +114,7 @@ def _textures(found: Sequence[Any]) -> str:
     rows = []
     for r in found[0]["rows"]:
         differences = (r["change_median"], r["change_mean"], r["difference"])
-        name = (r["sequence"].replace("_", " "), r["textures"])
+        name = (r["sequence"].replace("_", " ").replace("/", " "), r["textures"])
         rows.append((*name, *("" if d is None else f"{255 * d:.2f}" for d in differences)))
     return table(header, rows)
 
