@@ -249,7 +249,9 @@ def test_a_run_from_before_mipmaps_goes_on_without_them(render_here, patterned, 
     (out / "sequence.json").write_text(json.dumps(recipe))
     assert RenderJob.from_dict(recipe["job"]).mipmaps is False
     frame(render_here, out, patterned, 0.25, mipmaps=False)
-    with pytest.raises(InputError, match="found frames without mipmaps; try another out"):
+    with pytest.raises(
+        InputError, match="found frames without mipmaps; try --no-mipmaps to go on as before, or another out"
+    ):
         frame(render_here, out, patterned, 0.25)
     written = tmp_path / "by_hand.json"
     written.write_text(json.dumps({"scene": "living_room", "trajectory": "living_room/kt2"}))
