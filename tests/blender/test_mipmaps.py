@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim.blender import mipmaps  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
+from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 
 TEXELS = 64
 #: Distance of the plane from the camera, and width of a pixel there with fx = fy = 64.
@@ -178,6 +179,31 @@ def test_textures_that_are_filtered(empty, change, scale):
     if change is not None:
         change(material, texture)
     assert [t.scale for t in mipmaps.textures_of(material)] == ([] if scale is None else [scale])
+
+
+def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
+    group = bpy.data.node_groups.new("shared", "ShaderNodeTree")
+    texture, output = group.nodes.new("ShaderNodeTexImage"), group.nodes.new("NodeGroupOutput")
+    group.interface.new_socket("Colour", in_out="OUTPUT", socket_type="NodeSocketColor")
+    texture.image = image = new_image(checks())
+    group.links.new(texture.outputs["Color"], output.inputs[0])
+    for _ in range(2):
+        material, _ = textured(None)
+        tree = material.node_tree
+        nodes = {node.type: node for node in tree.nodes}
+        instance = tree.nodes.new("ShaderNodeGroup")
+        instance.node_tree = group
+        tree.links.new(instance.outputs[0], nodes["EMISSION"].inputs["Color"])
+        plane(material, repeats=3.0)
+    assert [made.name for made in mipmaps.filter_textures(PinholeCamera())] == [f"{image.name} mipmaps"]
+    assert texture.image.name == f"{image.name} mipmaps"
+    assert all("UV per metre " in mesh.attributes for mesh in bpy.data.meshes)
+
+
+def test_a_mesh_without_faces_has_no_density(empty):
+    thing = plane(textured(new_image(checks()))[0], repeats=1.0)
+    thing.data.clear_geometry()
+    assert mipmaps.density(thing, thing.data.uv_layers.new(name="own")).shape == (0,)
 
 
 @pytest.mark.parametrize("settings", [{"interpolation": "Closest"}, {"extension": "CLIP"}, {"projection": "BOX"}])

@@ -18,6 +18,7 @@ import numpy as np
 from bpy.types import Image, Material, Mesh, Node, NodeSocket, NodeTree, Object
 
 from ..geometry.camera import PinholeCamera
+from ..sensor.transfer import light_from_srgb, srgb_from_light
 from .compat import nodes_of
 from .shader_nodes import add_node, calculate, vectors
 from .surfaces import array_of
@@ -30,10 +31,9 @@ MAX_TEXELS = 4096 * 4096
 _BAND = 16
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
 _DENSITY = "UV per metre "
-#: The transfer function of sRGB, at all 8-bit values, and its inverse at 16-bit linear values.
-_ENCODED = np.linspace(0, 1, 256)
-_LINEAR = np.where(_ENCODED <= 0.04045, _ENCODED / 12.92, ((_ENCODED + 0.055) / 1.055) ** 2.4).astype(np.float32)
-_SRGB = np.interp(np.linspace(0, 1, 65536), _LINEAR, _ENCODED).astype(np.float32)
+#: Light of all 8-bit sRGB values, and sRGB values of 16-bit light.
+_LINEAR = light_from_srgb(np.linspace(0, 1, 256)).astype(np.float32)
+_SRGB = srgb_from_light(np.linspace(0, 1, 65536)).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,9 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
     found = [t for material in bpy.data.materials if material.library is None for t in textures_of(material)]
     _measure_density(bpy.data.objects, found)
     pixel = 1 / math.sqrt(camera.fx * camera.fy)
-    for texture in found:
+    for texture in {
+        texture.node: texture for texture in found
+    }.values():  # a node of a group is found in several materials
         key = texture.node.image, texture.node.extension
         if key not in made:
             made[key] = with_smaller_versions(*key)
@@ -81,11 +83,14 @@ def _can_be_filtered(node: Node) -> bool:
     image, mapping = node.image, node.texture_mapping
     if image is None or image.source not in ("FILE", "GENERATED") or image.colorspace_settings.is_data:
         return False
+    if node.id_data.library is not None:
+        return False
     plain = node.projection == "FLAT" and node.extension in ("REPEAT", "EXTEND") and node.interpolation != "Closest"
     unmoved = tuple(mapping.scale) == (1, 1, 1) and not any((*mapping.translation, *mapping.rotation))
     axes = (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z) == ("X", "Y", "Z")
     used = node.outputs["Color"].is_linked and not node.outputs["Alpha"].is_linked
-    return plain and unmoved and axes and used and 0 < image.size[0] * image.size[1] <= MAX_TEXELS
+    small = 0 < image.size[0] * image.size[1] <= MAX_TEXELS and image.channels == 4
+    return plain and unmoved and axes and used and small
 
 
 def _uv_map(socket: NodeSocket) -> tuple[str, float] | None:
