@@ -276,7 +276,7 @@ def test_a_run_from_before_mipmaps_goes_on_without_them(render_here, patterned, 
     assert RenderJob.from_dict(recipe["job"]).mipmaps is False
     frame(render_here, out, patterned, 0.25, mipmaps=False)
     with pytest.raises(
-        InputError, match="found frames without mipmaps; try --no-mipmaps to go on as before, or another out"
+        InputError, match="found frames without mipmaps; try turning mipmaps off to go on as before, or another out"
     ):
         frame(render_here, out, patterned, 0.25)
     written = tmp_path / "by_hand.json"

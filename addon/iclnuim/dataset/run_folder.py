@@ -122,7 +122,7 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
         begun = read_json(existing)
         there, requested = run_identity(begun), run_identity(recipe)
         older = requested.get("mipmaps") and not there.get("mipmaps")
-        hint = "--no-mipmaps to go on as before, or another {out}" if older else "another {out}"
+        hint = "turning {mipmaps} off to go on as before, or another {out}" if older else "another {out}"
         refuse_other("run", existing, there, requested, hint, _changed(begun, recipe))
     elif path.is_dir() and any(path.iterdir()):
         # a run that was killed before its recipe was written leaves an empty exr/, camera.json, groundtruth.txt and temporary files
