@@ -1,4 +1,4 @@
-"""Mipmaps against formulas: versions of textures, density of textures on faces, and frames of a plane with a fine pattern."""
+"""Mipmaps against formulas: levels of textures, density of textures on faces, and frames of a plane with a fine pattern."""
 
 import json
 
@@ -67,32 +67,32 @@ def pixels_of(image):
     return np.array(image.pixels[:], np.float32).reshape(image.size[1], image.size[0], 4)
 
 
-def versions_of(image, size):
-    """The versions of a texture of size x size texels, without their margins."""
+def levels_of(image, size):
+    """The levels of a texture of size x size texels, without their margins."""
     pixels, before = pixels_of(image), mipmaps.margins(size)[0]
     start, found = 0, []
-    for k in range(mipmaps.VERSIONS):
+    for k in range(mipmaps.LEVELS):
         margin, side = before // 2**k, size // 2**k
         found.append(pixels[margin : margin + side, start + margin : start + margin + side, :3])
         start += image.size[0] // 2 // 2**k
     return found
 
 
-def test_versions_are_means_of_light_and_the_first_is_the_texture(empty):
+def test_levels_are_means_of_light_and_the_first_is_the_texture(empty):
     image = new_image(checks())
-    versions = versions_of(mipmaps.with_smaller_versions(image, "REPEAT"), TEXELS)
-    assert [v.shape[0] for v in versions] == [64, 32, 16, 8, 4, 2]
-    assert np.array_equal(versions[0], checks())
+    levels = levels_of(mipmaps.with_mipmaps(image, "REPEAT"), TEXELS)
+    assert [v.shape[0] for v in levels] == [64, 32, 16, 8, 4, 2]
+    assert np.array_equal(levels[0], checks())
     half = 1.055 * 0.5 ** (1 / 2.4) - 0.055  # the sRGB value of half of white's light
-    for version in versions[1:]:
-        assert version == pytest.approx(half, abs=1 / 255)
+    for level in levels[1:]:
+        assert level == pytest.approx(half, abs=1 / 255)
 
 
 def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there(empty):
     ramp = np.broadcast_to(np.linspace(0, 1, TEXELS)[None, :, None], (TEXELS, TEXELS, 3))
     before, after = mipmaps.margins(TEXELS)
     for extension, outside in (("REPEAT", (ramp[0, -1, 0], ramp[0, 0, 0])), ("EXTEND", (0.0, 1.0))):
-        row = pixels_of(mipmaps.with_smaller_versions(new_image(ramp), extension))[before, :, 0]
+        row = pixels_of(mipmaps.with_mipmaps(new_image(ramp), extension))[before, :, 0]
         left, right = row[before - 1], row[before + TEXELS]
         assert (left, right) == pytest.approx(outside, abs=1 / 255)
     assert mipmaps.margins(682) == (32, 54) and (32 + 682 + 54) % 32 == 0
@@ -100,10 +100,10 @@ def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there
 
 def test_linear_images_are_averaged_as_they_are(empty):
     image = new_image(checks() * 6.0, "Linear Rec.709", float_buffer=True)
-    made = mipmaps.with_smaller_versions(image, "REPEAT")
+    made = mipmaps.with_mipmaps(image, "REPEAT")
     assert made.is_float and made.colorspace_settings.name == "Linear Rec.709"
-    for version in versions_of(made, TEXELS)[1:]:
-        assert version == pytest.approx(3.0, rel=1e-5)
+    for level in levels_of(made, TEXELS)[1:]:
+        assert level == pytest.approx(3.0, rel=1e-5)
 
 
 def test_a_band_is_filtered_like_the_whole():

@@ -32,7 +32,7 @@ from .shader_nodes import (
     scaled,
     set_constant,
     vectors,
-)  # fmt: skip
+)
 from .surfaces import Part, array_of, material_of_face
 
 _OBJECT_SETTINGS = (

@@ -1,12 +1,12 @@
 """Textures filtered for the distance at which they are seen, in memory only: Cycles reads one texel per ray, however many lie within a pixel.
 
-Each texture is replaced by an image that also holds smaller versions of itself (mipmaps, Williams 1983), each half as wide as the one before.
-A pixel reads the largest version whose texels are at least as wide as half of the pixel's width on the surface. This width is computed
+Each texture is replaced by an image that also holds smaller versions of itself (levels of mipmaps, Williams 1983), each half as wide as the one before.
+A pixel reads the finest level whose texels are at least as wide as half of the pixel's width on the surface. This width is computed
 from the length of the ray and from how densely the texture covers each face. Foreshortening is not considered: it would blur surfaces seen
 at a grazing angle along both directions.
 
-Image: side by side, from left to right, versions 0, 1, ..., each with margins. Version k is smaller by s = 2^-k, and begins at 2 (1 - s) times
-the width of version 0, so a position in it is linear in s: 1 + s (p - 1) in units of the image's width, if p is the position in version 0.
+Image: side by side, from left to right, levels 0, 1, ..., each with margins. Level k is smaller by s = 2^-k, and begins at 2 (1 - s) times
+the width of level 0, so a position in it is linear in s: 1 + s (p - 1) in units of the image's width, if p is the position in level 0.
 """
 
 import math
@@ -23,11 +23,11 @@ from .compat import nodes_of
 from .shader_nodes import add_node, calculate, vectors
 from .surfaces import array_of
 
-#: Versions of a texture; the smallest is smaller by 2^(VERSIONS - 1).
-VERSIONS = 6
+#: Levels of a texture, including itself; the coarsest is smaller by 2^(LEVELS - 1).
+LEVELS = 6
 #: Larger textures are not filtered: their copies would take gigabytes while they are made.
 MAX_TEXELS = 4096 * 4096
-#: Rows of a version that are computed at once, so that they stay in the processor's cache.
+#: Rows of a level that are computed at once, so that they stay in the processor's cache.
 _BAND = 16
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
 _DENSITY = "UV per metre "
@@ -61,8 +61,8 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
     }.values():  # a node of a group is found in several materials
         key = texture.node.image, texture.node.extension
         if key not in made:
-            made[key] = with_smaller_versions(*key)
-        _read_versions(texture, made[key], pixel)
+            made[key] = with_mipmaps(*key)
+        _read_levels(texture, made[key], pixel)
     for image, _ in made:
         if not image.is_dirty:  # it can be read from its file again
             image.buffers_free()
@@ -163,8 +163,8 @@ def density(thing: Object, layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
 # Images
 
 
-def with_smaller_versions(image: Image, extension: str) -> Image:
-    """An image with all versions of `image` side by side. Versions are averages of light, not of encoded values.
+def with_mipmaps(image: Image, extension: str) -> Image:
+    """An image with all levels of `image` side by side. Levels are averages of light, not of encoded values.
 
     extension: REPEAT or EXTEND, which determines the margins."""
     width, height = image.size
@@ -173,11 +173,11 @@ def with_smaller_versions(image: Image, extension: str) -> Image:
     encoded = not image.is_float and image.colorspace_settings.name == "sRGB"
     columns, rows = (sum(margins(size), size) for size in image.size)
     atlas = np.zeros((rows, 2 * columns, 4), np.float32)
-    version = atlas[:, :columns]
-    _fill(version, pixels.reshape(height, width, 4), extension)
-    version[..., 3] = 1.0
-    start, light = columns, version[..., :3]
-    for k in range(1, VERSIONS):
+    level = atlas[:, :columns]
+    _fill(level, pixels.reshape(height, width, 4), extension)
+    level[..., 3] = 1.0
+    start, light = columns, level[..., :3]
+    for k in range(1, LEVELS):
         light = halved(light, _light if encoded and k == 1 else np.asarray)
         rows, columns = light.shape[:2]
         part = atlas[:rows, start : start + columns]
@@ -192,8 +192,8 @@ def with_smaller_versions(image: Image, extension: str) -> Image:
 
 
 def margins(size: int) -> tuple[int, int]:
-    """Texels of the repeated texture before and after a side, so that every version has whole texels and at least one texel of margin."""
-    unit = 2 ** (VERSIONS - 1)
+    """Texels of the repeated texture before and after a side, so that every level has whole texels and at least one texel of margin."""
+    unit = 2 ** (LEVELS - 1)
     return unit, unit + -size % unit
 
 
@@ -212,7 +212,7 @@ def _light(encoded: np.ndarray) -> np.ndarray:
 
 
 def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asarray) -> np.ndarray:
-    """light(level), (2 n, 2 m, 3) -> (n, m, 3), filtered by the binomial (1, 3, 3, 1) / 8: then all versions have a filter of the same width."""
+    """light(level), (2 n, 2 m, 3) -> (n, m, 3), filtered by the binomial (1, 3, 3, 1) / 8: then all levels have a filter of the same width."""
     rows, columns = level.shape[0] // 2, level.shape[1] // 2
     half = np.empty((rows, columns, 3), np.float32)
     for top in range(0, rows, _BAND):
@@ -227,8 +227,8 @@ def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asa
 # Shaders
 
 
-def _read_versions(texture: Texture, versions: Image, pixel: float) -> None:
-    """Let the node read the version for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit."""
+def _read_levels(texture: Texture, levels: Image, pixel: float) -> None:
+    """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit."""
     node = texture.node
     tree: NodeTree = node.id_data
     width, height = node.image.size
@@ -237,7 +237,7 @@ def _read_versions(texture: Texture, versions: Image, pixel: float) -> None:
     attribute.attribute_name = _DENSITY + texture.uv_map
     ray = tree.nodes.new("ShaderNodeLightPath").outputs["Ray Length"]
     footprint = calculate(
-        tree, "MULTIPLY", attribute.outputs["Fac"], calculate(tree, "MULTIPLY", ray, texels / 2**VERSIONS)
+        tree, "MULTIPLY", attribute.outputs["Fac"], calculate(tree, "MULTIPLY", ray, texels / 2**LEVELS)
     )
     smaller = _steps(tree, footprint)
     source = _uv_source(tree, texture)
@@ -245,26 +245,25 @@ def _read_versions(texture: Texture, versions: Image, pixel: float) -> None:
         source = vectors(tree, "FRACTION", source)
     else:
         source = vectors(tree, "MINIMUM", vectors(tree, "MAXIMUM", source, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
-    columns, rows = versions.size
+    columns, rows = levels.size
     (left, _), (top, _) = margins(width), margins(height)
     first = vectors(
         tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns - 1, top / rows, 0.0)
     )
     tree.links.new(vectors(tree, "MULTIPLY_ADD", first, smaller, (1.0, 0.0, 0.0)), node.inputs["Vector"])
-    node.image, node.extension = versions, "EXTEND"
+    node.image, node.extension = levels, "EXTEND"
 
 
 def _steps(tree: NodeTree, footprint: NodeSocket) -> NodeSocket:
-    """2^-k in all channels, where 2^k is the power of two below the footprint (in texels of version 0, divided by 2^VERSIONS)."""
+    """2^-k in all channels, where 2^k is the power of two below the footprint (in texels of level 0, divided by 2^LEVELS)."""
     ramp = tree.nodes.new("ShaderNodeValToRGB")
     tree.links.new(footprint, ramp.inputs["Fac"])
     steps = ramp.color_ramp
     steps.interpolation = "CONSTANT"
     steps.elements.remove(steps.elements[1])
-    for k in range(VERSIONS):
-        step = steps.elements.new(2.0 ** (k - VERSIONS)) if k else steps.elements[0]
+    for k in range(LEVELS):
+        step = steps.elements.new(2.0 ** (k - LEVELS)) if k else steps.elements[0]
         step.color = (2.0**-k,) * 3 + (1.0,)
-    steps.elements[0].position = 0.0
     return ramp.outputs["Color"]
 
 

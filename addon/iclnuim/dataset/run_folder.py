@@ -180,9 +180,7 @@ def run_identity(recipe: dict) -> dict:
     Runs without mipmaps are those of recipes from before this setting.
     """
     job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
-    left_out = (
-        ("sequence", "scene", "trajectory") if job.get("mipmaps") else ("sequence", "scene", "trajectory", "mipmaps")
-    )
+    left_out = ("sequence", "scene", "trajectory", *(() if job.get("mipmaps") else ("mipmaps",)))
     job = {key: value for key, value in job.items() if key not in left_out}
     return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
 
