@@ -13,6 +13,8 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     mirror                {mirrored, rotation_rms_m, reflection_rms_m}
     time_offset           {offset_s, rmse_m, given_rmse_m} if a constant offset of the estimate's stamps fits much better, else null:
                           translation error with the offset, and that of the same poses without it
+    unit                  {scale, rmse_m, given_rmse_m} if the estimate's positions, multiplied by a scale far from 1, fit much better, else
+                          null: translation error with the scale corrected, and without
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment; settings
@@ -83,6 +85,56 @@ class BetterOffset:
         return cls(found[0], with_it, without) if with_it < _WORTH_SHARE * min(rmse_m, without) else None
 
 
+#: Other scales than these are no drift of an odometer in metres, but another unit of length, or none.
+_METRES = (0.5, 2.0)
+#: A scale fits if the remaining RMS is below this share of the reference's extent: a failed estimate can always be shrunk to a point.
+_FITS = 0.25
+#: A unit is named if its length in metres is within this share of the scale.
+_UNITS_M, _UNIT_SHARE = (
+    {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048, "kilometres": 1e3},
+    0.02,
+)
+
+
+@dataclass(frozen=True)
+class OtherUnit:
+    """A scale that greatly reduces the error when the estimate's positions are multiplied by it; RMSE in metres with and without it."""
+
+    scale: float
+    rmse_m: float
+    given_rmse_m: float
+
+    @classmethod
+    def of(
+        cls, reference: Trajectory, estimate: Trajectory, settings: Settings, given: AbsoluteError | RelativeError
+    ) -> "OtherUnit | None":
+        """The other scale, with the error under the same settings; None if no scale far from 1 fits, or the settings correct the scale."""
+        if given.mirror.rotation_rms_m >= _FITS * given.mirror.extent_m:
+            return None
+        try:
+            if isinstance(settings, AbsoluteErrorSettings):
+                alignment = replace(settings.alignment, method="sim3")
+                absolute = absolute_error(reference, estimate, replace(settings, alignment=alignment))
+                scale, rmse_m = absolute.alignment.scale, absolute.translation_m.rmse
+            else:
+                relative = relative_error(reference, estimate, replace(settings, correct_scale=True))
+                scale, rmse_m = relative.scale, relative.translation_m.rmse
+        except InputError:
+            return None
+        given_m = given.translation_m.rmse
+        metres = _METRES[0] <= scale <= _METRES[1]
+        return None if metres or rmse_m >= _WORTH_SHARE * given_m else cls(scale, rmse_m, given_m)
+
+    @property
+    def sentence(self) -> str:
+        names = [name for name, length_m in _UNITS_M.items() if abs(self.scale / length_m - 1) < _UNIT_SHARE]
+        unit = f"it may be in {names[0]}; try converting it to metres" if names else "it may have no unit of length"
+        errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
+        return (
+            f"the estimate fits much better multiplied by {self.scale:.4g}: {errors}; {unit}, or correcting its scale"
+        )
+
+
 def _measured(reference: Trajectory, estimate: Trajectory, settings: Settings) -> AbsoluteError | RelativeError:
     measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
     return measure(reference, estimate, settings)
@@ -97,6 +149,7 @@ class Report:
     settings: Settings
     result: AbsoluteError | RelativeError
     better_offset: BetterOffset | None
+    other_unit: OtherUnit | None
 
     @classmethod
     def of(cls, reference: Source, estimate: Source, settings: Settings) -> "Report":
@@ -105,12 +158,13 @@ class Report:
         try:
             result = _measured(*both, settings)
             mirrored = result.mirror.mirrored
-            better = None if mirrored else BetterOffset.of(*both, settings, result.translation_m.rmse)
+            unit = OtherUnit.of(*both, settings, result)
+            better = None if mirrored or unit else BetterOffset.of(*both, settings, result.translation_m.rmse)
         except InputError as error:
             if error.path is not None:
                 raise
             raise error.at(estimate.path) from None
-        return cls(reference, estimate, settings, result, better)
+        return cls(reference, estimate, settings, result, better, unit)
 
     @property
     def warnings(self) -> list[str]:
@@ -125,7 +179,9 @@ class Report:
         if better := self.better_offset:
             errors = f"{1000 * better.rmse_m:.3g} mm instead of {1000 * better.given_rmse_m:.3g} on the same poses"
             found.append(f"another time offset fits much better: {errors}; try an offset of {better.offset_s:.9g} s")
-        if isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
+        if self.other_unit:
+            found.append(self.other_unit.sentence)
+        elif isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
             lengths_m = self.result.alignment.extents_m[1], self.result.alignment.residual_rms_m
             extent, error = (f"{1000 * length:.3g} mm" for length in lengths_m)
             found.append(
@@ -168,6 +224,7 @@ class Report:
             **after,
             "mirror": {"mirrored": mirror.mirrored, **rms_m},
             "time_offset": asdict(self.better_offset) if self.better_offset else None,
+            "unit": asdict(self.other_unit) if self.other_unit else None,
             "warnings": self.warnings,
         }
 

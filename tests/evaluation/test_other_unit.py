@@ -1,0 +1,90 @@
+"""An estimate in another unit of length is recognised, the advice helps, and a bad estimate in metres is not called one in another unit."""
+
+import json
+
+import numpy as np
+import pytest
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.headless import cli
+
+
+@pytest.fixture(scope="module")
+def walk(repository):
+    """400 poses of the shipped kt2."""
+    return read_trajectory(repository / "trajectories/living_room/kt2.txt").trajectory[200:600]
+
+
+def scaled_estimate(truth, scale, noise=0.003, shift_s=0.0):
+    rng = np.random.default_rng(5)
+    T = SE3.exp(rng.normal(size=6)) @ truth.T_world_camera @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
+    return Trajectory(truth.stamps_s + shift_s, SE3(T.rotation, scale * T.translation))
+
+
+@pytest.fixture
+def evaluate(tmp_path, walk, capsys):
+    def call(estimate, *arguments):
+        write_trajectory(tmp_path / "truth.txt", walk, "tum")
+        write_trajectory(tmp_path / "estimate.txt", estimate, "tum")
+        files = (str(tmp_path / name) for name in ("truth.txt", "estimate.txt"))
+        assert cli.main(["evaluate", arguments[0], *files, "--json", *arguments[1:]]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return call
+
+
+UNITS = [
+    (1e3, "millimetres"),
+    (100, "centimetres"),
+    (1 / 0.3048, "feet"),
+    (7.7, "no unit of length"),
+    (0.04, "no unit of length"),
+]
+
+
+@pytest.mark.parametrize(("scale", "name"), UNITS)
+def test_another_unit_is_named_and_following_the_advice_helps(evaluate, walk, scale, name):
+    values = evaluate(scaled_estimate(walk, scale), "ate")
+    told, given = values["unit"], values["translation_error_m"]["rmse"]
+    assert len(values["warnings"]) == 1 and name in values["warnings"][0]
+    assert told["scale"] == pytest.approx(1 / scale, rel=0.01) and told["given_rmse_m"] == given
+    followed = evaluate(scaled_estimate(walk, scale), "ate", "--align", "sim3")
+    assert followed["translation_error_m"]["rmse"] == told["rmse_m"] < 0.02 < given
+    assert followed["unit"] is None and not followed["warnings"]
+
+
+def test_relative_errors_have_the_same_advice(evaluate, walk):
+    values = evaluate(scaled_estimate(walk, 1e3), "rpe", "--delta", "1s")
+    assert "millimetres" in values["warnings"][0] and values["unit"]["rmse_m"] < 0.02
+    followed = evaluate(scaled_estimate(walk, 1e3), "rpe", "--delta", "1s", "--correct-scale")
+    assert followed["translation_error_m"]["rmse"] == values["unit"]["rmse_m"] and not followed["warnings"]
+
+
+def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
+    tools = pytest.importorskip("evo.tools.file_interface", reason="evo is the judge")
+    from evo.core import metrics, sync
+
+    values = evaluate(scaled_estimate(walk, 1e3), "ate")["unit"]
+    reference, estimate = (tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate"))
+    reference, estimate = sync.associate_trajectories(reference, estimate)
+    scale = estimate.align(reference, correct_scale=True)[2]
+    judge = metrics.APE(metrics.PoseRelation.translation_part)
+    judge.process_data((reference, estimate))
+    assert values["scale"] == pytest.approx(scale, rel=1e-9)
+    assert values["rmse_m"] == pytest.approx(judge.get_all_statistics()["rmse"], abs=1e-9)
+
+
+@pytest.mark.parametrize("error", [["ate"], ["rpe", "--delta", "1s"]], ids=["ate", "rpe"])
+@pytest.mark.parametrize("scale", [1.0, 0.95, 1.3])
+def test_a_drift_of_scale_is_an_error_and_no_other_unit(evaluate, walk, scale, error):
+    assert evaluate(scaled_estimate(walk, scale), *error)["unit"] is None
+
+
+@pytest.mark.parametrize("size_m", [1e-3, 1.0, 100.0])
+def test_a_failed_estimate_is_not_called_one_in_another_unit(evaluate, walk, size_m):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        steps = np.cumsum(rng.normal(0, size_m / 20, (len(walk), 3)), axis=0)
+        lost = Trajectory(walk.stamps_s, SE3(walk.T_world_camera.rotation, steps))
+        assert evaluate(lost, "ate")["unit"] is None
