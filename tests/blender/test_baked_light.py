@@ -235,3 +235,49 @@ def test_bake_prints_its_figures_and_nothing_else(room, tmp_path, command_here):
     assert figures["folder"].startswith(str(tmp_path))
     code, _, said = command_here("bake", "no such file.blend")
     assert code == 2 and "no such file" in said
+
+
+def test_a_point_seen_from_one_place_of_64_is_found(tmp_path):
+    """63 places are below a floor, one is above it. Points that were called hidden get a quarter of the samples, or no texels."""
+    from iclnuim.blender import light_sampling
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    rng = np.random.default_rng(1)
+    places_m = rng.uniform([-2, -2, -2], [2, 1, -1], (64, 3))
+    places_m[17] = (0.5, 0.0, 1.5)
+    points_m = rng.uniform([-2.5, -2.5, 0], [2.5, 1.5, 0], (2000, 3))
+    above, below = (np.tile([0.0, 0.0, z], (2000, 1)) for z in (1, -1))
+    assert (light_sampling.seen(points_m, above, places_m, 3) > 0).mean() > 0.995
+    assert not light_sampling.seen(points_m, above, np.delete(places_m, 17, 0), 3).any()
+    assert light_sampling.seen(points_m, below, places_m, 3).all()
+
+
+def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatch):
+    """The back of the wall is seen by no place in front of it; the sun that lights it is low behind it."""
+    from iclnuim.blender import light_map, light_sampling, settings, surfaces
+    from iclnuim.job import RenderJob
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    bpy.data.objects["sun"].rotation_euler = (math.radians(-60), 0, 0)
+    settings.apply(RenderJob("a", str(tmp_path / "room.blend"), "kt0", light="baked"), 1)
+    with surfaces.rendered_parts() as (found, _):
+        whole = surfaces.joined(found)
+        layout = light_map.lay_out(whole, np.ones((whole.faces, 2), bool), 64)
+        points_m, normals = layout.points()
+        seen = normals[:, 2] + (normals[:, 1] < -0.5) > 0.5  # the floor's top and the wall's front
+        texels = light_map._Points(layout, seen, np.array([[0.0, 0.0, 1.5]]), 32, 1, np.zeros(whole.faces, bool))
+        asked = []
+        irradiance = light_sampling.direct
+        monkeypatch.setattr(
+            light_sampling,
+            "direct",
+            lambda p, n, samples, *a, **k: asked.append((samples, len(p))) or irradiance(p, n, samples, *a, **k),
+        )
+        light = texels.direct()
+    shares = dict(asked)
+    assert set(shares) == {32, 8} and sum(shares.values()) == len(points_m) and shares[8] > 0.2 * len(points_m)
+    back = (normals[:, 1] > 0.5) & (points_m[:, 2] > 0.1)
+    lit = (points_m[:, 2] > 0.1) & (normals[:, 1] < -0.5)
+    assert light[:, lit].max() == 0
+    # irradiance 2 at 60 degrees from the zenith on an upright wall: 2 sin 60, as the radiance of a white surface / pi
+    assert light[:, back] == pytest.approx(2 * math.sin(math.radians(60)) / math.pi, rel=0.01)

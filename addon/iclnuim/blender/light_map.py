@@ -47,6 +47,8 @@ _GLIMPSE = 0.02
 #: Side and samples of the coarse map.
 _COARSE_SIZE, _COARSE_SAMPLES = 1024, 16
 _MAX_BOUNCES = 8
+#: Hidden texels get the samples divided by this: they are not shown, and a gathered ray averages over many of them.
+_HIDDEN_SHARE = 4
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
@@ -236,10 +238,18 @@ class _Points:
 
     def direct(self) -> np.ndarray:
         """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
-        return light_sampling.direct(self.points_m, self.normals, self.samples, self.seed, list(bpy.data.materials))
+        return self._sampled(functools.partial(light_sampling.direct, materials=list(bpy.data.materials)))
 
     def gathered(self) -> np.ndarray:
-        return light_sampling.gathered(self.points_m, self.normals, self.samples, self.seed)
+        """(2, N, 3) light from the surfaces of the open scene, see light_sampling.gathered."""
+        return self._sampled(light_sampling.gathered)
+
+    def _sampled(self, method: Callable[..., np.ndarray]) -> np.ndarray:
+        visible = self.visible.ravel()[self.layout.texels.index]
+        light = np.zeros((2, len(visible), 3), np.float32)
+        for rows, samples in ((visible, self.samples), (~visible, max(2, self.samples // _HIDDEN_SHARE))):
+            light[:, rows] = method(self.points_m[rows], self.normals[rows], samples, self.seed)
+        return light
 
     def contrast(self, light: np.ndarray) -> np.ndarray:
         """(F, 2) mean squared change of light between neighbouring texels, for each side."""

@@ -42,6 +42,8 @@ _BACKS = 0.1
 _ENCLOSED, _IN_THE_OPEN = 0.9, 0.25
 _RAYS = 48
 _NEAREST_M, _FARTHEST_M = 0.1, 4.0
+#: Samples of a point in the rounds of `seen`; the second is for points without light after the first.
+_TESTS = (4, 64)
 #: Power of test lamps (W), and the radiance that separates their light from that of emitting surfaces, which baking cannot exclude.
 _POWER, _GLOW = 1e9, 1e4
 #: Cycles' settings for all direct light: a fixed number of samples, no bounces.
@@ -194,22 +196,22 @@ def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: n
     return fronts
 
 
-def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int, rounds: int = 3) -> np.ndarray:
+def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int) -> np.ndarray:
     """(n,) light of point lamps at the places on each point; 0 if no light reaches its front. Light passes through glass.
 
-    This light decreases with distance and angle like the number of pixels that a surface fills in the images of cameras at these places. Each
-    sample uses one of the lamps. Points without light are sampled again in the next round with four times as many samples, at most 4^rounds.
+    This light decreases with distance and angle like the number of pixels that a surface fills in the images of cameras at these places. Cycles
+    distributes the samples of a point evenly over the lamps, so that one sample for each place finds nearly all visible points.
     """
     light = np.zeros(len(points_m), np.float32)
     if not len(places_m):
         return light + 1
     with _only_lamps(bpy.context.scene, places_m):
-        for repeat in range(rounds):
+        for repeat, samples in enumerate(_TESTS):
             dark = np.flatnonzero(light == 0)
             for part in batches(len(dark)):
                 rows = dark[part]
                 with target(points_m[rows], normals[rows]) as irradiance:
-                    light[rows] = irradiance(4 ** (repeat + 1), seed + repeat).max(1)
+                    light[rows] = irradiance(samples, seed + repeat).max(1)
             light[light < _GLOW] = 0.0
     return light
 
