@@ -252,6 +252,30 @@ def test_a_point_seen_from_one_place_of_64_is_found(tmp_path):
     assert light_sampling.seen(points_m, below, places_m, 3).all()
 
 
+def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
+    """The last gathering samples the sky with its own rays. A grey sky over an open corner, seen past an emitting wall."""
+    from iclnuim.blender import light_sampling
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    bpy.context.scene.world = bpy.data.worlds.new("sky")
+    bpy.context.scene.world.color = (0.4, 0.5, 0.6)
+    tree = bpy.data.materials["wall"].node_tree
+    tree.nodes.clear()
+    shine, out = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
+    shine.inputs["Strength"].default_value = 0.3
+    tree.links.new(shine.outputs[0], out.inputs[0])
+    points_m = np.random.default_rng(2).uniform([-2, -2, 0], [2, 1.9, 0], (3000, 3))
+    up, materials = np.tile([0.0, 0.0, 1.0], (3000, 1)), list(bpy.data.materials)
+
+    def light(with_lamps, with_surfaces):
+        lamps = light_sampling.direct(points_m, up, 64, 1, materials, sky=with_lamps)
+        return lamps, light_sampling.gathered(points_m, up, 64, 1, sky=with_surfaces)
+
+    (lamps, surfaces), (lamps_alone, together) = light(True, False), light(False, True)
+    assert lamps_alone.mean() < 0.9 * lamps.mean() and together.mean() > 1.5 * surfaces.mean()
+    assert (lamps_alone + together).mean((0, 1)) == pytest.approx((lamps + surfaces).mean((0, 1)), rel=0.003)
+
+
 def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatch):
     """The back of the wall is seen by no place in front of it; the sun that lights it is low behind it."""
     from iclnuim.blender import light_map, light_sampling, settings, surfaces

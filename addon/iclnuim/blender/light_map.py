@@ -2,7 +2,7 @@
 
 The map contains irradiance, direct and indirect, without surface colour. Direct light is sampled lamp by lamp. Indirect light is gathered: rays
 end at the first surface and read the light there from a map. A coarse map is computed in this way, bounce after bounce, and is used for the
-last gathering, into the fine map. So no ray is longer than one bounce, and no ray has to hit a lamp by chance.
+last gathering, into the fine map, together with the sky. So no ray is longer than one bounce, and no ray has to hit a lamp by chance.
 
 On disk a map is one folder in the cache, which is complete or absent. Notes map scene files to folders, so that the panel can find a map
 without opening the scene. The light maps of the built-in rooms at the default size are shipped in blend/light.
@@ -140,7 +140,7 @@ def _make(
     fine = _Points(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
-        light = fine.map(fine.direct() + fine.gathered())
+        light = fine.map(fine.direct(sky=False) + fine.gathered(sky=True))
     seconds = time.perf_counter() - started
     recipe = {
         "schema_version": 1,
@@ -236,19 +236,19 @@ class _Points:
         self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
         self.visible.ravel()[hidden] = True
 
-    def direct(self) -> np.ndarray:
+    def direct(self, sky: bool = True) -> np.ndarray:
         """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
-        return self._sampled(functools.partial(light_sampling.direct, materials=list(bpy.data.materials)))
+        return self._sampled(light_sampling.direct, materials=list(bpy.data.materials), sky=sky)
 
-    def gathered(self) -> np.ndarray:
+    def gathered(self, sky: bool = False) -> np.ndarray:
         """(2, N, 3) light from the surfaces of the open scene, see light_sampling.gathered."""
-        return self._sampled(light_sampling.gathered)
+        return self._sampled(light_sampling.gathered, sky=sky)
 
-    def _sampled(self, method: Callable[..., np.ndarray]) -> np.ndarray:
+    def _sampled(self, method: Callable[..., np.ndarray], **further: object) -> np.ndarray:
         visible = self.visible.ravel()[self.layout.texels.index]
         light = np.zeros((2, len(visible), 3), np.float32)
         for rows, samples in ((visible, self.samples), (~visible, max(2, self.samples // _HIDDEN_SHARE))):
-            light[:, rows] = method(self.points_m[rows], self.normals[rows], samples, self.seed)
+            light[:, rows] = method(self.points_m[rows], self.normals[rows], samples, self.seed, **further)
         return light
 
     def contrast(self, light: np.ndarray) -> np.ndarray:

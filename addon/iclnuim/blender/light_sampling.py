@@ -59,20 +59,32 @@ _BAKE = {
 
 
 def direct(
-    points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, materials: list[bpy.types.Material]
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    samples: int,
+    seed: int,
+    materials: list[bpy.types.Material],
+    sky: bool = True,
 ) -> np.ndarray:
-    """(2, n, 3) direct light from lamps and sky, by two independent halves of the samples, without the emission of `materials`."""
+    """(2, n, 3) direct light from lamps and, with `sky`, from the sky, by two independent halves of the samples, without the emission of `materials`."""
+    groups, portals = _sources()
+    passes = [
+        (lamps, False, max(1, samples // (2 * share)), seed + 100 * number)
+        for number, (lamps, share) in enumerate(groups)
+    ]
+    if sky and bpy.context.scene.world:
+        passes.append((portals, True, max(1, samples // 2), seed + 100 * len(groups)))
     with without_glow(materials):
-        passes = [
-            (lamps, world, max(1, samples // (2 * share)), seed + 100 * number)
-            for number, (lamps, world, share) in enumerate(_sources())
-        ]
         return _sampled(points_m, normals, passes)
 
 
-def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(2, n, 3) light from the surfaces of the open scene, by two halves of the samples: their emission, including baked light shown as emission."""
-    return _sampled(points_m, normals, [([], False, max(1, samples // 2), seed)])
+def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, sky: bool = False) -> np.ndarray:
+    """(2, n, 3) light from the surfaces of the open scene, by two halves of the samples: their emission, including baked light shown as emission.
+
+    With `sky`, also that of the sky, for which the same rays are used.
+    """
+    sky = sky and bpy.context.scene.world is not None
+    return _sampled(points_m, normals, [(_sources()[1] if sky else [], sky, max(1, samples // 2), seed)])
 
 
 def _sampled(
@@ -89,16 +101,15 @@ def _sampled(
     return light
 
 
-def _sources() -> list[tuple[list[bpy.types.Object], bool, int]]:
-    """The passes: lamps that are sampled together, whether the sky is included, and the divisor of the number of samples."""
+def _sources() -> tuple[list[tuple[list[bpy.types.Object], int]], list[bpy.types.Object]]:
+    """Lamps that are sampled together, each group with the divisor of its number of samples; and the portals, through which the sky is sampled."""
     lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
     lamps = [lamp for lamp in lamps if lamp not in portals]
     groups = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
     small = [len(group) == 1 and _is_small(group[0].data) for group in groups]
     large = max(1, -(-small.count(False) // _LARGE))
-    found = [(group, False, _SMALL_SHARE if s else large) for group, s in zip(groups, small, strict=True)]
-    return [*found, (portals, True, 1)] if bpy.context.scene.world else found
+    return [(group, _SMALL_SHARE if s else large) for group, s in zip(groups, small, strict=True)], portals
 
 
 def _is_small(lamp: bpy.types.Light) -> bool:
