@@ -426,7 +426,7 @@ MEASURED = (
         "odometry-ate",
         (
             *(f"run {system} {' '.join(_SIXTEEN)}" for system in _SYSTEMS),
-            f"bench odometry {' '.join(_SIXTEEN)} out/systems/results.json --plot docs/pictures/systems.png",
+            f"bench odometry {' '.join(_SIXTEEN)} out/systems/results.json --only ours --plot docs/pictures/systems.png",
         ),
         _systems,
     ),

@@ -73,7 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_camera_options(odometry)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
     add("--first", type=count, metavar="N", help="only the first N frames")
-    add("--only", metavar="TEXT", help="only odometers whose name contains TEXT, such as `icp`")
+    add("--only", metavar="TEXT", help="only odometers whose name contains TEXT, such as `icp`, or `ours`: the built-in ones")
 
     help = "speed of the noise models next to that of file input and output alone; similarity to published noisy frames"
     example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
@@ -208,7 +208,7 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.odometry.run import table
 
     only = current_word(args.only or "", RENAMED_METHODS, console)
-    which = [name for name in NAMES if only in name]
+    which = [name for name in NAMES if only in (name if ":" in name else f"ours:{name}")]  # as in `iclnuim run`
     if not which:
         raise InputError(f"part of a name of {', '.join(NAMES)}", found=args.only)
     results = [result for folder in args.folders if folder.suffix == ".json" for result in _read_results(folder)]

@@ -155,6 +155,12 @@ def test_a_comparison_leaves_out_what_is_not_installed_and_says_so(stretch, caps
     assert err.index("the benchmark's camera is assumed") < err.index("frames")
 
 
+def test_a_comparison_of_the_built_in_ones_alone(stretch, capsys):
+    assert main(["bench", "odometry", str(stretch), "--first", "2", "--only", "ours", "--json"]) == 0
+    (race,) = json.loads(capsys.readouterr().out)["races"]
+    assert [run["odometer"] for run in race["runs"]] == [name for name in NAMES if ":" not in name]
+
+
 def test_the_page_lists_every_odometer(repository):
     page = (repository / "docs/odometry.md").read_text()
     assert all(f"`{name}`" in page for name in NAMES)
