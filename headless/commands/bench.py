@@ -73,7 +73,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_camera_options(odometry)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
     add("--first", type=count, metavar="N", help="only the first N frames")
-    add("--only", metavar="TEXT", help="only odometers whose name contains TEXT, such as `icp`, or `ours`: the built-in ones")
+    add(
+        "--only",
+        metavar="TEXT",
+        help="only odometers whose name contains TEXT, such as `icp`, or `ours`: the built-in ones",
+    )
 
     help = "speed of the noise models next to that of file input and output alone; similarity to published noisy frames"
     example = "iclnuim bench noise out/living_room/kt2/raw --official or_kt3 --plot noise.png"
