@@ -11,7 +11,7 @@ from iclnuim.odometry.protocol import Frame, Status  # noqa: E402
 from iclnuim.odometry.registry import ODOMETERS as OURS  # noqa: E402
 from iclnuim.odometry.registry import odometer  # noqa: E402
 from iclnuim.odometry.solver import System  # noqa: E402
-from iclnuim.odometry.track import track  # noqa: E402
+from iclnuim.odometry.track import Reference, track  # noqa: E402
 
 DENSE = [
     name for name in OURS if name != "fovis"
@@ -128,6 +128,24 @@ def test_a_mirror_over_half_of_the_view_leaves_the_joint_odometer_its_geometry(s
     found = tracked("icp_rgbd", frames)[-1].T_world_camera.translation
     true = poses[-1].translation
     assert np.linalg.norm(found - true) < 0.01 * np.linalg.norm(true)
+
+
+@pytest.mark.parametrize("name", DENSE)
+def test_the_error_of_a_camera_that_sways_does_not_grow_with_the_number_of_frames(name):
+    """Noisy frames within the range of one keyframe; frame to frame, the errors of all steps add up."""
+    rng = np.random.default_rng(4)
+    poses = [SE3.exp(4 * np.sin(0.35 * i) * TWIST) for i in range(80)]
+    frames = []
+    for i, pose in enumerate(poses):
+        frame = seen(pose, stamp_s=i / 30)
+        z = frame.depth_z_m + rng.normal(0, 0.004, frame.depth_z_m.shape)
+        frames.append(Frame.of(frame.grey + rng.normal(0, 3, z.shape), z, i / 30))
+    errors = []
+    for against in (None, Reference()):
+        found = track(odometer(name, "best"), CAMERA, enumerate(frames), against=against)
+        apart = [f.T_world_camera.translation - pose.translation for f, pose in zip(found, poses, strict=True)]
+        errors.append(np.sqrt(np.mean(np.square(apart))))
+    assert errors[0] < 0.75 * errors[1]
 
 
 def test_a_single_frame_is_a_path_of_one_pose():

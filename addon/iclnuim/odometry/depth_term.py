@@ -28,7 +28,7 @@ MAX_REUSE_M = 0.002
 #: Standard deviations of the factor between the inverse depth of an image part and the sensor's: loose at first, firm for inliers.
 LOOSE, FIRM = 1.0, 0.05
 #: Information of a weak prior, and its least share of the trace of the equations it is added to: less is lost in rounding.
-WEAK, MIN_SHARE = 1e-3, 1e-14
+WEAK, MIN_SHARE = 1e-3, 1e-12
 #: Equations without information.
 NO_EQUATIONS = System(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
 

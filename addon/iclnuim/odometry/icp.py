@@ -149,6 +149,7 @@ class Icp(PyramidOdometer):
             rough_step=3,
             stop=Stop(min_step=5e-6),
             limits=Limits(prior_m=0.003),
+            reference="keyframe",
         ),
     }
 
@@ -215,7 +216,7 @@ class IcpRgbd(Icp):
         # a mistake in the code that the paper used: the matrix is weighted by w^2, the right-hand side by w
         "kintinuous2013": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD),
         "best": (
-            replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1), reference="keyframe"),
+            replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1)),
             replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3), spread=75.0),
             1.0,
         ),
