@@ -7,11 +7,11 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 numba = pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.odometry.protocol import Frame, Status  # noqa: E402
+from iclnuim.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
 from iclnuim.odometry.registry import ODOMETERS as OURS  # noqa: E402
 from iclnuim.odometry.registry import odometer  # noqa: E402
 from iclnuim.odometry.solver import System  # noqa: E402
-from iclnuim.odometry.track import Reference, track  # noqa: E402
+from iclnuim.odometry.track import Reference, Tracker, track  # noqa: E402
 
 DENSE = [
     name for name in OURS if name != "fovis"
@@ -104,6 +104,24 @@ def test_the_first_pose_after_many_lost_frames_is_reported_as_none_knows_where_t
     assert [f.lost for f in found] == [False] * 2 + [True] * 6 + [False] * 2
     status = [f.result.status for f in found]
     assert status[8] is Status.DEGENERATE and found[8].result.reason.startswith("track:") and status[9] is Status.OK
+
+
+def test_a_hundred_lost_frames_leave_the_pose_a_rigid_motion():
+    """Each lost frame is a new reference; rounding errors of the rotation must not grow from one to the next."""
+
+    class Lost:
+        name, reference, turn = "lost", "frame", path(3)[2]
+
+        def prepare(self, frame, camera):
+            return frame.stamp_s
+
+        def align(self, reference, current, guess):
+            return failure("test: no motion found") if 2 < current < 110 else Result(self.turn)
+
+    tracker, image = Tracker(Lost(), CAMERA, "restart"), seen(path(1)[0])
+    for k in range(112):
+        pose = tracker.add(float(k), Frame.of(image.grey + k % 2, image.depth_z_m, float(k))).T_world_camera
+        assert np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max() < 1e-12
 
 
 def test_a_black_image_leaves_the_joint_odometer_its_geometry():

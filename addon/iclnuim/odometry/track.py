@@ -242,7 +242,7 @@ class Tracker:
         self.losses += 1
         if self.policy == "constant-velocity":
             self.T_view_camera, self.pose_s = self.T_view_camera @ self._predicted(stamp_s), stamp_s
-        pose = self.T_world_view @ self.T_view_camera
+        pose = _rigid(self.T_world_view @ self.T_view_camera)
         if not isinstance(frame, str) and current is not None and (self.policy == "restart" or self.losses >= MAX_LOST):
             self._set_view(self.reference.restart(frame, current, pose), pose)
             self.assumed, self.pose_s = True, stamp_s
