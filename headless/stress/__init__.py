@@ -6,6 +6,9 @@ segment              consecutive frames of a sequence, with their perturbations
 filters              perturbations of the images: noise, holes, brightness
 motion               perturbations of time: blur, rolling shutter, delayed colour, dropped frames
 surfaces             objects put into the scene: walls, panes, bars
+lighting             perturbations of light, air and lens: smoke, flicker, shadows, dots, dirt
+ranging              perturbations by the principle of the depth sensor: a second projector, wrapped phase, few zones
+people               people who walk around the camera
 corruptions          perturbations of the second scale
 cell                 the figures of one method on one segment
 matrix               all cells, each in a file, computed on all cores

@@ -9,7 +9,7 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import read_text
 from iclnuim.settings import MISSING, Settings, parameter, plain, refuse_unknown
 
-from . import corruptions, filters, motion, surfaces
+from . import corruptions, filters, lighting, motion, people, ranging, surfaces
 from .segment import Segment
 
 #: The scales of perturbations; the first is ours.
@@ -43,6 +43,15 @@ FUNCTIONS: dict[str, Callable[..., Segment]] = {
         filters.misregistered,
         filters.calibration_off,
         filters.guess_off,
+        lighting.smoke,
+        lighting.flicker,
+        lighting.moving_shadows,
+        lighting.emitter_dots,
+        lighting.lens_dirt,
+        people.people,
+        ranging.interference,
+        ranging.wrapped_phase,
+        ranging.few_zones,
         corruptions.gaussian_noise,
         corruptions.shot_noise,
         corruptions.impulse_noise,
