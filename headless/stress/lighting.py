@@ -117,24 +117,28 @@ def _times(segment: Segment, gain: Callable[[int, np.ndarray], np.ndarray]) -> S
 
 
 def _repeating(segment: Segment) -> np.ndarray:
-    """(64, 64) normal random field that is repeated in both directions."""
-    return gaussian(segment.generator(segment.numbers[0]), (_CELLS, _CELLS))
+    """Normal random field of 64 x 64 cells, _framed."""
+    return _framed(gaussian(segment.generator(segment.numbers[0]), (_CELLS, _CELLS)))
 
 
 def _dots(segment: Segment, pitch_px: int) -> np.ndarray:
-    """A repeated pattern with one dot of about 3 pixels at a random place in each square of pitch_px, with a maximum of 1."""
+    """A pattern, _framed, with one dot of about 3 pixels at a random place in each square of pitch_px, with a maximum of 1."""
     rng, side = segment.generator(segment.numbers[0]), _CELLS * pitch_px
     dots = np.zeros((side, side), np.float32)
     corners = np.arange(_CELLS) * pitch_px
     row, column = (rng.integers(0, pitch_px, (_CELLS, _CELLS)) for _ in range(2))
     dots[corners[:, None] + row, corners[None] + column] = 1
     blurred = cv2.GaussianBlur(dots, (0, 0), 1.0)
-    return np.asarray(blurred / blurred.max(), np.float32)
+    return _framed(np.asarray(blurred / blurred.max(), np.float32))
 
 
-def _sampled(pattern: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """A repeated pattern at any place, bilinear."""
-    h, w = pattern.shape
-    framed = np.pad(pattern, ((0, 1), (0, 1)), mode="wrap")
+def _framed(pattern: np.ndarray) -> np.ndarray:
+    """(h + 1, w + 1) a pattern (h, w) that repeats in both directions, with its first row and column once more at the end."""
+    return np.pad(pattern, ((0, 1), (0, 1)), mode="wrap")
+
+
+def _sampled(framed: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A repeating pattern, _framed, at any place, bilinear."""
+    h, w = (side - 1 for side in framed.shape)
     places = np.mod(x, w).astype(np.float32), np.mod(y, h).astype(np.float32)
     return np.asarray(cv2.remap(framed, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
