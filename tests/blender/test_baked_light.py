@@ -257,8 +257,9 @@ def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
     from iclnuim.blender import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
-    bpy.context.scene.world = bpy.data.worlds.new("sky")
-    bpy.context.scene.world.color = (0.4, 0.5, 0.6)
+    bpy.context.scene.world = sky = bpy.data.worlds.new("sky")
+    sky.use_nodes = True
+    sky.node_tree.nodes["Background"].inputs["Color"].default_value = (0.4, 0.5, 0.6, 1.0)
     tree = bpy.data.materials["wall"].node_tree
     tree.nodes.clear()
     shine, out = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
