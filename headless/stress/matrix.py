@@ -22,7 +22,7 @@ from iclnuim.formats.files import is_file, make_folder, read_json, sha256, write
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
-from iclnuim.odometry.registry import ODOMETERS, odometer
+from iclnuim.odometry.registry import BASELINES, ODOMETERS, PACKAGES, odometer
 from iclnuim.odometry.run import Sequence
 from iclnuim.sensor.transfer import light_from_srgb8
 from iclnuim.shipped import source_commit, versions
@@ -223,6 +223,7 @@ class Matrix:
             "files_sha256": self.bases[task.sequence].files_sha256,
             "method": name,
             "preset": self.preset if name in ODOMETERS else None,
+            "version": _version(name),
             "options": {k: v for k, v in system.options.items() if k != "program"} if system else None,
             "runs": self._runs(system) if system else 1,
         }
@@ -242,6 +243,16 @@ class Matrix:
 def label(system: System) -> str:
     """Name in cells of a system of `iclnuim run`; the prefix separates it from an odometer of ours, such as dvo."""
     return f"run:{system.name}"
+
+
+def _version(name: str) -> str | None:
+    """The version of the package that contains a method; None for a system of `iclnuim run`."""
+    if name in ODOMETERS:
+        return __version__
+    if name not in BASELINES:
+        return None
+    package = PACKAGES[BASELINES[name][2].partition(".")[0]]
+    return versions(package)[package]
 
 
 def _one_thread() -> None:

@@ -50,6 +50,17 @@ def test_cells_are_made_once_and_pages_show_them(command_here, folder, tmp_path)
     parser.feed((out / "stress.html").read_text())
 
 
+def test_cells_of_another_version_of_a_package_are_made_again(command_here, folder, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    words = ("stress", folder, "-o", out, "--only", "holes", "--severities", "5", *SMALL, "--quiet")
+    assert command_here(*words, "--methods", "icp")[0] == 0
+    stamps = {file: os.stat(out / file).st_mtime_ns for file in cells(out)}
+    monkeypatch.setattr("iclnuim.headless.stress.matrix.__version__", "0.0.1")
+    assert command_here(*words, "--methods", "icp")[0] == 0
+    again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
+    assert again and again == {file for file in stamps if "/icp" in file}
+
+
 def test_the_calibration_names_what_was_not_measured(command_here, folder, tmp_path):
     words = ("stress", folder, "-o", tmp_path / "out", *SMALL)
     assert command_here(*words, "--only", "holes", "--severities", "1,2,5", "--quiet")[0] == 0
