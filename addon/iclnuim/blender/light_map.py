@@ -238,7 +238,12 @@ class _Points:
 
     def direct(self, sky: bool = True) -> np.ndarray:
         """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
-        return self._sampled(light_sampling.direct, materials=list(bpy.data.materials), sky=sky)
+
+        def method(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> np.ndarray:
+            together = samples < self.samples and TOGETHER
+            return light_sampling.direct(points_m, normals, samples, seed, list(bpy.data.materials), sky, together)
+
+        return self._sampled(method)
 
     def gathered(self, sky: bool = False) -> np.ndarray:
         """(2, N, 3) light from the surfaces of the open scene, see light_sampling.gathered."""

@@ -65,9 +65,15 @@ def direct(
     seed: int,
     materials: list[bpy.types.Material],
     sky: bool = True,
+    together: bool = False,
 ) -> np.ndarray:
-    """(2, n, 3) direct light from lamps and, with `sky`, from the sky, by two independent halves of the samples, without the emission of `materials`."""
+    """(2, n, 3) direct light from lamps and, with `sky`, from the sky, by two independent halves of the samples, without the emission of `materials`.
+
+    together: all lamps share one pass, which is faster and noisier.
+    """
     groups, portals = _sources()
+    if together and groups:
+        groups = [([lamp for lamps, _ in groups for lamp in lamps], 1)]
     passes = [
         (lamps, False, max(1, samples // (2 * share)), seed + 100 * number)
         for number, (lamps, share) in enumerate(groups)

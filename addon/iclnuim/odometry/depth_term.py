@@ -8,7 +8,7 @@ import numpy as np
 from ..geometry.se3 import SE3
 from . import kernels
 from .certainty import disagreement
-from .protocol import Result, Status
+from .protocol import WRONG_M, Result, Status
 from .solver import MAX_SIGMA_M, Level, System, small_twist
 
 #: Distance in pixels between the rows and columns that are used.
@@ -19,8 +19,8 @@ MAX_DISTANCE_M, MIN_COSINE = 0.10, math.cos(math.radians(30.0))
 NU, SIGMA_M = 10.0, 0.005
 #: If a smaller share of the points is matched, the two depth images show different places, and depth is not used.
 MIN_MATCHED = 0.2
-#: A motion with an error of 2 cm counts as wrong. A frame is reported where depth disagrees with the motion by more than a third of this.
-MAX_DISAGREEMENT_M = 0.02 / 3
+#: A frame is reported where depth disagrees with the motion by more than a third of what counts as wrong.
+MAX_DISAGREEMENT_M = WRONG_M / 3
 #: Information (6, 6) of the prior of the depth-only motion: 30 mm about the motion to check, in directions that depth does not observe.
 PRIOR = np.eye(6) / 0.03**2
 #: While the points move by less than this, their equations are reused.

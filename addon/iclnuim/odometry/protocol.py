@@ -16,6 +16,9 @@ MIN_DEPTH_SHARE = 0.02
 #: of 0.02 degrees.
 FLAT_M = 1e-3
 
+#: A motion with a larger error counts as wrong.
+WRONG_M, WRONG_DEG = 0.02, 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:

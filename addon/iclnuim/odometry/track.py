@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from .protocol import Frame, Odometer, Result, Status, failure
+from .protocol import WRONG_DEG, WRONG_M, Frame, Odometer, Result, Status, failure
 
 #: Pose of a lost frame. hold: the last pose, and the reference does not change; constant-velocity: the last motion continues;
 #: restart: the last pose, and the lost frame is the new reference
@@ -26,6 +26,8 @@ MAX_LOST = 5
 PREDICTION_DECAY = 0.95
 #: A motion is extrapolated over at most this time: a second later a camera in the hand has moved 0.7 to 0.95 of that (all eight trajectories).
 MAX_EXTRAPOLATION_S = 1.0
+#: A DEGENERATE pose is an outlier if it is farther than this from the path between the poses around it: a third of what counts as wrong.
+OUTLIER_M, OUTLIER_DEG = WRONG_M / 3, WRONG_DEG / 3
 #: Output of an odometer's prepare() for a frame, or its equivalent for a rendered model, and T_world_camera of that frame.
 View = tuple[Any, SE3]
 
@@ -51,34 +53,43 @@ def rotated(T_world_one: SE3, T_world_other: SE3, min_deg: float) -> bool:
 class KeyframeReference(Reference):
     """A keyframe is used while the camera is within max_m and max_deg of it: drift accumulates per keyframe, not per frame.
 
-    The next keyframe is a frame from half that distance, not the last one. The baseline is then never too small to separate a
-    glass pane from the scene behind it by parallax. It is a frame with the status OK, if there is one: errors of a keyframe stay.
+    The next keyframe is a frame from half that distance on, not the last one. The baseline is then never too small to separate a
+    glass pane from the scene behind it by parallax. Errors of a keyframe stay. So it is a frame with the status OK, if there is one: the one
+    that adds the smallest variance per distance from the keyframe before, or the first one if variances are unknown.
     """
 
     def __init__(self, max_m: float = 0.2, max_deg: float = 10.0) -> None:
         self.max_m, self.max_deg = max_m, max_deg
         self.keyframe: View | None = None
         self.candidate: View | None = None
+        self.variance, self.far = math.inf, False  # the candidate's; whether the frame before was beyond the distance
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
         if self.keyframe is None:
             return self.restart(frame, prepared, T_world_camera)
-        current = prepared, T_world_camera
-        if not self._near(self.keyframe, T_world_camera, 1.0):
-            usable = self.candidate if self.candidate and self._near(self.candidate, T_world_camera, 1.0) else current
-            self.keyframe, self.candidate = usable, None
-        trusted = result is None or result.status is Status.OK
-        if trusted and self.candidate is None and not self._near(self.keyframe, T_world_camera, 0.5):
-            self.candidate = current
+        current, trusted = (prepared, T_world_camera), result is None or result.status is Status.OK
+        far = self._distance(self.keyframe, T_world_camera) >= 1.0
+        if far and (trusted or self.far):  # a single DEGENERATE frame may be an outlier
+            usable = self.candidate and self._distance(self.candidate, T_world_camera) < 1.0
+            self.keyframe = self.candidate if self.candidate and usable else current
+            self.candidate, far = None, False
+        self.far = far
+        distance = self._distance(self.keyframe, T_world_camera)
+        if trusted and distance >= 0.5:
+            variance = result.largest_sigma_m**2 / distance if result else math.nan
+            if self.candidate is None or variance < self.variance:
+                self.candidate, self.variance = current, variance
         return self.keyframe
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
-        self.keyframe, self.candidate = (prepared, T_world_camera), None
+        self.keyframe, self.candidate, self.far = (prepared, T_world_camera), None, False
         return self.keyframe
 
-    def _near(self, view: View, T_world_camera: SE3, share: float) -> bool:
-        moved_m = np.linalg.norm(T_world_camera.translation - view[1].translation)
-        return bool(moved_m < share * self.max_m) and not rotated(view[1], T_world_camera, share * self.max_deg)
+    def _distance(self, view: View, T_world_camera: SE3) -> float:
+        """Distance of the camera from a view: the larger one of translation and rotation, as shares of max_m and max_deg."""
+        moved_m = float(np.linalg.norm(T_world_camera.translation - view[1].translation))
+        turned_deg = math.degrees(so3.angle(view[1].rotation.T @ T_world_camera.rotation))
+        return max(moved_m / self.max_m, turned_deg / self.max_deg)
 
 
 class MatchesReference(Reference):
@@ -166,7 +177,8 @@ class Tracker:
     """Tracks frames one by one, with constant memory and time per frame. against: the reference; by default the odometer's own.
 
     Each alignment starts from a constant-velocity prediction, except after a lost frame. A frame that repeats the one before is not
-    aligned: it keeps the pose and is DEGENERATE, as is the first frame after it. Raises InputError for an unknown policy.
+    aligned: it keeps the pose and is DEGENERATE, as is the first frame after it, and a frame whose predecessor was a DEGENERATE outlier:
+    the motion between the two is wrong. Raises InputError for an unknown policy.
     """
 
     def __init__(
@@ -185,6 +197,8 @@ class Tracker:
         )  # the time of the pose T_view_camera, and how long the last motion took
         self.losses, self.repeated = 0, False
         self.assumed = False  # whether the pose of the view comes from the policy
+        self.good: tuple[float, SE3] | None = None  # stamp and pose of the last frame that was OK, if none was lost since then
+        self.doubtful: tuple[float, SE3] | None = None  # the same of the last tracked frame, if it was DEGENERATE
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
         """Track a frame, or record the reason why there is none as a lost frame."""
@@ -219,7 +233,18 @@ class Tracker:
         elif result.status is Status.OK and self.repeated:
             reason = "track: moved since the first of repeated frames, at an unknown time"
             result = replace(result, status=Status.DEGENERATE, reason=reason)
+        elif result.status is Status.OK and self._after_outlier(stamp_s, self.T_world_view @ result.T_reference_camera):
+            result = replace(result, status=Status.DEGENERATE, reason="track: the pose before was an outlier")
         return current, result
+
+    def _after_outlier(self, stamp_s: float, T_world_camera: SE3) -> bool:
+        """Whether the last tracked pose was DEGENERATE and is not on the path from the last one that was OK to this one."""
+        if self.good is None or self.doubtful is None:
+            return False
+        (good_s, T_world_good), (doubtful_s, T_world_doubtful) = self.good, self.doubtful
+        expected = T_world_good.interpolate(T_world_camera, (doubtful_s - good_s) / (stamp_s - good_s))
+        off_m = np.linalg.norm(expected.translation - T_world_doubtful.translation)
+        return bool(off_m > OUTLIER_M) or rotated(expected, T_world_doubtful, OUTLIER_DEG)
 
     def _predicted(self, stamp_s: float) -> SE3:
         """The last motion, for as long as the last pose is ago."""
@@ -235,11 +260,14 @@ class Tracker:
         if result.under_constrained:
             self.motion = SE3.exp(PREDICTION_DECAY * self.motion.log())
         pose = _rigid(self.T_world_view @ T_view_camera)
+        self.doubtful = None if result.status is Status.OK else (stamp_s, pose)
+        self.good = (stamp_s, pose) if result.status is Status.OK else self.good
         self._set_view(self.reference.renew(frame, current, pose, result), pose)
         return pose
 
     def _on_lost(self, stamp_s: float, frame: Frame | str, current: Any) -> SE3:
         self.losses += 1
+        self.good = None  # the pose of a lost frame is not measured, so neither is the path to it
         if self.policy == "constant-velocity":
             self.T_view_camera, self.pose_s = self.T_view_camera @ self._predicted(stamp_s), stamp_s
         pose = _rigid(self.T_world_view @ self.T_view_camera)
