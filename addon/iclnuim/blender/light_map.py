@@ -44,10 +44,11 @@ BOUNCES = {
 _VIEWPOINTS = 64
 #: The back of a surface gets no texels if less than this share of it is visible, relative to the front: it is seen only through cracks.
 _GLIMPSE = 0.02
-#: Side and samples of the coarse map.
-_COARSE_SIZE, _COARSE_SAMPLES = 1024, 16
+#: Side and samples of the coarse map. A gathered ray averages over its texels, so that with twice the samples frames are no closer to those of
+#: many samples (docs/light.md).
+_COARSE_SIZE, _COARSE_SAMPLES = 1024, 8
 _MAX_BOUNCES = 8
-#: Hidden texels get the samples divided by this: they are not shown, and a gathered ray averages over many of them.
+#: Hidden texels get the samples divided by this, for all lamps together: they are not shown, and a gathered ray averages over many of them.
 _HIDDEN_SHARE = 4
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
 
@@ -238,22 +239,20 @@ class _Points:
 
     def direct(self, sky: bool = True) -> np.ndarray:
         """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
-
-        def method(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int) -> np.ndarray:
-            together = samples < self.samples and TOGETHER
-            return light_sampling.direct(points_m, normals, samples, seed, list(bpy.data.materials), sky, together)
-
-        return self._sampled(method)
+        method = functools.partial(light_sampling.direct, materials=list(bpy.data.materials), sky=sky)
+        return self._sampled(method, functools.partial(method, together=True))
 
     def gathered(self, sky: bool = False) -> np.ndarray:
         """(2, N, 3) light from the surfaces of the open scene, see light_sampling.gathered."""
-        return self._sampled(light_sampling.gathered, sky=sky)
+        method = functools.partial(light_sampling.gathered, sky=sky)
+        return self._sampled(method, method)
 
-    def _sampled(self, method: Callable[..., np.ndarray], **further: object) -> np.ndarray:
+    def _sampled(self, method: Callable[..., np.ndarray], for_hidden: Callable[..., np.ndarray]) -> np.ndarray:
         visible = self.visible.ravel()[self.layout.texels.index]
         light = np.zeros((2, len(visible), 3), np.float32)
-        for rows, samples in ((visible, self.samples), (~visible, max(2, self.samples // _HIDDEN_SHARE))):
-            light[:, rows] = method(self.points_m[rows], self.normals[rows], samples, self.seed, **further)
+        hidden_samples = max(2, self.samples // _HIDDEN_SHARE)
+        for rows, sampled, samples in ((visible, method, self.samples), (~visible, for_hidden, hidden_samples)):
+            light[:, rows] = sampled(self.points_m[rows], self.normals[rows], samples, self.seed)
         return light
 
     def contrast(self, light: np.ndarray) -> np.ndarray:
