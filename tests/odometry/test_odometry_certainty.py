@@ -266,6 +266,54 @@ def test_a_reported_pose_becomes_no_keyframe_while_there_is_a_good_one():
     assert kept(bad=(2, 3)) == [0, 0, 0, 0, 4, 4, 4, 4, 6]  # none: the current one
 
 
+def test_the_next_keyframe_is_the_most_certain_frame_per_distance():
+    def kept(sigmas_m):
+        reference = KeyframeReference(max_m=0.02, max_deg=90)
+        results = (Result(SE3.identity(), largest_sigma_m=sigma_m) for sigma_m in sigmas_m)
+        return [reference.renew(None, i, SE3(np.eye(3), [0.004 * i, 0, 0]), r)[0] for i, r in enumerate(results)]
+
+    assert kept([1e-3] * 6)[-1] == 4  # as certain as the others and the farthest
+    assert kept([1e-3, 1e-3, 1e-3, 1e-3, 2e-3, 1e-3])[-1] == 3
+    assert kept([1e-3, 1e-3, 1e-3, 9e-3, 2e-3, 1e-3])[-1] == 4
+
+
+def test_a_single_outlier_becomes_no_keyframe():
+    def kept(places_m, bad):
+        reference, found = KeyframeReference(max_m=0.02, max_deg=90), []
+        for i, x in enumerate(places_m):
+            result = Result(SE3.identity(), Status.DEGENERATE if i in bad else Status.OK)
+            found.append(reference.renew(None, i, SE3(np.eye(3), [x, 0, 0]), result)[0])
+        return found
+
+    assert kept([0, 0.006, 0.5, 0.008], bad=(2,)) == [0, 0, 0, 0]
+    assert kept([0, 0.006, 0.5, 0.504], bad=(2, 3)) == [0, 0, 0, 3]  # the camera has gone there
+    assert kept([0, 0.006, 0.5, 0.008], bad=()) == [0, 0, 2, 3]
+
+
+def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wrong():
+    def states(places_m, bad):
+        class Placed:
+            name, reference = "placed", "frame"
+
+            def prepare(self, frame, camera):
+                return int(frame.stamp_s)
+
+            def align(self, one, other, guess):
+                T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
+                return Result(
+                    T, Status.DEGENERATE if other in bad else Status.OK, reason="test" if other in bad else ""
+                )
+
+        tracker = Tracker(Placed(), CAMERA)
+        frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(places_m))]
+        return [tracker.add(f.stamp_s, f).result.reason for f in frames]
+
+    outlier = "track: the pose before was an outlier"
+    assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", outlier, ""]
+    assert states([0, 1e-3, 3e-3, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", "", ""]
+    assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=()) == [""] * 5  # not doubted
+
+
 def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():
     reference = KeyframeReference(max_m=0.02, max_deg=90)
     for i, x in enumerate((0.0, 0.012, 0.5)):

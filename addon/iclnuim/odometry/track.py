@@ -197,7 +197,9 @@ class Tracker:
         )  # the time of the pose T_view_camera, and how long the last motion took
         self.losses, self.repeated = 0, False
         self.assumed = False  # whether the pose of the view comes from the policy
-        self.good: tuple[float, SE3] | None = None  # stamp and pose of the last frame that was OK, if none was lost since then
+        self.good: tuple[float, SE3] | None = (
+            None  # stamp and pose of the last frame that was OK, if none was lost since then
+        )
         self.doubtful: tuple[float, SE3] | None = None  # the same of the last tracked frame, if it was DEGENERATE
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
