@@ -205,19 +205,22 @@ def roughness(level: Level) -> float:
     return 1.0 - float(np.median(np.sum(one[both] * other[both], axis=-1))) if both.any() else 0.0
 
 
+_PAPER = PhotometricSettings(iterations=(10, 5, 4), min_gradients=(12, 5, 3), max_depth_m=13.0)
+
+
 class IcpRgbd(Icp):
-    """Settings: of the geometric term, whose iterations, stop and limits are used; of the photometric term; and the weight of the
-    photometric term on the right-hand side.
+    """Settings: of the geometric term, whose stop and limits are used, and whose iterations are those of planes alone; of the photometric
+    term, whose iterations are those of both terms; and the weight of the photometric term on the right-hand side.
     """
 
     name, reads_grey = "icp_rgbd", True
     PRESETS = {
-        "paper": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD**2),
+        "paper": (IcpSettings(), _PAPER, WEIGHT_RGBD**2),
         # a mistake in the code that the paper used: the matrix is weighted by w^2, the right-hand side by w
-        "kintinuous2013": (IcpSettings(), PhotometricSettings(min_gradients=(12, 5, 3), max_depth_m=13.0), WEIGHT_RGBD),
+        "kintinuous2013": (IcpSettings(), _PAPER, WEIGHT_RGBD),
         "best": (
-            replace(Icp.PRESETS["best"], iterations=(0, 2, 2, 2), strides=(1, 2, 1, 1)),
-            replace(Rgbd.PRESETS["best"], min_gradients=(12, 2, 3, 3), spread=75.0),
+            replace(Icp.PRESETS["best"], iterations=(0, 4, 3, 0), strides=(1, 2, 1, 1)),
+            replace(Rgbd.PRESETS["best"], iterations=(0, 2, 2, 2), min_gradients=(12, 2, 3, 3), spread=75.0),
             1.0,
         ),
     }
@@ -225,17 +228,23 @@ class IcpRgbd(Icp):
     def __init__(self, settings: tuple[IcpSettings, PhotometricSettings, float]) -> None:
         super().__init__(settings[0])
         _, self.photometric, self.weight_b = settings
+        self.iterations, self.alone = self.photometric.iterations, Icp(settings[0])
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
-        """The geometric term alone is used where the images have no contrast or are unrelated. Where both terms are information,
-        each is weighted by its own variance, independent of units. If the images do not fit at the guess, the alignment starts from a
-        corrected guess, from the guess itself, and from the guess without images; the one with the most matching points is returned.
+        """The geometric term alone is used where the images have no contrast or are unrelated, and on clean frames where it is more
+        certain than the images in every direction. Where both terms are information, each is weighted by its own variance,
+        independent of units. If the images do not fit at the guess, the alignment starts from a corrected guess, from the guess itself, and
+        from the guess without images; the one with the most matching points is returned.
         """
         if no_contrast(reference, current):
-            return super()._align_from(reference, current, guess)
+            return self.alone._align_from(reference, current, guess)
         rough, rendered, schedule = self.rough(current), reference[-1].rendered, self.schedule(reference)
         settings = self.photometric
         start = Start(guess, schedule) if rendered else initialise(reference, current, settings, schedule, guess)
+        if not (rough or rendered or start.poor):
+            alone, distance_m = self.alone._align_from(reference, current, guess)
+            if alone.status is Status.OK and self._outweighs(alone, reference, current, schedule):
+                return alone, distance_m
         planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in schedule}
         coarsest = planes[schedule[0][0]]
         if start.poor or rough and not rendered:
@@ -248,12 +257,20 @@ class IcpRgbd(Icp):
             if start.poor:  # a sudden motion, or contrast that moves in another way than the surfaces: mirrors close by
                 again = self._jointly(reference, current, start._replace(guess=guess), planes)
                 result, finest = max((result, finest), again, key=lambda found: found[0].inliers)
-                alone, _ = super()._align_from(reference, current, guess)
+                alone, _ = self.alone._align_from(reference, current, guess)
                 if alone.status is Status.OK and alone.inliers > MORE_INLIERS * result.inliers:
                     return alone, coarsest.first_m
         if result.status is not Status.FAILED and finest.unrelated():
-            return super()._align_from(reference, current, guess)
+            return self.alone._align_from(reference, current, guess)
         return start.checked(result), coarsest.first_m
+
+    def _outweighs(
+        self, alone: Result, reference: list[Level], current: list[Level], schedule: list[tuple[int, int]]
+    ) -> bool:
+        """Whether planes alone have more information than the images in every direction."""
+        passes, _ = photometric_passes(reference, current, self.photometric, schedule)
+        image = passes[-1].linearise(alone.T_reference_camera, 0)
+        return image.is_information and bool(np.linalg.eigvalsh(alone.information - image.A)[0] > 0)
 
     def _jointly(
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
