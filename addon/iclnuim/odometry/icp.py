@@ -7,6 +7,7 @@ the photometric term, T. Whelan et al., "Robust real-time visual odometry for de
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -28,6 +29,7 @@ from .solver import (
     Stop,
     System,
     pyramid,
+    relative_error,
     solve,
 )
 
@@ -52,6 +54,9 @@ MORE_INLIERS = 1.01
 #: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M: standard deviation of
 #: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
+#: Relative error of every motion from noisy frames, in its stated uncertainty. The offset of the noise `released`, 0.00155 a metre of inverse depth,
+#: makes an object at 1 to 3 m seem to move 0.3 to 0.9 % less.
+ROUGH_BIAS = 0.005
 
 
 @dataclass(frozen=True)
@@ -180,7 +185,7 @@ class Icp(PyramidOdometer):
         """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
         s, noise_share, schedule = self.settings, 1.0, self.schedule(reference)
         if self.rough(current):
-            limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE)
+            limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE, relative_error=ROUGH_BIAS)
             s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0, limits=limits), ROUGH_NOISE
         terms = [PlaneTerm(reference[n], current[n], s, n, noise_share) for n, _ in schedule]
         passes = [Pass(term, count, term.pixels, s.stop) for term, (_, count) in zip(terms, schedule, strict=True)]
@@ -296,9 +301,12 @@ class IcpRgbd(Icp):
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
-        passes[-1] = self._with_planes(passes[-1], planes[n], _components if rough else None)
+        passes[-1] = self._with_planes(
+            passes[-1], planes[n], partial(relative_error, share=ROUGH_ERROR) if rough else None
+        )
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
-        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
+        bias = ROUGH_BIAS if rough else 0.0
+        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m, relative_error=bias)
         return depth.checked(solve(passes, start.guess, limits)), finest
 
     def _with_planes(
@@ -319,9 +327,3 @@ class IcpRgbd(Icp):
 def _length(T: SE3) -> np.ndarray:
     """(6, 1): an error of the length of the motion T."""
     return ROUGH_ERROR * np.r_[T.translation, np.zeros(3)][:, None]
-
-
-def _components(T: SE3) -> np.ndarray:
-    """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation."""
-    twist = T.log()
-    return ROUGH_ERROR * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))

@@ -215,6 +215,12 @@ def small_twist(T_from: SE3, T_to: SE3) -> np.ndarray:
     return np.concatenate([T_to.translation - rotation @ T_from.translation, np.array(about) / 2])
 
 
+def relative_error(T: SE3, share: float) -> np.ndarray:
+    """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation, for System.with_error."""
+    twist = T.log()
+    return share * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))
+
+
 def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
     """(6, 6) matrix that maps a twist about the origin to the displacement of the point and the rotation times a length, in metres."""
     result = np.eye(6)
@@ -239,12 +245,14 @@ class Stop:
 class Limits:
     """A smaller share of inliers is a failure; a smaller eigenvalue (share, as smallest_eigenvalue) is degenerate.
 
-    prior_m: standard deviation of the motion about the constant-velocity prediction; 0: no prior.
+    prior_m: standard deviation of the motion about the constant-velocity prediction; 0: no prior. relative_error: further standard
+    deviation of the result, of each component relative to the norm of its translation or rotation.
     """
 
     min_inliers: float = 0.02
     min_eigenvalue: float = 0.0
     prior_m: float = 0.0
+    relative_error: float = 0.0
 
 
 #: (T_reference_current, iteration) -> equations; their count is the number of pixels used
@@ -307,7 +315,10 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
     step_m = float(np.linalg.norm(T.translation - guess.translation))
     if step_m > MAX_STEP_M:
         return failure(f"step: {step_m:.3f} m, more than {MAX_STEP_M} m")
-    smallest, sigma_m = system.smallest_eigenvalue(), system.largest_sigma_m()
+    smallest = system.smallest_eigenvalue()
+    if limits.relative_error:
+        system = system.with_error(relative_error(T, limits.relative_error))
+    sigma_m = system.largest_sigma_m()
     degenerate = smallest < limits.min_eigenvalue or sigma_m > MAX_SIGMA_M
     return Result(
         T,
