@@ -45,7 +45,7 @@ _VIEWPOINTS = 64
 #: The back of a surface gets no texels if less than this share of it is visible, relative to the front: it is seen only through cracks.
 _GLIMPSE = 0.02
 #: Side and samples of the coarse map. A gathered ray averages over its texels, so that with twice the samples frames are no closer to those of
-#: many samples (docs/light.md).
+#: many samples (addon/README.md).
 _COARSE_SIZE, _COARSE_SAMPLES = 1024, 8
 _MAX_BOUNCES = 8
 #: Hidden texels get the samples divided by this, for all lamps together: they are not shown, and a gathered ray averages over many of them.

@@ -54,7 +54,7 @@ MORE_INLIERS = 1.01
 #: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M: standard deviation of
 #: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
-#: Relative error of every motion from noisy frames, in its stated uncertainty. The offset of the noise `released`, 0.00155 a metre of inverse depth,
+#: Relative error of every motion from noisy frames, in its stated information. The offset of the noise `released`, 0.00155 a metre of inverse depth,
 #: makes an object at 1 to 3 m seem to move 0.3 to 0.9 % less.
 ROUGH_BIAS = 0.005
 
@@ -176,16 +176,17 @@ class Icp(PyramidOdometer):
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
         """The alignment from the guess. In `best`, if the guess is poor, also from an estimated rotation; the one with more inliers is returned."""
         result, distance_m = self._align_from(reference, current, guess)
-        if distance_m < POOR_M or not self.settings.two_normals:
-            return result
-        second, _ = self._align_from(reference, current, estimate_rotation(reference, current, self.settings, guess))
-        return second if second.inliers > result.inliers else result
+        if distance_m >= POOR_M and self.settings.two_normals:
+            rotated = estimate_rotation(reference, current, self.settings, guess)
+            second, _ = self._align_from(reference, current, rotated)
+            result = second if second.inliers > result.inliers else result
+        return with_bias(result) if self.rough(current) else result
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
         s, noise_share, schedule = self.settings, 1.0, self.schedule(reference)
         if self.rough(current):
-            limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE, relative_error=ROUGH_BIAS)
+            limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE)
             s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0, limits=limits), ROUGH_NOISE
         terms = [PlaneTerm(reference[n], current[n], s, n, noise_share) for n, _ in schedule]
         passes = [Pass(term, count, term.pixels, s.stop) for term, (_, count) in zip(terms, schedule, strict=True)]
@@ -200,6 +201,14 @@ def estimate_rotation(reference: list[Level], current: list[Level], settings: Ic
     term = PlaneTerm(reference[n], current[n], wide, n, max_distance_m=WIDE_DISTANCE_M)
     result = solve([Pass(term, WIDE_ITERATIONS, term.pixels, WIDE_STOP, rotation_only=True)], guess, WIDE_LIMITS)
     return guess if result.status is Status.FAILED else result.T_reference_camera
+
+
+def with_bias(result: Result) -> Result:
+    """The result whose stated information allows for ROUGH_BIAS. It does not make a motion degenerate: the bias is in no direction of its own."""
+    if result.status is Status.FAILED:
+        return result
+    system = System(result.information, np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
+    return replace(result, information=system.with_error(relative_error(result.T_reference_camera, ROUGH_BIAS)).A)
 
 
 def roughness(level: Level) -> float:
@@ -305,8 +314,7 @@ class IcpRgbd(Icp):
             passes[-1], planes[n], partial(relative_error, share=ROUGH_ERROR) if rough else None
         )
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
-        bias = ROUGH_BIAS if rough else 0.0
-        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m, relative_error=bias)
+        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
         return depth.checked(solve(passes, start.guess, limits)), finest
 
     def _with_planes(

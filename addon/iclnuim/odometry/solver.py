@@ -245,14 +245,12 @@ class Stop:
 class Limits:
     """A smaller share of inliers is a failure; a smaller eigenvalue (share, as smallest_eigenvalue) is degenerate.
 
-    prior_m: standard deviation of the motion about the constant-velocity prediction; 0: no prior. relative_error: further standard
-    deviation of the result, of each component relative to the norm of its translation or rotation.
+    prior_m: standard deviation of the motion about the constant-velocity prediction; 0: no prior.
     """
 
     min_inliers: float = 0.02
     min_eigenvalue: float = 0.0
     prior_m: float = 0.0
-    relative_error: float = 0.0
 
 
 #: (T_reference_current, iteration) -> equations; their count is the number of pixels used
@@ -315,10 +313,7 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
     step_m = float(np.linalg.norm(T.translation - guess.translation))
     if step_m > MAX_STEP_M:
         return failure(f"step: {step_m:.3f} m, more than {MAX_STEP_M} m")
-    smallest = system.smallest_eigenvalue()
-    if limits.relative_error:
-        system = system.with_error(relative_error(T, limits.relative_error))
-    sigma_m = system.largest_sigma_m()
+    smallest, sigma_m = system.smallest_eigenvalue(), system.largest_sigma_m()
     degenerate = smallest < limits.min_eigenvalue or sigma_m > MAX_SIGMA_M
     return Result(
         T,
