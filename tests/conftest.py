@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from iclnuim import checkout
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, for the test processes
 # tests start hundreds of processes: our modules are compiled once, even on a machine that keeps no bytecode
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

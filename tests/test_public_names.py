@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import inspect
+import os
 import subprocess
 import sys
 
@@ -37,6 +38,19 @@ def test_editors_see_the_same_names():
         for alias in node.names
     }
     assert seen == iclnuim._PLACES and set(seen) == set(iclnuim.__all__) - {"__version__"}
+
+
+def test_the_command_limits_the_threads_of_matrices_before_numpy_is_loaded():
+    """OpenBLAS reads the variable once, when numpy loads it; a value of the user is kept."""
+    program = "import os, sys; from iclnuim import checkout; checkout.load('iclnuim.headless', 'a test');"
+    program += "print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
+    for given, expected in ((None, "1"), ("2", "2")):
+        environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+        if given:
+            environment["OPENBLAS_NUM_THREADS"] = given
+        words = [sys.executable, "-c", program]
+        done = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
+        assert done.stdout.split() == [expected, "False"]
 
 
 def test_importing_the_package_and_listing_its_names_loads_nothing_heavy():
