@@ -431,7 +431,7 @@ MEASURED = (
         "docs/odometry.md",
         "odometry-speed",
         (
-            f"bench odometry ../shared/data/iclnuim/or_kt0 {_KT2}/clean {_KT2}/noisy --first 200 --plot docs/pictures/odometry.png",
+            f"bench odometry ../shared/data/iclnuim/or_kt0 {_KT2}/clean {_KT2}/noisy --first 120 --plot docs/pictures/odometry.png",
         ),
         _speed,
     ),
