@@ -4,6 +4,7 @@ OUT/recipe.json                                    versions, machine, the whole 
 OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD.json      one cell: its identity and its figures
 """
 
+import functools
 import os
 import platform
 import shutil
@@ -251,7 +252,12 @@ def _version(name: str) -> str | None:
         return __version__
     if name not in BASELINES:
         return None
-    package = PACKAGES[BASELINES[name][2].partition(".")[0]]
+    return _installed(PACKAGES[BASELINES[name][2].partition(".")[0]])
+
+
+@functools.cache
+def _installed(package: str) -> str | None:
+    """The installed version of a package, read once: every cell asks for it."""
     return versions(package)[package]
 
 

@@ -29,7 +29,6 @@ from .solver import (
     Stop,
     System,
     pyramid,
-    relative_error,
     solve,
 )
 
@@ -208,7 +207,7 @@ def with_bias(result: Result) -> Result:
     if result.status is Status.FAILED:
         return result
     system = System(result.information, np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
-    return replace(result, information=system.with_error(relative_error(result.T_reference_camera, ROUGH_BIAS)).A)
+    return replace(result, information=system.with_error(_components(result.T_reference_camera, ROUGH_BIAS)).A)
 
 
 def roughness(level: Level) -> float:
@@ -255,9 +254,9 @@ class IcpRgbd(Icp):
         rough, rendered, schedule = self.rough(current), reference[-1].rendered, self.schedule(reference)
         settings = self.photometric
         start = Start(guess, schedule) if rendered else initialise(reference, current, settings, schedule, guess)
-        if not (rough or rendered or start.poor):
+        if self.settings.two_normals and not (rough or rendered or start.poor):
             alone, distance_m = self.alone._align_from(reference, current, guess)
-            if alone.status is Status.OK and self._outweighs(alone, reference, current, schedule):
+            if alone.status is Status.OK and self._outweighs(alone, reference, current, schedule[-1:]):
                 return alone, distance_m
         planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in schedule}
         coarsest = planes[schedule[0][0]]
@@ -281,7 +280,7 @@ class IcpRgbd(Icp):
     def _outweighs(
         self, alone: Result, reference: list[Level], current: list[Level], schedule: list[tuple[int, int]]
     ) -> bool:
-        """Whether planes alone have more information than the images in every direction."""
+        """Whether planes alone have more information than the images in every direction, on the levels of `schedule`."""
         passes, _ = photometric_passes(reference, current, self.photometric, schedule)
         image = passes[-1].linearise(alone.T_reference_camera, 0)
         return image.is_information and bool(np.linalg.eigvalsh(alone.information - image.A)[0] > 0)
@@ -311,7 +310,7 @@ class IcpRgbd(Icp):
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
         passes[-1] = self._with_planes(
-            passes[-1], planes[n], partial(relative_error, share=ROUGH_ERROR) if rough else None
+            passes[-1], planes[n], partial(_components, share=ROUGH_ERROR) if rough else None
         )
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
@@ -335,3 +334,9 @@ class IcpRgbd(Icp):
 def _length(T: SE3) -> np.ndarray:
     """(6, 1): an error of the length of the motion T."""
     return ROUGH_ERROR * np.r_[T.translation, np.zeros(3)][:, None]
+
+
+def _components(T: SE3, share: float) -> np.ndarray:
+    """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation."""
+    twist = T.log()
+    return share * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))

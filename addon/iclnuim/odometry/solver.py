@@ -215,12 +215,6 @@ def small_twist(T_from: SE3, T_to: SE3) -> np.ndarray:
     return np.concatenate([T_to.translation - rotation @ T_from.translation, np.array(about) / 2])
 
 
-def relative_error(T: SE3, share: float) -> np.ndarray:
-    """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation, for System.with_error."""
-    twist = T.log()
-    return share * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))
-
-
 def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
     """(6, 6) matrix that maps a twist about the origin to the displacement of the point and the rotation times a length, in metres."""
     result = np.eye(6)

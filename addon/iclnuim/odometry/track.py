@@ -68,13 +68,12 @@ class KeyframeReference(Reference):
         if self.keyframe is None:
             return self.restart(frame, prepared, T_world_camera)
         current, trusted = (prepared, T_world_camera), result is None or result.status is Status.OK
-        far = self._distance(self.keyframe, T_world_camera) >= 1.0
-        if far and (trusted or self.far):  # a single DEGENERATE frame may be an outlier
-            usable = self.candidate and self._distance(self.candidate, T_world_camera) < 1.0
-            self.keyframe = self.candidate if self.candidate and usable else current
-            self.candidate, far = None, False
-        self.far = far
-        distance = self._distance(self.keyframe, T_world_camera)
+        distance, candidate = self._distance(self.keyframe, T_world_camera), self.candidate
+        if distance >= 1.0 and (trusted or self.far):  # a single DEGENERATE frame may be an outlier
+            usable = candidate if candidate and self._distance(candidate, T_world_camera) < 1.0 else current
+            self.keyframe, self.candidate = usable, None
+            distance = self._distance(usable, T_world_camera)
+        self.far = distance >= 1.0
         if trusted and distance >= 0.5:
             variance = result.largest_sigma_m**2 / distance if result else math.nan
             if self.candidate is None or variance < self.variance:
@@ -197,10 +196,9 @@ class Tracker:
         )  # the time of the pose T_view_camera, and how long the last motion took
         self.losses, self.repeated = 0, False
         self.assumed = False  # whether the pose of the view comes from the policy
-        self.good: tuple[float, SE3] | None = (
-            None  # stamp and pose of the last frame that was OK, if none was lost since then
-        )
-        self.doubtful: tuple[float, SE3] | None = None  # the same of the last tracked frame, if it was DEGENERATE
+        # stamp and pose of the last frame that was OK, if none was lost since then; of the last tracked frame, if it was DEGENERATE
+        self.good: tuple[float, SE3] | None = None
+        self.doubtful: tuple[float, SE3] | None = None
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
         """Track a frame, or record the reason why there is none as a lost frame."""
@@ -227,17 +225,21 @@ class Tracker:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
         guess = self.T_view_camera if self.losses else self.T_view_camera @ self._predicted(stamp_s)
         result = self.odometer.align(self.view, current, guess)
-        if result.status is Status.OK and frame.flat():  # such depth fits every motion that keeps its distance
-            result = replace(result, status=Status.DEGENERATE, reason="depth: the same value in all pixels")
-        elif result.status is Status.OK and self.assumed:
-            reason = "track: aligned with a lost frame, whose pose is not measured"
-            result = replace(result, status=Status.DEGENERATE, reason=reason)
-        elif result.status is Status.OK and self.repeated:
-            reason = "track: moved since the first of repeated frames, at an unknown time"
-            result = replace(result, status=Status.DEGENERATE, reason=reason)
-        elif result.status is Status.OK and self._after_outlier(stamp_s, self.T_world_view @ result.T_reference_camera):
-            result = replace(result, status=Status.DEGENERATE, reason="track: the pose before was an outlier")
+        if result.status is Status.OK and (doubt := self._doubt(stamp_s, frame, result)):
+            result = replace(result, status=Status.DEGENERATE, reason=doubt)
         return current, result
+
+    def _doubt(self, stamp_s: float, frame: Frame, result: Result) -> str:
+        """The reason why a pose that its odometer reports as OK is DEGENERATE; empty if there is none."""
+        if frame.flat():  # such depth fits every motion that keeps its distance
+            return "depth: the same value in all pixels"
+        if self.assumed:
+            return "track: aligned with a lost frame, whose pose is not measured"
+        if self.repeated:
+            return "track: moved since the first of repeated frames, at an unknown time"
+        if self._after_outlier(stamp_s, self.T_world_view @ result.T_reference_camera):
+            return "track: the pose before was an outlier"
+        return ""
 
     def _after_outlier(self, stamp_s: float, T_world_camera: SE3) -> bool:
         """Whether the last tracked pose was DEGENERATE and is not on the path from the last one that was OK to this one."""
@@ -262,8 +264,10 @@ class Tracker:
         if result.under_constrained:
             self.motion = SE3.exp(PREDICTION_DECAY * self.motion.log())
         pose = _rigid(self.T_world_view @ T_view_camera)
-        self.doubtful = None if result.status is Status.OK else (stamp_s, pose)
-        self.good = (stamp_s, pose) if result.status is Status.OK else self.good
+        if result.status is Status.OK:
+            self.good, self.doubtful = (stamp_s, pose), None
+        else:
+            self.doubtful = stamp_s, pose
         self._set_view(self.reference.renew(frame, current, pose, result), pose)
         return pose
 
