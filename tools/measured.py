@@ -14,9 +14,9 @@ import argparse
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
-import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,23 +35,9 @@ _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/p
 _STRESS_METHODS = "".join(
     f" --methods {name}" for name in ("fovis", "rgbd", "dvo", "icp", "icp_rgbd", "opencv", "plane", "intensity")
 )
-#: Perturbations that were added to the first ones, and have tables of their own.
-_ADDED = (
-    "smoke", "flicker", "moving_shadows", "emitter_dots", "lens_dirt", "people", "interference", "wrapped_phase", "few_zones",
-)  # fmt: skip
-_FIRST = tuple(
-    name
-    for name in tomllib.loads((TOP / "headless/stress/perturbations.toml").read_text())["perturbations"]
-    if name not in _ADDED
-)
 _STRESS = (
     f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --system fovis --system dvo --system orbslam3"
-    f" --set orbslam3.vocabulary=ORBvoc.txt --runs 3{_STRESS_METHODS}"
-    f" --plot docs/pictures/stress.png{''.join(f' --only {name}' for name in _FIRST)}"
-)
-_STRESS_ADDED = (
-    f"stress {_KT2}/clean out/office/kt1/clean --starts 1{_STRESS_METHODS}"
-    f"{''.join(f' --only {name}' for name in _ADDED)}"
+    f" --set orbslam3.vocabulary=ORBvoc.txt --runs 3{_STRESS_METHODS} --plot docs/pictures/stress.png"
 )
 _CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
 _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
@@ -83,6 +69,8 @@ class Measured:
     mark: str
     commands: tuple[str, ...]
     text: Callable[[Sequence[Any]], str]
+    #: A file of the commands' output that is published next to the page.
+    data: Path | None = None
 
     @property
     def begin(self) -> str:
@@ -463,10 +451,8 @@ MEASURED = (
         tuple(f"odometry {name} {place} --depth-offset 0.00155" for place in _NOISY for name in _BIASED),
         _offsets,
     ),
-    Measured("docs/stress.md", "stress-fails", (_STRESS,), _stress_fails),
+    Measured("docs/stress.md", "stress-fails", (_STRESS,), _stress_fails, Path("out/stress/stress.csv")),
     Measured("docs/stress.md", "stress-totals", (_STRESS,), _stress_totals),
-    Measured("docs/stress.md", "added-fails", (_STRESS_ADDED,), _stress_fails),
-    Measured("docs/stress.md", "added-totals", (_STRESS_ADDED,), _stress_totals),
     *(
         Measured("docs/curves.md", f"curve-{curve}", (_curve_command(curve, sequences, frames),), _curve(default))
         for curve, (sequences, frames, default) in _CURVES.items()
@@ -529,6 +515,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         page = TOP / measured.page
         text = measured.text([outputs[command] for command in measured.commands])
         page.write_text(replaced(page.read_text(), measured, text))
+        if measured.data:
+            shutil.copy(TOP / measured.data, page.parent)
         print(f"{measured.page}: {measured.mark}", file=sys.stderr)
     return 0
 

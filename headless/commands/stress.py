@@ -7,6 +7,7 @@ from pathlib import Path
 
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.files import make_folder
 from iclnuim.odometry.registry import NAMES
 
 from ..options import Console, common, count
@@ -44,6 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--starts", type=count, metavar="N", help="only the first N segments of each sequence; default: all three")
     add("--workers", type=count, metavar="N", help="number of processes; default: one per core")
     add("--report-only", action="store_true", help="table and pages of the existing cells; measure nothing")
+    help = "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or docs/stress.csv"
+    add("--cells", type=Path, metavar="FILE", help=help)
     help = (
         "print, for third-party odometers only, by how much errors grow at severities 1 and 2, and how many fail at 5"
     )
@@ -74,14 +77,16 @@ def run(args: argparse.Namespace, console: Console) -> None:
     # set before Open3D is loaded, as its results depend on the number of threads
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     from ..stress import pages
+    from ..stress.cells_file import chosen, read_cells, write_cells
     from ..stress.matrix import Base, Matrix
     from ..stress.summary import Summary
 
-    chosen = tuple(n for n in plan.perturbations if not args.only or any(text in n for text in args.only))
-    if not chosen:
+    perturbations = tuple(n for n in plan.perturbations if not args.only or any(t in n for t in args.only))
+    if not perturbations:
         raise InputError(f"part of a name of {', '.join(plan.perturbations)}", setting="--only", found=args.only[0])
+    given = read_cells(args.cells) if args.cells else {}
     folders = args.folders or [folder for folder in _DEFAULT if folder.is_dir()]
-    if not folders:
+    if not folders and not (given and args.report_only):
         raise InputError("a sequence", found="none", hint=f"{_DEFAULT[0]}, which `iclnuim make kt2` makes")
     bases = {base.name: base for base in map(Base.of, folders)}
     plan = replace(plan, frames=args.frames or plan.frames)
@@ -91,7 +96,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         bases=bases,
         methods=() if args.system and not args.methods else _methods(args, console),
         systems=_systems(args),
-        perturbations=chosen,
+        perturbations=perturbations,
         severities=args.severities,
         starts=args.starts,
         preset=args.preset,
@@ -100,10 +105,15 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if not args.report_only:
         progress = console.progress(matrix.missing(), "stress", "cells")
         matrix.run(args.workers or cores(), progress.advance)
-    summary = Summary.of(matrix)
-    if not summary.cells:
+    others = () if args.methods or args.system else sorted({method for _, method in given})
+    names = tuple(dict.fromkeys([*matrix.names, *others]))
+    cells = {**chosen(given, names, perturbations, args.severities, args.starts), **matrix.cells()}
+    if not cells:
         raise WorkError(f"{args.out}: no measured cells", hint="the same command without --report-only")
+    summary = Summary.of(plan, names, perturbations, cells)
+    make_folder(args.out, hint="another {out}")
     pages.write(summary, args.out)
+    write_cells(cells, args.out / "stress.csv")
     console.note(f"{args.out / 'stress.html'} written")
     if args.plot:
         from iclnuim.report import charts

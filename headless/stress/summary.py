@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from iclnuim.odometry.registry import BASELINES
 
-from .matrix import CLEAN, Matrix
+from .cells_file import Cells
+from .matrix import CLEAN
 from .plan import SEVERITIES, Plan
 
 #: Odometers of ours -> third-party ones of the same kind.
@@ -110,12 +111,13 @@ class Summary:
     cells: dict[tuple[str, str, int], Group]
 
     @classmethod
-    def of(cls, matrix: Matrix) -> "Summary":
+    def of(cls, plan: Plan, names: Iterable[str], perturbations: tuple[str, ...], cells: Cells) -> "Summary":
+        """Summary of the cells of the methods `names` that were measured, in this order."""
         found: dict[tuple[str, str, int], list[dict]] = defaultdict(list)
-        for (task, name), figures in matrix.cells().items():
+        for (task, name), figures in cells.items():
             found[name, task.perturbation, task.severity].append(figures)
-        methods = [name for name in matrix.names if any(key[0] == name for key in found)]
-        return cls(matrix.plan, methods, matrix.perturbations, {key: Group.of(some) for key, some in found.items()})
+        methods = [name for name in names if any(key[0] == name for key in found)]
+        return cls(plan, methods, perturbations, {key: Group.of(some) for key, some in found.items()})
 
     def row(self, method: str, perturbation: str) -> list[Group | None]:
         """The groups of severities 0 to 5."""

@@ -61,6 +61,45 @@ def test_cells_of_another_version_of_a_package_are_made_again(command_here, fold
     assert again and again == {file for file in stamps if "/icp" in file}
 
 
+def test_cells_of_a_file_are_reported_without_being_measured(command_here, folder, tmp_path, monkeypatch):
+    """The published cells give the same table in a folder without sequences, and next to other cells."""
+    words = ("--only", "holes", "--severities", "1,5", *SMALL, "--quiet")
+    assert command_here("stress", folder, "-o", tmp_path / "first", *words)[0] == 0
+    code, table, _ = command_here("stress", folder, "-o", tmp_path / "first", *words, "--report-only")
+    published = tmp_path / "first" / "stress.csv"
+    monkeypatch.chdir(tmp_path)
+    copied = ("stress", "--cells", published, "--report-only")
+    assert command_here(*copied, "-o", tmp_path / "second", *words)[:2] == (0, table) == (code, table)
+    assert (tmp_path / "second/stress.csv").read_bytes() == published.read_bytes()
+    some = ("--only", "holes", "--severities", "5", "--methods", "opencv-icp", "--quiet")
+    _, json_text, _ = command_here(*copied, "-o", tmp_path / "third", *some, "--json")
+    assert {(c["method"], c["severity"]) for c in json.loads(json_text)["cells"]} == {
+        ("baseline:opencv-icp", 0),
+        ("baseline:opencv-icp", 5),
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("method,", "", ":1: expected the columns sequence,start,"),
+        (",True,", ",yes,", "expected figures of a cell, found"),
+        (",6,1,", ",6,nan,", "expected figures of a cell, found"),
+        (",6,1,", ",,1,", "expected figures of a cell, found"),
+        (",holes,5,", ",holes,", "values, found"),
+    ],
+)
+def test_a_damaged_file_of_cells_is_named_with_its_line(command_here, folder, tmp_path, old, new, message):
+    words = ("-o", tmp_path / "out", "--only", "holes", "--severities", "5", *SMALL, "--quiet")
+    assert command_here("stress", folder, *words)[0] == 0
+    text = (tmp_path / "out/stress.csv").read_text()
+    assert old in text
+    file = tmp_path / "damaged.csv"
+    file.write_text(text.replace(old, new, 1))
+    code, _, err = command_here("stress", "--cells", file, "--report-only", *words)
+    assert code == 2 and f"{file}:" in err and message in err
+
+
 def test_the_calibration_names_what_was_not_measured(command_here, folder, tmp_path):
     words = ("stress", folder, "-o", tmp_path / "out", *SMALL)
     assert command_here(*words, "--only", "holes", "--severities", "1,2,5", "--quiet")[0] == 0
