@@ -30,7 +30,7 @@ _SIXTEEN = [
 ]
 _SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dvo")
 _NOISY = [place for place in _SIXTEEN if place.endswith("/noisy")]
-_BIASED = ("rgbd", "icp_rgbd")
+_BIASED = ("icp", "rgbd", "icp_rgbd")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _STRESS_METHODS = "".join(
     f" --methods {name}" for name in ("fovis", "rgbd", "dvo", "icp", "icp_rgbd", "opencv", "plane", "intensity")

@@ -72,17 +72,35 @@ def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy
     assert result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0  # no other rule flags it
 
 
-@pytest.mark.parametrize("rendered", [False, True])
-def test_planes_of_a_noisy_frame_join_last_and_those_of_a_rendered_model_in_all_passes(rendered, monkeypatch):
+@pytest.mark.parametrize(("rendered", "calibrated"), [(False, False), (True, False), (False, True)])
+def test_planes_of_a_sensor_join_last_unless_its_offset_is_known_or_they_are_of_a_model(
+    rendered, calibrated, monkeypatch
+):
     method, asked = odometer("icp_rgbd"), []
-    one, two = (method.prepare(view(i, ROOM, 0.003, BIG), BIG) for i in range(2))
-    assert method.rough(two)
+    frames = (replace(view(i, ROOM, 0.003, BIG), calibrated=calibrated) for i in range(2))
+    one, two = (method.prepare(frame, BIG) for frame in frames)
+    assert method.rough(two) and method.biased(two) is not calibrated
     for name in ("_jointly", "_image_first"):
         way = getattr(method, name)
         monkeypatch.setattr(method, name, lambda *args, name=name, way=way: asked.append(name) or way(*args))
     result = method.align([replace(level, rendered=rendered) for level in one], two, SE3.identity())
-    assert asked == (["_jointly"] if rendered else ["_image_first"])
+    assert asked == (["_jointly"] if rendered or calibrated else ["_image_first"])
     assert np.linalg.norm((STEP.inverse() @ result.T_reference_camera).translation) < 0.002
+
+
+def test_a_known_offset_is_removed_and_the_motion_is_stated_more_certain():
+    """The offset shortens the motion; once it is subtracted, neither the motion nor its stated information has an allowance for it."""
+    offset = 0.01
+    frames = [view(i, ROOM, 0.003, BIG) for i in range(2)]
+    shifted = [replace(f, depth_z_m=f.depth_z_m / (1 + offset * f.depth_z_m)) for f in frames]
+    known = [Frame.of(f.grey, f.depth_z_m, f.stamp_s, depth_offset=offset) for f in shifted]
+    assert np.allclose(known[1].depth_z_m, frames[1].depth_z_m, rtol=1e-5) and known[1].calibrated
+    errors, information = [], []
+    for pair in (shifted, known):
+        result = run("icp", pair, BIG)[1].result
+        errors.append(np.linalg.norm((STEP.inverse() @ result.T_reference_camera).log()))
+        information.append(np.trace(result.information))
+    assert errors[1] < errors[0] and information[1] > information[0]
 
 
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():

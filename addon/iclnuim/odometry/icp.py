@@ -49,8 +49,8 @@ WEIGHT_RGBD = 0.1
 #: Where the images do not fit at the prediction, planes alone are trusted if this many times as many points match. At the same motion the
 #: counts differ by less than 0.1 %.
 MORE_INLIERS = 1.01
-#: For noisy frames. ROUGH_ERROR: relative error of a motion from planes, because depth is biased, and noise of depth and normals
-#: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M: standard deviation of
+#: For noisy frames whose offset of depth is not known. ROUGH_ERROR: relative error of a motion from planes, because depth is biased, and noise
+#: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M, for all noisy frames: standard deviation of
 #: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
 #: Relative error of every motion from noisy frames, in its stated information. The offset of the noise `released`, 0.00155 a metre of inverse depth,
@@ -172,6 +172,16 @@ class Icp(PyramidOdometer):
         """Whether prepare() classified the frame as noisy."""
         return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
+    def biased(self, levels: list[Level]) -> bool:
+        """Whether the frame is noisy and the offset of its depth is not known."""
+        return self.rough(levels) and not levels[0].calibrated
+
+    def plane_settings(self, levels: list[Level]) -> tuple[IcpSettings, float]:
+        """The settings of the planes of a frame, and the share of the disagreement of normals that counts as noise."""
+        if not self.rough(levels):
+            return self.settings, 1.0
+        return replace(self.settings, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0), ROUGH_NOISE
+
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
         """The alignment from the guess. In `best`, if the guess is poor, also from an estimated rotation; the one with more inliers is returned."""
         result, distance_m = self._align_from(reference, current, guess)
@@ -179,17 +189,15 @@ class Icp(PyramidOdometer):
             rotated = estimate_rotation(reference, current, self.settings, guess)
             second, _ = self._align_from(reference, current, rotated)
             result = second if second.inliers > result.inliers else result
-        return with_bias(result) if self.rough(current) else result
+        return with_bias(result) if self.biased(current) else result
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
-        s, noise_share, schedule = self.settings, 1.0, self.schedule(reference)
-        if self.rough(current):
-            limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE)
-            s, noise_share = replace(s, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0, limits=limits), ROUGH_NOISE
+        (s, noise_share), schedule = self.plane_settings(current), self.schedule(reference)
         terms = [PlaneTerm(reference[n], current[n], s, n, noise_share) for n, _ in schedule]
         passes = [Pass(term, count, term.pixels, s.stop) for term, (_, count) in zip(terms, schedule, strict=True)]
-        return solve(passes, guess, s.limits), terms[0].first_m
+        limits = replace(s.limits, min_eigenvalue=ROUGH_EIGENVALUE) if self.rough(current) else s.limits
+        return solve(passes, guess, limits), terms[0].first_m
 
 
 def estimate_rotation(reference: list[Level], current: list[Level], settings: IcpSettings, guess: SE3) -> SE3:
@@ -251,21 +259,22 @@ class IcpRgbd(Icp):
         """
         if no_contrast(reference, current):
             return self.alone._align_from(reference, current, guess)
-        rough, rendered, schedule = self.rough(current), reference[-1].rendered, self.schedule(reference)
+        biased, rendered, schedule = self.biased(current), reference[-1].rendered, self.schedule(reference)
         settings = self.photometric
         start = Start(guess, schedule) if rendered else initialise(reference, current, settings, schedule, guess)
-        if self.settings.two_normals and not (rough or rendered or start.poor):
+        if self.settings.two_normals and not (self.rough(current) or rendered or start.poor):
             alone, distance_m = self.alone._align_from(reference, current, guess)
             if alone.status is Status.OK and self._outweighs(alone, reference, current, schedule[-1:]):
                 return alone, distance_m
-        planes = {n: PlaneTerm(reference[n], current[n], self.settings, n) for n, _ in schedule}
+        rule, noise_share = self.plane_settings(current)
+        planes = {n: PlaneTerm(reference[n], current[n], rule, n, noise_share) for n, _ in schedule}
         coarsest = planes[schedule[0][0]]
-        if start.poor or rough and not rendered:
+        if start.poor or biased and not rendered:
             coarsest(guess, 0)  # for the distance between the surfaces at the guess
             result, finest = self._image_first(reference, current, start, planes)
             if result.status is not Status.FAILED:
                 start = start._replace(guess=result.T_reference_camera)
-        if rendered or not rough:
+        if rendered or not biased:
             result, finest = self._jointly(reference, current, start, planes)
             if start.poor:  # a sudden motion, or contrast that moves in another way than the surfaces: mirrors close by
                 again = self._jointly(reference, current, start._replace(guess=guess), planes)
@@ -288,29 +297,26 @@ class IcpRgbd(Icp):
     def _jointly(
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
     ) -> tuple[Result, PhotometricTerm]:
-        """Both terms in all passes: for clean frames, and against a model, whose planes are better than those of a noisy frame."""
-        rough = self.rough(current)
+        """Both terms in all passes: for depth without bias, and against a model, whose planes are better than those of a noisy frame."""
         passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
         levels = [n for n, _ in start.schedule]
         levels += levels[-1:] * (len(passes) - len(levels))
-        error = _length if rough else None
+        error = _length if self.biased(current) else None
         joint = [self._with_planes(p, planes[n], error) for n, p in zip(levels, passes, strict=True)]
-        prior_m = ROUGH_PRIOR_M if rough else self.settings.limits.prior_m
+        prior_m = ROUGH_PRIOR_M if self.rough(current) else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
         return solve(joint, start.guess, limits), finest
 
     def _image_first(
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
     ) -> tuple[Result, PhotometricTerm]:
-        """As `Rgbd`, with the planes in the last pass: for noisy frames, whose planes give a biased motion, and for a guess after a
-        poor prediction.
-        """
-        rough, n = self.rough(current), start.schedule[-1][0]
+        """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a poor prediction."""
+        biased, n = self.biased(current), start.schedule[-1][0]
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
         passes[-1] = self._with_planes(
-            passes[-1], planes[n], partial(_components, share=ROUGH_ERROR) if rough else None
+            passes[-1], planes[n], partial(_components, share=ROUGH_ERROR) if biased else None
         )
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)

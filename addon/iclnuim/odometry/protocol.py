@@ -22,15 +22,21 @@ WRONG_M, WRONG_DEG = 0.02, 1.0
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar depth in metres with 0 = missing, and the time stamp."""
+    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar depth in metres with 0 = missing, and the time stamp.
+
+    calibrated: the constant offset of the sensor's inverse depth has been subtracted.
+    """
 
     grey: np.ndarray
     depth_z_m: np.ndarray
     stamp_s: float
+    calibrated: bool = False
 
     @classmethod
-    def of(cls, image: np.ndarray, depth_z_m: np.ndarray, stamp_s: float) -> "Frame":
+    def of(cls, image: np.ndarray, depth_z_m: np.ndarray, stamp_s: float, *, depth_offset: float = 0.0) -> "Frame":
         """A frame from a colour (h, w, 3) or grey image (h, w) in 0..255; NaN, infinite and negative depth count as missing.
+
+        depth_offset (1/m), if it is not 0, is subtracted from inverse depth.
 
         Raises InputError if the two images differ in size.
         """
@@ -40,8 +46,11 @@ class Frame:
         depth_z_m = np.asarray(depth_z_m, np.float32)
         if image.shape != depth_z_m.shape:
             raise InputError(f"depth of the image's size {image.shape}", found=depth_z_m.shape)
+        if depth_offset:
+            depth_z_m = depth_z_m / (1 - depth_offset * depth_z_m)
         usable = np.isfinite(depth_z_m) & (depth_z_m > 0)
-        return cls(np.ascontiguousarray(image), np.where(usable, depth_z_m, np.float32(0)), float(stamp_s))
+        depth_z_m = np.where(usable, depth_z_m, np.float32(0))
+        return cls(np.ascontiguousarray(image), depth_z_m, float(stamp_s), bool(depth_offset))
 
     def fault(self, camera: PinholeCamera) -> str:
         """The reason why this frame cannot be tracked with `camera`; empty if tracking can be attempted."""

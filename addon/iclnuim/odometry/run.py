@@ -64,9 +64,7 @@ class Sequence:
         for pair in self.pairs[:first]:
             try:
                 rgb, depth_z_m = self.images(pair)
-                if self.depth_offset:
-                    depth_z_m /= 1 - self.depth_offset * depth_z_m
-                yield pair.stamp_s, Frame.of(rgb, depth_z_m, pair.stamp_s)
+                yield pair.stamp_s, Frame.of(rgb, depth_z_m, pair.stamp_s, depth_offset=self.depth_offset)
             except InputError as error:
                 yield pair.stamp_s, f"image: {error}"
 

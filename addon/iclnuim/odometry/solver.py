@@ -38,6 +38,7 @@ class Level:
     camera: PinholeCamera
     normal_step: int = 1
     rendered: bool = False  # a view of a model of many frames
+    calibrated: bool = False  # Frame.calibrated
 
     @cached_property
     def _gradient_points(self) -> dict[tuple, tuple]:
@@ -80,14 +81,14 @@ def pyramid(
 ) -> list[Level]:
     """Levels, fine to coarse. Depth is halved by kernels.halve_depth(), or by the 3x3 median of every second pixel."""
     grey, z = frame.grey, frame.depth_z_m
-    result = [Level(grey, z, camera, normal_step)]
+    result = [Level(grey, z, camera, normal_step, calibrated=frame.calibrated)]
     for _ in range(levels - 1):
         if min(camera.width, camera.height) < MIN_SIDE:
             break
         camera = camera.halved()
         grey = kernels.halve_grey(grey)
         z = kernels.halve_depth_median(z) if median_depth else kernels.halve_depth(z)
-        result.append(Level(grey, z, camera, normal_step))
+        result.append(replace(result[0], grey=grey, depth_z_m=z, camera=camera))
     return result
 
 
