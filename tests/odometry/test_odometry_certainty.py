@@ -100,6 +100,16 @@ def test_a_known_offset_is_removed():
     assert errors[1] < 0.1 * errors[0]
 
 
+@pytest.mark.parametrize(("calibrated", "share"), [(False, 0.005), (True, 0.002)])
+def test_the_stated_deviation_of_a_noisy_frame_allows_for_the_bias_of_its_depth(calibrated, share):
+    """Many pixels with independent errors do not make the length of a motion more certain than the sensor's scale."""
+    frames = [replace(view(i, ROOM, 0.001, BIG), calibrated=calibrated) for i in (0, 8)]
+    result = run("icp", frames, BIG)[1].result
+    t = result.T_reference_camera.translation
+    stated = np.sqrt(t @ np.linalg.inv(result.information)[:3, :3] @ t) / (t @ t)
+    assert share < stated < 1.5 * share
+
+
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
     frames = [view(i, WALL, 0.003) for i in range(3)]
     two = run("icp", frames)[-1].result.smallest_eigenvalue

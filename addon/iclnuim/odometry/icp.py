@@ -54,8 +54,8 @@ MORE_INLIERS = 1.01
 #: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
 #: Relative error of every motion from noisy frames, in its stated information. The offset of the noise `released`, 0.00155 a metre of inverse depth,
-#: makes an object at 1 to 3 m seem to move 0.3 to 0.9 % less; with the offset subtracted, motions are 0.2 % too short to 0.2 % too long.
-ROUGH_BIAS = 0.005
+#: makes an object at 1 to 3 m seem to move 0.3 to 0.9 % less. With the offset subtracted, motions are 0.2 % too short to 0.2 % too long.
+ROUGH_BIAS, CALIBRATED_BIAS = 0.005, 0.002
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,9 @@ class Icp(PyramidOdometer):
             rotated = estimate_rotation(reference, current, self.settings, guess)
             second, _ = self._align_from(reference, current, rotated)
             result = second if second.inliers > result.inliers else result
-        return with_bias(result) if self.rough(current) else result
+        if not self.rough(current):
+            return result
+        return with_bias(result, CALIBRATED_BIAS if current[0].calibrated else ROUGH_BIAS)
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
@@ -210,12 +212,12 @@ def estimate_rotation(reference: list[Level], current: list[Level], settings: Ic
     return guess if result.status is Status.FAILED else result.T_reference_camera
 
 
-def with_bias(result: Result) -> Result:
-    """The result whose stated information allows for ROUGH_BIAS. It does not make a motion degenerate: the bias is in no direction of its own."""
+def with_bias(result: Result, share: float) -> Result:
+    """The result whose stated information allows for a relative error of the motion. It does not make a motion degenerate: the bias is in no direction of its own."""
     if result.status is Status.FAILED:
         return result
     system = System(result.information, np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
-    return replace(result, information=system.with_error(_components(result.T_reference_camera, ROUGH_BIAS)).A)
+    return replace(result, information=system.with_error(_components(result.T_reference_camera, share)).A)
 
 
 def roughness(level: Level) -> float:
