@@ -268,7 +268,8 @@ class IcpRgbd(Icp):
             alone, distance_m = self.alone._align_from(reference, current, guess)
             if alone.status is Status.OK and self._outweighs(alone, reference, current, schedule[-1:]):
                 return alone, distance_m
-        rule, noise_share = self.plane_settings(current)
+        # planes of biased depth have a relative error that is larger than their noise
+        rule, noise_share = (self.settings, 1.0) if biased else self.plane_settings(current)
         planes = {n: PlaneTerm(reference[n], current[n], rule, n, noise_share) for n, _ in schedule}
         coarsest = planes[schedule[0][0]]
         if start.poor or biased and not rendered:
