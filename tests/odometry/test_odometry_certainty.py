@@ -79,7 +79,7 @@ def test_planes_of_a_sensor_join_last_unless_its_offset_is_known_or_they_are_of_
     method, asked = odometer("icp_rgbd"), []
     frames = (replace(view(i, ROOM, 0.003, BIG), calibrated=calibrated) for i in range(2))
     one, two = (method.prepare(frame, BIG) for frame in frames)
-    assert method.rough(two) and method.biased(two) is not calibrated
+    assert method.rough(two) and method.biased(one, two) is not calibrated
     for name in ("_jointly", "_image_first"):
         way = getattr(method, name)
         monkeypatch.setattr(method, name, lambda *args, name=name, way=way: asked.append(name) or way(*args))

@@ -172,9 +172,9 @@ class Icp(PyramidOdometer):
         """Whether prepare() classified the frame as noisy."""
         return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
-    def biased(self, levels: list[Level]) -> bool:
-        """Whether the frame is noisy and the offset of its depth is not known."""
-        return self.rough(levels) and not levels[0].calibrated
+    def biased(self, reference: list[Level], current: list[Level]) -> bool:
+        """Whether the frame is noisy, and the offset of its depth is not known or the reference is a model."""
+        return self.rough(current) and (reference[-1].rendered or not current[0].calibrated)
 
     def plane_settings(self, levels: list[Level]) -> tuple[IcpSettings, float]:
         """The settings of the planes of a frame, and the share of the disagreement of normals that counts as noise."""
@@ -261,7 +261,7 @@ class IcpRgbd(Icp):
         """
         if no_contrast(reference, current):
             return self.alone._align_from(reference, current, guess)
-        biased, rendered, schedule = self.biased(current), reference[-1].rendered, self.schedule(reference)
+        biased, rendered, schedule = self.biased(reference, current), reference[-1].rendered, self.schedule(reference)
         settings = self.photometric
         start = Start(guess, schedule) if rendered else initialise(reference, current, settings, schedule, guess)
         if self.settings.two_normals and not (self.rough(current) or rendered or start.poor):
@@ -304,7 +304,7 @@ class IcpRgbd(Icp):
         passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
         levels = [n for n, _ in start.schedule]
         levels += levels[-1:] * (len(passes) - len(levels))
-        error = _length if self.biased(current) else None
+        error = _length if self.biased(reference, current) else None
         joint = [self._with_planes(p, planes[n], error) for n, p in zip(levels, passes, strict=True)]
         prior_m = ROUGH_PRIOR_M if self.rough(current) else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
@@ -314,7 +314,7 @@ class IcpRgbd(Icp):
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
     ) -> tuple[Result, PhotometricTerm]:
         """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a poor prediction."""
-        biased, n = self.biased(current), start.schedule[-1][0]
+        biased, n = self.biased(reference, current), start.schedule[-1][0]
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
