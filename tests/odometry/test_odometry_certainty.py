@@ -8,7 +8,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.odometry import kernels  # noqa: E402
+from iclnuim.odometry import icp, kernels  # noqa: E402
 from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information  # noqa: E402
 from iclnuim.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
 from iclnuim.odometry.icp import Icp  # noqa: E402
@@ -86,6 +86,16 @@ def test_planes_of_a_sensor_join_last_unless_its_offset_is_known_or_they_are_of_
     result = method.align([replace(level, rendered=rendered) for level in one], two, SE3.identity())
     assert asked == (["_jointly"] if rendered or calibrated else ["_image_first"])
     assert np.linalg.norm((STEP.inverse() @ result.T_reference_camera).translation) < 0.002
+
+
+def test_the_least_share_of_matching_pixels_of_a_noisy_frame_is_that_of_images(monkeypatch):
+    """Planes have points everywhere, but few pixels of a wall have contrast: with the planes' share such a frame was lost, and a wrong motion followed."""
+    method, limits = odometer("icp_rgbd"), []
+    monkeypatch.setattr(icp, "solve", lambda passes, guess, some: limits.append(some) or solve(passes, guess, some))
+    one, two = (method.prepare(view(i, ROOM, 0.003, BIG), BIG) for i in range(2))
+    assert method.align(one, two, SE3.identity()).status is Status.OK
+    assert [some.min_inliers for some in limits] == [method.photometric.limits.min_inliers]
+    assert method.photometric.limits.min_inliers < method.settings.limits.min_inliers
 
 
 def test_a_known_offset_is_removed():

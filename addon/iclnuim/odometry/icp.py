@@ -322,7 +322,7 @@ class IcpRgbd(Icp):
             passes[-1], planes[n], partial(_components, share=ROUGH_ERROR) if biased else None
         )
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
-        limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
+        limits = replace(settings.limits, prior_m=prior_m)
         return depth.checked(solve(passes, start.guess, limits)), finest
 
     def _with_planes(
