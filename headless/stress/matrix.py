@@ -169,7 +169,7 @@ class Matrix:
 
     def _run_system(self, task: Task, system: System) -> None:
         """Run an external system on the perturbed frames, written as a sequence; the cell is that of the run with the median ATE."""
-        work = self.out / "work" / task.place
+        work = self.out / "work" / system.name / task.place  # another command may run another system at the same time
         segment = self.segment(task)
         write_sequence(_source(segment), work / "frames")
         truth = sample(segment.truth, _stamps_s(segment))
