@@ -173,8 +173,8 @@ class Icp(PyramidOdometer):
         return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
     def biased(self, reference: list[Level], current: list[Level]) -> bool:
-        """Whether the frame is noisy, and the offset of its depth is not known or the reference is a model."""
-        return self.rough(current) and (reference[-1].rendered or not current[0].calibrated)
+        """Whether planes give a biased motion: those of two noisy frames whose offset of depth is not known. A model's are averages."""
+        return self.rough(current) and not (reference[-1].rendered or current[0].calibrated)
 
     def plane_settings(self, levels: list[Level]) -> tuple[IcpSettings, float]:
         """The settings of the planes of a frame, and the share of the disagreement of normals that counts as noise."""
@@ -268,16 +268,16 @@ class IcpRgbd(Icp):
             alone, distance_m = self.alone._align_from(reference, current, guess)
             if alone.status is Status.OK and self._outweighs(alone, reference, current, schedule[-1:]):
                 return alone, distance_m
-        # planes of biased depth have a relative error that is larger than their noise
-        rule, noise_share = (self.settings, 1.0) if biased else self.plane_settings(current)
+        # biased planes, and those against a model, get a relative error that is larger than their noise
+        rule, noise_share = (self.settings, 1.0) if biased or rendered else self.plane_settings(current)
         planes = {n: PlaneTerm(reference[n], current[n], rule, n, noise_share) for n, _ in schedule}
         coarsest = planes[schedule[0][0]]
-        if start.poor or biased and not rendered:
+        if start.poor or biased:
             coarsest(guess, 0)  # for the distance between the surfaces at the guess
             result, finest = self._image_first(reference, current, start, planes)
             if result.status is not Status.FAILED:
                 start = start._replace(guess=result.T_reference_camera)
-        if rendered or not biased:
+        if not biased:
             result, finest = self._jointly(reference, current, start, planes)
             if start.poor:  # a sudden motion, or contrast that moves in another way than the surfaces: mirrors close by
                 again = self._jointly(reference, current, start._replace(guess=guess), planes)
@@ -304,7 +304,7 @@ class IcpRgbd(Icp):
         passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
         levels = [n for n, _ in start.schedule]
         levels += levels[-1:] * (len(passes) - len(levels))
-        error = _length if self.biased(reference, current) else None
+        error = _length if self.rough(current) and reference[-1].rendered else None
         joint = [self._with_planes(p, planes[n], error) for n, p in zip(levels, passes, strict=True)]
         prior_m = ROUGH_PRIOR_M if self.rough(current) else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
