@@ -250,6 +250,10 @@ def test_a_point_seen_from_one_place_of_64_is_found(tmp_path):
     assert (light_sampling.seen(points_m, above, places_m, 3) > 0).mean() > 0.995
     assert not light_sampling.seen(points_m, above, np.delete(places_m, 17, 0), 3).any()
     assert light_sampling.seen(points_m, below, places_m, 3).all()
+    left = points_m[:, 0] < 0  # called hidden after the first samples, which find about 4 of 64
+    some = light_sampling.seen(points_m, above, places_m, 3, hidden=lambda found: left) > 0
+    assert some[~left].mean() > 0.995
+    assert 0.01 < some[left].mean() < 0.2
 
 
 def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):

@@ -1,7 +1,7 @@
 """Noise goes, light stays: edges of shadows, borders of charts, and the energy of rare bright paths."""
 
 import numpy as np
-from iclnuim.lightmap.denoise import denoise, fill, luminance, next_to_known
+from iclnuim.lightmap.denoise import denoise, fill, grown, luminance, next_to_known
 
 SIZE = 96
 
@@ -55,6 +55,17 @@ def test_rare_bright_paths_leave_no_specks_and_no_light_is_lost():
     mean = (a + b).mean() / 2
     assert abs(out.mean() / mean - 1) < 0.02
     assert luminance(out).max() < 3 * mean
+
+
+def test_a_mask_grows_by_steps_within_its_chart():
+    chart, *_ = flat_room(2)
+    chart[:10] = -1
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[12, 46] = mask[80, 10] = True
+    row, column = np.mgrid[:SIZE, :SIZE]
+    near = [np.maximum(abs(row - y), abs(column - x)) <= 3 for y, x in ((12, 46), (80, 10))]
+    assert (grown(mask, chart, 3) == ((near[0] | near[1]) & (chart == 0))).all()
+    assert (grown(mask, chart, 0) == mask).all()
 
 
 def test_filling_takes_light_of_the_same_chart_only():

@@ -28,7 +28,7 @@ from ..errors import IclnuimError, InputError, WorkError
 from ..formats.exr import write_exr
 from ..formats.files import read_bytes, read_json, sha256, write_json
 from ..job import LIGHT_FILES, RenderJob, bake_core_s, shipped_light
-from ..lightmap.denoise import contrast, denoise, fill, next_to_known
+from ..lightmap.denoise import contrast, denoise, fill, grown, next_to_known
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
 from ..shipped import cache_folder as cache_folder
@@ -51,6 +51,9 @@ _MAX_BOUNCES = 8
 #: Hidden texels get the samples divided by this, for all lamps together: they are not shown, and a gathered ray averages over many of them.
 _HIDDEN_SHARE = 4
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
+#: A dark texel is hidden without further tests if its chart has at least this number of texels, and none of them within this number of steps
+#: was found visible by the first tests.
+_LARGE_CHART, _NEAR_STEPS = 64, 4
 
 
 def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
@@ -131,13 +134,13 @@ def _make(
     report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
     layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), chosen["coarse_size"])
-    seen = light_sampling.seen(*layout.points(), places, seed)
+    seen = _seen(layout, places, seed)
     wanted, exposure = _seen_sides(layout, seen, shows, translucent)
     coarse = _Points(layout, seen > 0, places, chosen["coarse_samples"], seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
     layout = lay_out(whole, wanted, chosen["size"], exposure, coarse.contrast(first))
-    seen = light_sampling.seen(*layout.points(), places, seed + 1)
+    seen = _seen(layout, places, seed + 1)
     fine = _Points(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
@@ -176,6 +179,19 @@ def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterato
 
 def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
     return MapLayout(*layout.uv(), tuple(len(part.mesh.loops) for part in found))
+
+
+def _seen(layout: Layout, places: np.ndarray, seed: int) -> np.ndarray:
+    """(N,) light of lamps at the cameras' places on each texel, see light_sampling.seen."""
+    texels = layout.texels
+    chart = texels.image(texels.chart, -1)
+    large = np.bincount(texels.chart)[texels.chart] >= _LARGE_CHART
+
+    def hidden(found: np.ndarray) -> np.ndarray:
+        near = grown(texels.image(found, False), chart, _NEAR_STEPS)
+        return large & ~near.ravel()[texels.index]
+
+    return light_sampling.seen(*layout.points(), places, seed, hidden)
 
 
 def _seen_sides(
@@ -230,9 +246,9 @@ class _Points:
         share = np.array(_STEPS_INTO_VIEW)[:, None, None]
         points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        seen = light_sampling.seen(points.reshape(-1, 3), normals.reshape(-1, 3), places, self.seed) > 0
-        seen = seen.reshape(points.shape[:2])
-        seen[-1] = True  # the visible texel itself
+        seen = np.ones(points.shape[:2], bool)  # the last is the visible texel itself
+        tested = light_sampling.seen(points[:-1].reshape(-1, 3), normals[:-1].reshape(-1, 3), places, self.seed)
+        seen[:-1] = tested.reshape(seen[:-1].shape) > 0
         first = seen.argmax(0), np.arange(len(hidden))
         self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
         self.visible.ravel()[hidden] = True

@@ -213,18 +213,29 @@ def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: n
     return fronts
 
 
-def seen(points_m: np.ndarray, normals: np.ndarray, places_m: np.ndarray, seed: int) -> np.ndarray:
+def seen(
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    places_m: np.ndarray,
+    seed: int,
+    hidden: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
     """(n,) light of point lamps at the places on each point; 0 if no light reaches its front. Light passes through glass.
 
     This light decreases with distance and angle like the number of pixels that a surface fills in the images of cameras at these places. Cycles
     distributes the samples of a point evenly over the lamps, so that one sample for each place finds nearly all visible points.
+
+    hidden: from the points that a few samples found, (n,) bool, those of the others that need no more samples.
     """
     light = np.zeros(len(points_m), np.float32)
     if not len(places_m):
         return light + 1
     with _only_lamps(bpy.context.scene, places_m):
         for repeat, samples in enumerate(_TESTS):
-            dark = np.flatnonzero(light == 0)
+            dark = light == 0
+            if repeat and hidden is not None:
+                dark &= ~hidden(~dark)
+            dark = np.flatnonzero(dark)
             for part in batches(len(dark)):
                 rows = dark[part]
                 with target(points_m[rows], normals[rows]) as irradiance:

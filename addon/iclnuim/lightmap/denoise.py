@@ -143,6 +143,14 @@ def next_to_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.
     return rows, nearest.ravel()[rows]
 
 
+def grown(mask: np.ndarray, chart: np.ndarray, steps: int) -> np.ndarray:
+    """(h, w) bool: the texels of `mask` (h, w), and those within `steps` neighbours of them in the same chart; chart (h, w), -1 outside."""
+    same = [(step, (chart >= 0) & (shifted(chart, *step, -2) == chart)) for step in _NEIGHBOURS]
+    for _ in range(steps):
+        mask = np.logical_or.reduce([mask, *(alike & shifted(mask, *step, False) for step, alike in same)])
+    return mask
+
+
 def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Fill unknown texels with the mean of their known neighbours in the same chart, `steps` times.
 
