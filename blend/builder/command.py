@@ -14,9 +14,14 @@ from typing import Any
 
 import numpy as np
 from iclnuim.blender import output
+from iclnuim.dataset.frames import read_frame
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
+from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.options import Console, action, subcommands
+from iclnuim.job import RenderJob
+from iclnuim.render import render_frames
 from iclnuim.sensor.transfer import srgb8
 from iclnuim.shipped import SCENES
 
@@ -66,7 +71,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="folder for the pictures; default: scene_compare",
     )
     compare.add_argument(
-        "--samples", type=int, default=128, metavar="N", help="path-traced samples per pixel; default: 128"
+        "--samples",
+        type=int,
+        metavar="N",
+        help="path traced with N samples per pixel; default: as `make` renders, with baked light",
     )
 
 
@@ -82,7 +90,7 @@ def _build(args: argparse.Namespace, console: Console) -> int:
     if not out.parent.is_dir():
         raise InputError("a folder to write into", path=out.parent, found="no such folder", hint="--out FILE")
     with output.blender_output_in(Path(os.devnull)):  # the import of bpy may print
-        _blender_room("scene").open_empty()
+        _scene_room().open_empty()
         build_scene(args.name, seed=args.seed, detail=args.detail)
         from . import stage
 
@@ -91,6 +99,14 @@ def _build(args: argparse.Namespace, console: Console) -> int:
     figures["bytes"] = out.stat().st_size
     console.result(figures, "\n".join(f"{k:16} {v}" for k, v in figures.items()))
     return 0
+
+
+def _scene_room() -> Any:
+    try:
+        from iclnuim.blender import scene
+    except ImportError as error:
+        raise blender_missing("scene", error) from None
+    return scene
 
 
 def _save(path: Path) -> None:
@@ -128,27 +144,17 @@ def _write(content: bytes, path: Path) -> None:
     path.write_bytes(content)
 
 
-def _rendered(views: Any, samples_dir: Path, samples: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield (number, scene-linear RGB, planar Z) of the official views, path traced and denoised, one ray through each
-    pixel centre.
-    """
-    with output.blender_output_in(Path(os.devnull)):
-        rooms = map(_blender_room, ("scene", "camera", "settings", "frames", "compat"))
-        scene, camera, settings, frames, compat = rooms
-    from iclnuim.geometry.camera import PinholeCamera
-    from iclnuim.job import RenderJob
-
+def _rendered(views: Any, samples_dir: Path, path_samples: int | None) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Yield (number, scene-linear RGB, planar Z) of the official views, rendered like the frames of `make`, or path traced with `path_samples`."""
     with tempfile.TemporaryDirectory() as folder:
-        with output.blender_output_in(Path(os.devnull)):
-            scene.open_scene(views.scene)
-            camera.keyframe(views.poses(samples_dir), PinholeCamera())
-            job = RenderJob("compare", views.scene, views.trajectory, light="path", samples=samples)
-            settings.apply(job.changed(denoise=compat.has_denoiser()))
-        for number in views.frames:
-            raw = Path(folder) / f"{number}.exr"
-            with output.blender_output_in(Path(os.devnull)):
-                frames.render(number, raw)
-            yield (number, *frames.read(raw, raw))
+        poses, file = views.poses(samples_dir)[list(views.frames)], Path(folder) / "poses.txt"
+        write_trajectory(file, Trajectory(np.array(views.frames) / 30.0, poses), "tum")
+        job = RenderJob("compare", views.scene, str(file))
+        if path_samples is not None:
+            job = job.changed(light="path").changed(samples=path_samples)
+        run = render_frames(job, Path(folder) / "run")
+        for frame, number in enumerate(views.frames):
+            yield (number, *read_frame(run.frame_file(frame), run.camera))
 
 
 def _ratio_table(sequence: str, figures: dict) -> str:
@@ -160,15 +166,6 @@ def _ratio_table(sequence: str, figures: dict) -> str:
             f"{r['gradient']:>7.3f}  {r['grey']:.3f}  {depths}"
         )
     return "\n".join(lines)
-
-
-def _blender_room(name: str) -> Any:
-    import importlib
-
-    try:
-        return importlib.import_module(f"iclnuim.blender.{name}")
-    except ImportError as error:
-        raise blender_missing("scene", error) from None
 
 
 def _benchmark(name: str) -> Any:
