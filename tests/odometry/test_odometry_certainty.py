@@ -326,7 +326,7 @@ def test_a_single_outlier_becomes_no_keyframe():
 
 
 def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wrong():
-    def states(places_m, bad):
+    def states(places_m, bad, lost=()):
         class Placed:
             name, reference = "placed", "frame"
 
@@ -341,12 +341,14 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
 
         tracker = Tracker(Placed(), CAMERA)
         frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(places_m))]
-        return [tracker.add(f.stamp_s, f).result.reason for f in frames]
+        return [tracker.add(i, "no image" if i in lost else f).result.reason for i, f in enumerate(frames)]
 
     outlier = "track: the pose before was an outlier"
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", outlier, ""]
     assert states([0, 1e-3, 3e-3, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", "", ""]
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=()) == [""] * 5  # not doubted
+    assert states([0, 1e-3, 2e-2, 2e-2, 3e-3, 4e-3], bad=(2,), lost=(3,)) == ["", "", "test", "no image", outlier, ""]
+    assert states([0, 1e-3, 2e-3, 2e-3, 4e-3, 5e-3], bad=(2,), lost=(3,)) == ["", "", "test", "no image", "", ""]
 
 
 def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():
@@ -500,3 +502,5 @@ def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_a
     )
     np.testing.assert_allclose(found[6].T_world_camera.matrix, found[3].T_world_camera.matrix, atol=1e-12)
     assert error_m(found) < (0.01 if name == "fovis" else 0.002)
+    interrupted = list(track(odometer(name), BIG, [*frames[:7], (6.5 / 30, "no image"), *frames[7:]]))
+    assert [k for k, f in enumerate(interrupted) if f.result.status is not Status.OK] == [4, 5, 6, 7, 8]

@@ -176,7 +176,7 @@ class Tracker:
     """Tracks frames one by one, with constant memory and time per frame. against: the reference; by default the odometer's own.
 
     Each alignment starts from a constant-velocity prediction, except after a lost frame. A frame that repeats the one before is not
-    aligned: it keeps the pose and is DEGENERATE, as is the first frame after it, and a frame whose predecessor was a DEGENERATE outlier:
+    aligned: it keeps the pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was a DEGENERATE outlier:
     the motion between the two is wrong. Raises InputError for an unknown policy.
     """
 
@@ -196,7 +196,7 @@ class Tracker:
         )  # the time of the pose T_view_camera, and how long the last motion took
         self.losses, self.repeated = 0, False
         self.assumed = False  # whether the pose of the view comes from the policy
-        # stamp and pose of the last frame that was OK, if none was lost since then; of the last tracked frame, if it was DEGENERATE
+        # stamp and pose of the last frame that was OK, if no pose was assumed since then; of the last tracked frame, if it was DEGENERATE
         self.good: tuple[float, SE3] | None = None
         self.doubtful: tuple[float, SE3] | None = None
 
@@ -212,7 +212,7 @@ class Tracker:
             self.last, pose = None, self._on_lost(stamp_s, frame, current)
         else:
             self.last, pose = frame, self._tracked(stamp_s, frame, current, result)
-        self.repeated = False
+            self.repeated = False
         return Tracked(stamp_s, pose, replace(result, seconds=time.perf_counter() - started))
 
     def _aligned(self, stamp_s: float, frame: Frame | str) -> tuple[Any, Result]:
@@ -273,13 +273,13 @@ class Tracker:
 
     def _on_lost(self, stamp_s: float, frame: Frame | str, current: Any) -> SE3:
         self.losses += 1
-        self.good = None  # the pose of a lost frame is not measured, so neither is the path to it
         if self.policy == "constant-velocity":
             self.T_view_camera, self.pose_s = self.T_view_camera @ self._predicted(stamp_s), stamp_s
         pose = _rigid(self.T_world_view @ self.T_view_camera)
         if not isinstance(frame, str) and current is not None and (self.policy == "restart" or self.losses >= MAX_LOST):
             self._set_view(self.reference.restart(frame, current, pose), pose)
             self.assumed, self.pose_s = True, stamp_s
+            self.good = None  # the path to an assumed pose is not measured
         return pose
 
     def _set_view(self, view: tuple[Any, SE3], pose: SE3) -> None:
