@@ -130,10 +130,9 @@ class Matrix:
             if some:
                 self._track_all(some, workers, progress)
         for task in self.tasks():
-            for system in self.systems:
-                if self._missing(task, [label(system)]):
-                    self._run_system(task, system)
-                    progress(1)
+            missing = set(self._missing(task, map(label, self.systems)))
+            if systems := [system for system in self.systems if label(system) in missing]:
+                self._run_systems(task, systems, progress)
 
     def _track_all(self, tasks: list[Task], workers: int, progress: Callable[[int], object]) -> None:
         _one_thread()
@@ -167,24 +166,30 @@ class Matrix:
             self._write(task, name, cell(poses, segment.truth, bounds, not task.severity, extra))
         return len(missing)
 
-    def _run_system(self, task: Task, system: System) -> None:
-        """Run an external system on the perturbed frames, written as a sequence; the cell is that of the run with the median ATE."""
-        work = self.out / "work" / system.name / task.place  # another command may run another system at the same time
+    def _run_systems(self, task: Task, systems: list[System], progress: Callable[[int], object]) -> None:
+        """Run external systems on the perturbed frames, which are written once, as a sequence."""
+        # another command may run other systems at the same time
+        work = self.out / "work" / "+".join(system.name for system in systems) / task.place
         segment = self.segment(task)
         write_sequence(_source(segment), work / "frames")
-        truth = sample(segment.truth, _stamps_s(segment))
         staged = StagedSequence.of(work / "frames")
+        truth = Trajectory(staged.stamps_s, sample(segment.truth, _stamps_s(segment)))
+        for system in systems:
+            self._write(task, label(system), self._run_system(task, system, staged, truth, work))
+            progress(1)
+        shutil.rmtree(work)
+
+    def _run_system(self, task: Task, system: System, staged: StagedSequence, truth: Trajectory, work: Path) -> Cell:
+        """The cell of the run with the median ATE."""
         experiment = Experiment(system, staged, work)
         runs = self._runs(system)
-        experiment.run(runs, 60.0 + len(segment.numbers))
+        experiment.run(runs, 60.0 + len(staged.pairs))
         name = next(iter(system.trajectories)) if "live" not in system.trajectories else "live"
         found = []
         for number in range(1, runs + 1):
             file = experiment.folder / f"run_{number}" / "matched" / f"{name}.txt"
-            poses = Poses.of_file(_read(file), staged.stamps_s)
-            found.append(cell(poses, Trajectory(staged.stamps_s, truth), self.plan.bounds, not task.severity))
-        self._write(task, label(system), _median_cell(found))
-        shutil.rmtree(work)
+            found.append(cell(Poses.of_file(_read(file), staged.stamps_s), truth, self.plan.bounds, not task.severity))
+        return _median_cell(found)
 
     def _runs(self, system: System) -> int:
         return 1 if system.settings.deterministic else self.runs
