@@ -9,10 +9,10 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.odometry import icp, kernels  # noqa: E402
-from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information  # noqa: E402
+from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information, spread_information  # noqa: E402
 from iclnuim.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
 from iclnuim.odometry.icp import Icp  # noqa: E402
-from iclnuim.odometry.photometric import Dvo  # noqa: E402
+from iclnuim.odometry.photometric import Dvo, PhotometricTerm, Tiles  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
 from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
 from iclnuim.odometry.solver import MAX_SIGMA_M, Limits, Pass, Stop, System, solve  # noqa: E402
@@ -150,6 +150,48 @@ def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_no
         twist = np.linalg.solve(system.A, system.b)
         nees.append(twist @ system.A @ twist / 6)
     assert 0.5 < np.mean(nees) < 2
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_the_image_is_less_certain_only_in_directions_in_which_its_blocks_disagree(moves):
+    """Independent errors; one of the blocks may see something that moves sideways (the second component of the twist)."""
+    rng, blocks = np.random.default_rng(3), np.repeat(np.arange(ACROSS * DOWN, dtype=np.int16), 400)
+    J = rng.normal(size=(len(blocks), 6)).astype(np.float32)
+    r = rng.normal(size=len(blocks)).astype(np.float32) + moves * 2 * J[:, 1] * (blocks == 5)
+    points, sums = rng.normal(size=(len(blocks), 3)).astype(np.float32), np.empty((ACROSS * DOWN, 34))
+    points -= points.mean(axis=0)
+    kernels.block_sums(points, J, r, J, r, 1.0, 0.0, blocks, sums)
+    system = System.of_sums(sums.sum(axis=0))
+    known, spread = system.as_information(10.0), spread_information(system, sums[:, :27], 0.0, 10.0, 1e-12)
+    share = np.diag(spread.A) / np.diag(known.A)
+    assert share[1] < 0.2 if moves else share[1] == 1
+    assert (share[[0, 2, 3, 4, 5]] > 0.8).all()
+
+
+def test_blocks_of_tiles_add_up_to_the_equations_of_the_motion():
+    reference, current = (odometer("rgbd").prepare(view(i, ROOM, camera=BIG), BIG)[1] for i in range(2))
+    term = PhotometricTerm(reference, current, odometer("rgbd").settings, 1, tiles=Tiles())
+    for firm in (False, True):
+        term(STEP, 0, firm)
+        system = term.tiles.eliminated(term.sums, firm)
+        blocks = System.of_sums(np.pad(term.tiles.block_sums().sum(axis=0), (0, 7)))
+        np.testing.assert_allclose(blocks.A, system.A, rtol=1e-9, atol=1e-9 * np.abs(system.A).max())
+        np.testing.assert_allclose(blocks.b, system.b, rtol=1e-9, atol=1e-9 * np.abs(system.b).max())
+
+
+def beside_the_camera(i):
+    """A corner with little contrast, and in the middle tenth of the view a textured object that keeps its distance of 1 m from the camera."""
+    corner, (x, y, _) = view(i, ROOM, camera=BIG), np.moveaxis(BIG.rays(), -1, 0)
+    near = np.maximum(abs(x) * BIG.fx / BIG.width, abs(y) * BIG.fy / BIG.height) < np.sqrt(0.1) / 2
+    texture = 128 + 60 * np.sin(40 * x) * np.sin(50 * y) + 40 * np.sin(90 * x + 20 * y)
+    grey, depth = np.where(near, texture, 90 + 0.3 * corner.grey), np.where(near, 1, corner.depth_z_m)
+    return Frame.of(np.round(grey), np.round(depth * 5000) / 5000, i / 30)
+
+
+def test_an_object_that_moves_along_does_not_outvote_the_planes_with_its_texture():
+    """Most of the contrast is on the object. Blocks of the image disagree about the motion, and planes decide."""
+    found = run("icp_rgbd", [beside_the_camera(i) for i in range(6)], BIG)
+    assert error_m(found) < 0.002
 
 
 def test_a_motion_that_depth_contradicts_is_as_uncertain_as_it_is_off():

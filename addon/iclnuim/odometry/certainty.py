@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,18 +30,47 @@ def jackknife_information(system: System, sums: np.ndarray, nu: float) -> System
     computed along each eigenvector of the centred A, and is at least the variance for pixels with independent errors. The
     information of Student's t is (nu + 1) / (nu + 3) of the sum of its weights.
     """
-    A_centred, G = system.centred()
-    values, vectors = np.linalg.eigh(A_centred)
-    A, b = G @ sums.take(SYMMETRIC, axis=1) @ G.T, sums[:, 21:27] @ G.T
-    total, total_b = A.sum(axis=0), b.sum(axis=0)
-    total += np.eye(6) * (1e-6 * np.trace(total) + 1e-12)  # a bare wall leaves directions unobservable
-    steps = np.linalg.solve(total - A, (total_b - b)[..., None])[..., 0] - np.linalg.solve(total, total_b)
-    observable = values > RANK_TOLERANCE * max(values[-1], 1e-30)
-    error = max(system.error, 1e-12)
-    variance_factor = np.square(steps @ total @ vectors).sum(axis=0) / np.where(observable, values * error, np.inf)
-    variance_factor = np.maximum(variance_factor * (((nu + 3) / (nu + 1)) ** 2 if nu > 0 else 1.0), 1.0)
-    G_inverse, right = np.linalg.solve(G, vectors), vectors.T @ (G @ system.b)
-    weights = observable / (variance_factor * error)
-    return replace(
-        system, A=(G_inverse * (weights * values)) @ G_inverse.T, b=G_inverse @ (weights * right), is_information=True
-    )
+    axes, error = _Axes.of(system), max(system.error, 1e-12)
+    return axes.information(system, np.maximum(axes.jackknife(sums, nu, error), 1.0), error)
+
+
+def spread_information(system: System, sums: np.ndarray, nu: float, spread: float, least_error: float) -> System:
+    """`system.as_information(spread, least_error)`, but with the jackknife's variance in directions where that is larger; sums: A and b of
+    the blocks, (blocks, 27) or more columns."""
+    axes, error = _Axes.of(system), max(system.error, least_error)
+    factor = axes.jackknife(sums, nu, error)
+    if (factor <= spread).all():
+        return system.as_information(spread, least_error)
+    return axes.information(system, np.maximum(factor, spread), error)
+
+
+class _Axes(NamedTuple):
+    """Eigenvalues (6,) and eigenvectors (6, 6) of the centred A, which of them are observable, and G of System.centred()."""
+
+    values: np.ndarray
+    vectors: np.ndarray
+    observable: np.ndarray
+    G: np.ndarray
+
+    @classmethod
+    def of(cls, system: System) -> "_Axes":
+        A_centred, G = system.centred()
+        values, vectors = np.linalg.eigh(A_centred)
+        return cls(values, vectors, values > RANK_TOLERANCE * max(values[-1], 1e-30), G)
+
+    def jackknife(self, sums: np.ndarray, nu: float, error: float) -> np.ndarray:
+        """The jackknife's variance along each axis (6,), as a multiple of that for pixels with independent errors of mean square `error`."""
+        A, b = self.G @ sums.take(SYMMETRIC, axis=1) @ self.G.T, sums[:, 21:27] @ self.G.T
+        total, total_b = A.sum(axis=0), b.sum(axis=0)
+        total += np.eye(6) * (1e-6 * np.trace(total) + 1e-12)  # a bare wall leaves directions unobservable
+        steps = np.linalg.solve(total - A, (total_b - b)[..., None])[..., 0] - np.linalg.solve(total, total_b)
+        independent = np.where(self.observable, self.values * error, np.inf)
+        factor = np.square(steps @ total @ self.vectors).sum(axis=0) / independent
+        return factor * (((nu + 3) / (nu + 1)) ** 2 if nu > 0 else 1.0)
+
+    def information(self, system: System, factor: np.ndarray, error: float) -> System:
+        """`system` with A and b as information, if the variance along each axis is `factor` (6,) times that of independent errors."""
+        G_inverse, right = np.linalg.solve(self.G, self.vectors), self.vectors.T @ (self.G @ system.b)
+        weights = self.observable / (factor * error)
+        A = (G_inverse * (weights * self.values)) @ G_inverse.T
+        return replace(system, A=A, b=G_inverse @ (weights * right), is_information=True)

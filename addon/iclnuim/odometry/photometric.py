@@ -27,7 +27,7 @@ import numpy as np
 from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from . import kernels
+from . import certainty, kernels
 from .depth_term import FIRM, LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .protocol import Frame, Result, Status, failure
 from .solver import Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, small_twist, solve
@@ -46,6 +46,8 @@ MIN_FIT, ITERATIONS_FACTOR = 0.9, 4
 MIN_PIXELS = 30
 #: Tiles of the image (columns, rows).
 ACROSS, DOWN = 16, 12
+#: Row and column of each element of the upper triangle of A (21,).
+UPPER = np.triu_indices(6)
 #: Number of pixels of a tile that share one error.
 TILE_SPREAD = 25.0
 #: Maximum change of a factor in an iteration.
@@ -95,6 +97,7 @@ class Tiles:
         self.factor = np.ones(ACROSS * DOWN)
         self.scale_ambiguity = 1.0  # scale_ambiguity() of the motion
         self._equations: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._eliminated: tuple[np.ndarray, ...] = ()
         self._T, self._error = SE3.identity(), 0.0
 
     def update(self, T: SE3) -> None:
@@ -125,9 +128,19 @@ class Tiles:
         self._equations = slopes, tile_information, tile_rhs
         scales = weights + (1.0 - weights) * self.scale_ambiguity
         share = slopes * (scales / tile_information)[:, None]
+        self._eliminated = sums, scales, share, slopes, tile_rhs
         system = System.of_sums(scales @ sums[:, :34])
         self._error, count = system.error, float(weights @ sums[:, 29])
         return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ tile_rhs, count=count)
+
+    def block_sums(self) -> np.ndarray:
+        """A (upper triangle) and b of the last equations, by block of the image (certainty.ACROSS * certainty.DOWN, 27)."""
+        (sums, scales, share, slopes, tile_rhs), (row, column) = self._eliminated, UPPER
+        tiles = scales[:, None] * sums[:, :27]
+        tiles[:, :21] -= share[:, row] * slopes[:, column]
+        tiles[:, 21:] -= share * tile_rhs[:, None]
+        grid = (certainty.DOWN, DOWN // certainty.DOWN, certainty.ACROSS, ACROSS // certainty.ACROSS, 27)
+        return tiles.reshape(grid).sum(axis=(1, 3)).reshape(-1, 27)
 
 
 class PhotometricTerm:
@@ -177,7 +190,12 @@ class PhotometricTerm:
             system = self.tiles.eliminated(self.sums, firm)
         else:
             system = System.of_sums(kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, nu))
-        system = system.as_information(self.settings.spread, ROUNDED)
+        if self.tiles and not self.depth and self.settings.spread:
+            # no depth selects the tiles: an object that moves may be in some of them
+            sums = self.tiles.block_sums()
+            system = certainty.spread_information(system, sums, nu, self.settings.spread, ROUNDED)
+        else:
+            system = system.as_information(self.settings.spread, ROUNDED)
         if self.depth and self.tiles and not firm:
             geometry = self.depth.evaluate(T)
             self.tiles.scale_ambiguity = scale_ambiguity(geometry, T.translation)
