@@ -45,6 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if frames were lost: notes name them, and the trajectory leaves them out."""
+    if not args.method and not args.all and not args.folder.exists():
+        raise InputError("a METHOD and a folder with a sequence, or --all and a folder", found=args.folder)
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     require("odometry", "numba", "cv2")
