@@ -65,6 +65,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")
+    _note_separate_truth(runs[0], console)
     figures = [done.to_dict() for done in runs]
     try:  # files first: standard output may be closed
         if recording:
@@ -76,6 +77,18 @@ def run(args: argparse.Namespace, console: Console) -> None:
             _write_and_draw(runs, args, console)
     finally:
         console.result({"runs": figures}, table(figures))
+
+
+def _note_separate_truth(run: "Run", console: Console) -> None:
+    """Print a note if the ground truth and the frames do not overlap in time, so that no error can be computed."""
+    if run.truth is None or not run.frames:
+        return
+    (first, last), (begin, end) = (
+        (stamps_s[0], stamps_s[-1]) for stamps_s in (run.truth.stamps_s, [one.stamp_s for one in run.frames])
+    )
+    if first > end or last < begin:
+        spans = f"poses at {first:.3f}..{last:.3f} s, images at {begin:.3f}..{end:.3f} s"
+        console.note(f"no error is computed, as no image has a ground-truth pose: {spans}")
 
 
 def _write_and_draw(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:

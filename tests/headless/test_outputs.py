@@ -373,3 +373,13 @@ def test_an_odometer_without_a_folder_is_refused_with_what_is_missing(sequence, 
 def test_a_folder_that_another_command_wrote_is_refused_with_where_to_look(sequence, words, message, capsys):
     assert main(words) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_ground_truth_of_another_time_is_noted(sequence, capsys):
+    assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
+    assert "no error is computed" not in capsys.readouterr().err
+    lines = [f"50{line}\n" for line in (sequence / "groundtruth.txt").read_text().splitlines() if line[0] != "#"]
+    (sequence / "groundtruth.txt").write_text("".join(lines))
+    assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
+    spans = "poses at 501.000..501.067 s, images at 1.000..1.033 s"
+    assert f"no error is computed, as no image has a ground-truth pose: {spans}" in capsys.readouterr().err

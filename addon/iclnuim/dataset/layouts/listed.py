@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...errors import InputError
 from ...evaluation.associate import associate
 from ...formats.associations import (
     Associations,
@@ -82,6 +83,12 @@ def _listed(folder: Path) -> list[Row]:
         rgb, depth = read_image_list(files[0]), read_image_list(files[1])
         both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
         indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
+        if not indices and len(rgb) and len(depth) and found(folder):
+            spans = (
+                f"{name} {one.stamps_s[0]:.3f}..{one.stamps_s[-1]:.3f} s"
+                for name, one in zip((RGB, DEPTH), (rgb, depth), strict=True)
+            )
+            raise InputError("stamps in depth.txt near those in rgb.txt", path=folder, found="; ".join(spans))
     texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
     return [
         Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
