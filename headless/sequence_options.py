@@ -62,15 +62,21 @@ def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None
         return SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
     if args.units is None:
         return None
-    return _camera_with_units(folder, units_from(args))
+    return replace(_camera_of(folder), depth_units_per_metre=units_from(args))
 
 
-def _camera_with_units(folder: Path, units_per_metre: float) -> SequenceCamera:
+def given_or_noted_camera(args: argparse.Namespace, console: Console, folder: Path) -> SequenceCamera:
+    """The camera given by the options, else that of `folder`. A note names a camera that is assumed."""
+    camera = camera_from(args, folder) or _camera_of(folder)
+    note_assumed_camera(folder, camera, console)
+    return camera
+
+
+def _camera_of(folder: Path) -> SequenceCamera:
     from iclnuim.dataset.frames import find_pairs, read_camera
 
     images = [pair.rgb for pair in find_pairs(folder)]
-    camera = read_camera(folder, next(filter(is_file, images), images[0]))
-    return replace(camera, depth_units_per_metre=units_per_metre)
+    return read_camera(folder, next(filter(is_file, images), images[0]))
 
 
 def units_from(args: argparse.Namespace) -> float:
@@ -93,7 +99,7 @@ def note_assumed_camera(folder: Path, camera: SequenceCamera, console: Console) 
         c, units = camera.pinhole, camera.depth_units_per_metre
         console.note(
             f"{folder}: no camera.json, so the benchmark's camera is assumed: {c.width}x{c.height},{c.fx:g},{c.fy:g},"
-            f"{c.cx:g},{c.cy:g}, {units:g} depth units per metre; set another one with --camera"
+            f"{c.cx:g},{c.cy:g}, {units:g} depth units per metre; set others with --camera and --units"
         )
 
 

@@ -28,7 +28,7 @@ Settings = Mapping[str, Any]
 TrajectoryOrFile = Trajectory | str | os.PathLike[str]
 #: What images must be, and what to try if they hold whole numbers.
 _METRES = "depth in metres", "dividing by the units per metre (TUM: 5000)"
-_LINEAR_RGB = "scene-linear RGB with 1 = white", "iclnuim.sensor.transfer.light_from_srgb8 for 8-bit images"
+_LINEAR_RGB = "scene-linear RGB with 1 = white", "iclnuim.linear_from_srgb8 for 8-bit images"
 
 
 def noisy_depth(

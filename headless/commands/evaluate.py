@@ -44,6 +44,9 @@ _MAX_ERROR_MM = (1e-3, 1e5)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        f"{parser.description}. Without ACTION, as in `iclnuim evaluate GT EST`, it is ate; GT may be a sequence."
+    )
     actions = subcommands(parser)
     example = "iclnuim evaluate ate groundtruth.txt estimate.txt --align sim3 --plot error.png"
     ate = action(actions, "ate", "absolute trajectory error: six statistics, coverage, recall", example, run_ate)
@@ -113,13 +116,15 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
 
 
 def spelled_out(argv: list[str]) -> list[str]:
-    """`DIR EST` -> `ate GROUNDTRUTH EST` with the ground truth found in the folder; `ate DIR EST` and `rpe DIR EST` likewise."""
+    """`GT EST` -> `ate GT EST`. `DIR EST` -> `ate GROUNDTRUTH EST` with the ground truth found in the folder; `ate DIR EST` and
+    `rpe DIR EST` likewise."""
     if argv[:1] in (["surface"], ["views"]):
         return argv
     named = argv[:1] if argv[:1] in (["ate"], ["rpe"]) else []
     files = argv[len(named) :]
     if not files or not os.path.isdir(files[0]):
-        return argv
+        is_file = bool(files) and (os.path.isfile(files[0]) or "." in files[0]) and not files[0].startswith("-")
+        return ["ate", *argv] if is_file and not named else argv
     from iclnuim.dataset.frames import find_truth
 
     truth = find_truth(Path(files[0]))

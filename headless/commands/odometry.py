@@ -45,6 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if frames were lost: notes name them, and the trajectory leaves them out."""
+    if not args.method and not args.all and not args.folder.exists():
+        raise InputError("a METHOD and a folder with a sequence, or --all and a folder", found=args.folder)
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     require("odometry", "numba", "cv2")
@@ -63,6 +65,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")
+    _note_separate_truth(runs[0], console)
     figures = [done.to_dict() for done in runs]
     try:  # files first: standard output may be closed
         if recording:
@@ -74,6 +77,18 @@ def run(args: argparse.Namespace, console: Console) -> None:
             _write_and_draw(runs, args, console)
     finally:
         console.result({"runs": figures}, table(figures))
+
+
+def _note_separate_truth(run: "Run", console: Console) -> None:
+    """Print a note if the ground truth and the frames do not overlap in time, so that no error can be computed."""
+    if run.truth is None or not run.frames:
+        return
+    (first, last), (begin, end) = (
+        (stamps_s[0], stamps_s[-1]) for stamps_s in (run.truth.stamps_s, [one.stamp_s for one in run.frames])
+    )
+    if first > end or last < begin:
+        spans = f"poses at {first:.3f}..{last:.3f} s, images at {begin:.3f}..{end:.3f} s"
+        console.note(f"no error is computed, as no image has a ground-truth pose: {spans}")
 
 
 def _write_and_draw(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:

@@ -176,6 +176,7 @@ def with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
 def _begin(args: argparse.Namespace, console: Console) -> int:
     if args.command == "make" and args.sequence == "all":
         plans = every_plan(args)
+        _check_print_only(plans[0], args.print_only)
         return make_all(plans, lambda plan, whole: _execute(plan, whole, args.print_only, None), console)
     plan = with_farm_options(plan_from(args), args)
     return _execute(plan, console, args.print_only, getattr(args, "blend", None))
@@ -199,13 +200,18 @@ def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | No
     return _run(plan, console, print_only, blend) or _run(held_out.views_plan(plan), console, print_only, None)
 
 
+def _check_print_only(plan: RunPlan, print_only: bool) -> None:
+    """Raises InputError if job scripts are requested of another engine than Slurm."""
+    if print_only and plan.farm.engine != "slurm":
+        raise InputError("{print_only} with {engine} slurm", found=f"{plan.farm.engine}")
+
+
 def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
     """Execute the missing parts of the plan; returns the exit code. Raises InputError, WorkError.
 
     print_only: show the job scripts for Slurm instead. blend: also save the prepared scene to this file.
     """
-    if print_only and plan.farm.engine != "slurm":
-        raise InputError("{print_only} with {engine} slurm", found=f"{plan.farm.engine}")
+    _check_print_only(plan, print_only)
     plan.variants()  # raises for unknown noise models before any work begins
     if plan.farm.engine == "slurm":
         if blend is not None:

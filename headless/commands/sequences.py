@@ -27,8 +27,14 @@ from iclnuim.formats.files import data_lines, read_bytes, read_text, sha256
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
-from ..options import Console, add_rerun, add_settings, checked_rerun, common, renamed, settings_from
-from ..sequence_options import add_camera_options, add_sensor_options, camera_from, sequence_options, units_from
+from ..options import Console, add_rerun, add_settings, checked_rerun, common, count, renamed, settings_from
+from ..sequence_options import (
+    add_camera_options,
+    add_sensor_options,
+    given_or_noted_camera,
+    sequence_options,
+    units_from,
+)
 
 EXPOSURES = "exposures.txt"
 _ABOUT = """
@@ -68,7 +74,7 @@ def _add_output_options(parser: argparse.ArgumentParser) -> None:
 def _add_file_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, LogSettings)
     help = "number of processes that write images; default: one per core"
-    parser.add_argument("--workers", type=int, metavar="N", help=help)
+    parser.add_argument("--workers", type=count, metavar="N", help=help)
 
 
 def _dataset(args: argparse.Namespace, console: Console) -> None:
@@ -107,7 +113,7 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(args: argparse.Namespace, console: Console) -> None:
-    source = original_frames(args.source, args.frames, camera_from(args, args.source))
+    source = original_frames(args.source, args.frames, given_or_noted_camera(args, console, args.source))
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing and source.truth_of(source.numbers) is not None:
@@ -142,7 +148,8 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         return
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
-    source = image_frames(Path(args.source), args.frames, camera_from(args, Path(args.source)))
+    camera = given_or_noted_camera(args, console, Path(args.source))
+    source = image_frames(Path(args.source), args.frames, camera)
     _write(source, sequence_options(args), args, console)
 
 

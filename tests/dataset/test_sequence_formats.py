@@ -320,6 +320,30 @@ def test_pairs_are_found_by_lists_by_stamps_or_by_name(run, tmp_path):
         find_pairs(tmp_path)
 
 
+def test_lists_whose_stamps_do_not_meet_are_refused_and_not_replaced_by_names(run, tmp_path):
+    out = tmp_path / "out"
+    write_sequence(run_frames(run.path), out)
+    (out / "associations.txt").unlink()
+    later = [f"9{line[1:]}" if line[0] == "1" else line for line in (out / "rgb.txt").read_text().splitlines()]
+    (out / "rgb.txt").write_text("\n".join(later))
+    with pytest.raises(
+        InputError, match=r"near those in rgb.txt, found rgb 9\.\d+\.\.9\.\d+ s; depth 1\.\d+\.\.1\.\d+ s"
+    ):
+        find_pairs(out)
+
+
+@pytest.mark.parametrize("ending", [".jpg", ".jpeg"])
+@pytest.mark.parametrize("names", [("0", "1"), ("1.250000", "1.283333")])
+def test_colour_as_jpeg_is_paired_by_name_and_by_stamp_and_png_comes_first(tmp_path, names, ending):
+    for kind, end in (("rgb", ending), ("depth", ".png")):
+        (tmp_path / kind).mkdir()
+        for name in names:
+            (tmp_path / kind / f"{name}{end}").touch()
+    assert [p.rgb.name for p in find_pairs(tmp_path)] == [f"{name}{ending}" for name in names]
+    (tmp_path / f"rgb/{names[0]}.png").touch()
+    assert [p.rgb.name for p in find_pairs(tmp_path)] == [f"{names[0]}.png", f"{names[1]}{ending}"]
+
+
 @pytest.mark.parametrize("shift_s", [0.0, 0.004])
 def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     for kind, offset_s in (("rgb", 0.0), ("depth", shift_s)):

@@ -38,7 +38,7 @@ UNITS = [
     (1e3, "millimetres"),
     (100, "centimetres"),
     (1 / 0.3048, "feet"),
-    (7.7, "no unit of length"),
+    (7.7, "no unit of length; try correcting its scale"),
     (0.04, "no unit of length"),
 ]
 

@@ -5,6 +5,7 @@ import argparse
 import pytest
 from iclnuim.dataset.sequence import JournalEntry
 from iclnuim.errors import InputError, WorkError
+from iclnuim.headless.cli import main
 from iclnuim.headless.commands.runs import configure_make, every_plan
 from iclnuim.headless.farm.all_sequences import make_all
 from iclnuim.headless.options import Console
@@ -62,3 +63,10 @@ def test_what_fails_leaves_the_others_their_turn_and_a_stop_ends_all(tmp_path, c
     begun.clear()
     assert make_all(every, lambda plan, console: execute(plan, console, 130), Console()) == 130
     assert begun == paper_sequences()[:4]
+
+
+def test_job_scripts_of_a_run_without_a_cluster_are_refused_once_for_all(tmp_path, capsys):
+    assert main(["make", "all", "--print-only", "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error == "iclnuim make: expected --print-only with --engine slurm, found local\n"
+    assert not (tmp_path / "out").exists()

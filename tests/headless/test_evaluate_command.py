@@ -229,3 +229,31 @@ def test_the_benchmark_beside_evo_leaves_evo_out_where_it_is_missing(files, caps
         pytest.skip("evo is not installed")
     assert cli.main(["bench", *map(str, names)]) == 0
     assert json.loads(capsys.readouterr().out)["times"]["evo_ape"]["median_s"] > 0
+
+
+def test_two_files_without_an_action_are_ate(files, capsys):
+    pair = (files / "truth.txt", files / "estimate.txt", "--quiet")
+    assert call(capsys, *pair) == call(capsys, "ate", *pair)
+    code, _, err = call(capsys, files / "nowhere.txt", files / "estimate.txt")
+    assert code == 2 and "nowhere.txt: expected a trajectory file, found no such file" in err
+
+
+def test_frame_numbers_that_were_read_as_seconds_are_named_and_following_the_advice_helps(files, tmp_path, capsys):
+    truth = files / "truth.txt"
+    lines = [line for line in truth.read_text().splitlines() if not line.startswith("#")]
+    numbered = tmp_path / "numbered.txt"
+    numbered.write_text("".join(f"{i} {line.split(maxsplit=1)[1]}\n" for i, line in enumerate(lines)))
+    code, out, _ = call(capsys, truth, numbered, "--json")
+    assert code == 0 and "only 7 of its 200 poses have a ground-truth pose" in json.loads(out)["warnings"][0]
+    followed = json.loads(call(capsys, truth, numbered, "--from", "tum-ids", "--json")[1])
+    assert followed["translation_error_m"]["rmse"] < 1e-6 and not followed["warnings"]
+
+
+def test_columns_of_large_errors_stay_apart(files, tmp_path, capsys):
+    truth = [line.split() for line in (files / "truth.txt").read_text().splitlines() if not line.startswith("#")]
+    far = [[row[0], *(str(3e4 * float(x)) for x in row[1:4]), *row[4:]] for row in truth]
+    (tmp_path / "far.txt").write_text("".join(" ".join(row) + "\n" for row in far))
+    _, out, _ = call(capsys, "ate", files / "truth.txt", tmp_path / "far.txt")
+    row = next(line for line in out.splitlines() if line.startswith("translation"))
+    figures = [float(figure) for figure in row.split()[2:]]
+    assert len(figures) == 6 and figures[0] > 1e4 and len(row) == 16 + 6 * 11

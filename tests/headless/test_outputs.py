@@ -331,3 +331,55 @@ def test_the_name_in_a_recipe_stays_below_the_output_folder(tmp_path, capsys, na
     (tmp_path / "r.json").write_text(json.dumps({"job": recipe}))
     assert main(["make", str(tmp_path / "r.json"), "--frames", ":1", "--camera", "16x12"]) == 2
     assert "r.json: expected a sequence named such as living_room/kt2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["noise", "seq", "out", "--rgb-noise", "paper"], ["convert", "seq", "out"]])
+def test_a_camera_that_no_file_gives_is_noted(sequence, words, capsys):
+    assert main(words) == 0 and "assumed" not in capsys.readouterr().err
+    (sequence / "camera.json").unlink()
+    for kind, image in (
+        ("rgb", np.full((480, 640, 3), 90, np.uint8)),
+        ("depth", np.full((480, 640), 9_000, np.uint16)),
+    ):
+        for i in range(3):
+            write_png(sequence / kind / f"{i}.png", image)
+    assert main([*words[:2], "assumed", *words[3:]]) == 0
+    note = capsys.readouterr().err
+    assert "seq: no camera.json, so the benchmark's camera is assumed" in note
+    assert "5000 depth units per metre; set others with --camera and --units" in note
+
+
+@pytest.mark.parametrize("number", ["0", "-3", "two"])
+def test_a_number_of_processes_that_is_none_is_refused(sequence, number, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["convert", "seq", "out", f"--workers={number}"])
+    assert ended.value.code == 2 and "--workers: expected a whole number of at least 1" in capsys.readouterr().err
+
+
+def test_an_odometer_without_a_folder_is_refused_with_what_is_missing(sequence, capsys):
+    assert main(["odometry", "icp"]) == 2
+    assert "expected a METHOD and a folder with a sequence, or --all and a folder, found icp" in capsys.readouterr().err
+    assert main(["odometry", "seq"]) == 2
+    assert "expected a METHOD, or --all without one, found neither" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["pack", "seq"], "seq: expected a sequence, found no recipe.json; try the output folder of"),
+        (["check-depth", "seq"], "seq: expected the folder of a run, found no sequence.json; try the folder that"),
+    ],
+)
+def test_a_folder_that_another_command_wrote_is_refused_with_where_to_look(sequence, words, message, capsys):
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_ground_truth_of_another_time_is_noted(sequence, capsys):
+    assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
+    assert "no error is computed" not in capsys.readouterr().err
+    lines = [f"50{line}\n" for line in (sequence / "groundtruth.txt").read_text().splitlines() if line[0] != "#"]
+    (sequence / "groundtruth.txt").write_text("".join(lines))
+    assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
+    spans = "poses at 501.000..501.067 s, images at 1.000..1.033 s"
+    assert f"no error is computed, as no image has a ground-truth pose: {spans}" in capsys.readouterr().err

@@ -101,6 +101,9 @@ def packed_names(folder: Path) -> list[str]:
 
 def check_packable(folder: Path, licence: str) -> None:
     """Raises InputError for a folder without a finished recipe or for an unknown licence."""
+    if not (folder / "recipe.json").is_file():
+        hint = "the output folder of `iclnuim make`, `dataset`, `noise` or `convert`"
+        raise InputError("a sequence", path=folder, found="no recipe.json", hint=hint)
     recipe = read_recipe(folder / "recipe.json")
     if not recipe.get("finished"):
         raise InputError("a finished sequence", path=folder / "recipe.json", hint="the command that began it, again")

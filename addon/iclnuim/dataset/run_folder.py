@@ -142,6 +142,9 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
 
 def read_run(path: Path) -> RunFolder:
     """The run in a folder. Raises InputError if there is none."""
+    if not (Path(path) / "sequence.json").is_file():
+        hint = "the folder that `iclnuim render` wrote, or raw/ of `make` with {keep_raw}"
+        raise InputError("the folder of a run", path=path, found="no sequence.json", hint=hint)
     recipe = read_json(Path(path) / "sequence.json")
     if not isinstance(recipe.get("job"), dict):
         raise InputError("the recipe of a run, with its job", path=Path(path) / "sequence.json")

@@ -126,7 +126,7 @@ def read_json(path: str | os.PathLike[str]) -> dict:
     try:
         content = json.loads(text)
     except json.JSONDecodeError as error:
-        raise InputError("JSON", path=path, line=error.lineno, found=error.msg) from None
+        raise InputError("JSON", path=path, line=error.lineno, found=f"other text ({error.msg})") from None
     except RecursionError:
         raise InputError("JSON", path=path, found="brackets nested too deeply") from None
     if not isinstance(content, dict):

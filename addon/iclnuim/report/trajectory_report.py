@@ -128,11 +128,10 @@ class OtherUnit:
     @property
     def sentence(self) -> str:
         names = [name for name, length_m in _UNITS_M.items() if abs(self.scale / length_m - 1) < _UNIT_SHARE]
-        unit = f"it may be in {names[0]}; try converting it to metres" if names else "it may have no unit of length"
+        unit = f"it may be in {names[0]}" if names else "it may have no unit of length"
+        advice = "try converting it to metres, or correcting its scale" if names else "try correcting its scale"
         errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
-        return (
-            f"the estimate fits much better multiplied by {self.scale:.4g}: {errors}; {unit}, or correcting its scale"
-        )
+        return f"the estimate fits much better multiplied by {self.scale:.4g}: {errors}; {unit}; {advice}"
 
 
 def _measured(reference: Trajectory, estimate: Trajectory, settings: Settings) -> AbsoluteError | RelativeError:
@@ -169,6 +168,12 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         mirror, found = self.result.mirror, []
+        if self._maybe_frame_numbers():
+            matched = f"{len(self.result.association.second)} of its {len(self.estimate.loaded.trajectory)} poses"
+            found.append(
+                f"the estimate's stamps are whole numbers, and only {matched} have a ground-truth pose; "
+                "if they are frame numbers, try reading it as tum-ids"
+            )
         if mirror.mirrored:
             advice = "gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
             if self.estimate.loaded.read_as.handedness == "left":
@@ -189,6 +194,13 @@ class Report:
                 "so the rotation about its line is determined by the error; compare with the alignments origin and yaw"
             )
         return found
+
+    def _maybe_frame_numbers(self) -> bool:
+        """Whether the estimate was read as TUM, has whole numbers as stamps, and most of its poses match no ground-truth pose."""
+        loaded = self.estimate.loaded
+        stamps_s = loaded.trajectory.stamps_s
+        whole = loaded.read_as.format == "tum" and bool((stamps_s == np.rint(stamps_s)).all())
+        return whole and 2 * len(self.result.association.second) < len(stamps_s)
 
     def to_dict(self) -> dict:
         result, mirror, settings = self.result, self.result.mirror, asdict(self.settings)
@@ -248,7 +260,7 @@ def error_text(values: dict) -> str:
     """The text for the terminal, from an `ate` or `rpe` dictionary of to_dict()."""
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
     for label, key in (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg")):
-        lines.append(f"{label:16}" + "".join(f"{values[key][name]:11.6f}" for name in STATISTICS))
+        lines.append(f"{label:16}" + "".join(_cell(values[key][name]) for name in STATISTICS))
     poses = f"{values['reference']['poses']} ground-truth and {values['estimate']['poses']} estimated poses"
     apart = f"stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"
     pairs = f"{values['pairs']} pairs of {poses}, {apart}"
@@ -260,6 +272,11 @@ def error_text(values: dict) -> str:
         lines += [pairs, ", ".join((f"of all ground-truth frames: {covered}", *shares))]
         lines.append(f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}")
     return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])
+
+
+def _cell(value: float) -> str:
+    """A column of 11 characters that begins with a blank: six decimals, or seven digits of a value from 1000 on."""
+    return f" {value:10.6f}" if abs(value) < 999.9999995 else f" {value:10.7g}"
 
 
 def title(values: dict) -> str:

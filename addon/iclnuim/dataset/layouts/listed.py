@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...errors import InputError
 from ...evaluation.associate import associate
 from ...formats.associations import (
     Associations,
@@ -82,6 +83,12 @@ def _listed(folder: Path) -> list[Row]:
         rgb, depth = read_image_list(files[0]), read_image_list(files[1])
         both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
         indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
+        if not indices and len(rgb) and len(depth) and found(folder):
+            spans = (
+                f"{name} {one.stamps_s[0]:.3f}..{one.stamps_s[-1]:.3f} s"
+                for name, one in zip((RGB, DEPTH), (rgb, depth), strict=True)
+            )
+            raise InputError("stamps in depth.txt near those in rgb.txt", path=folder, found="; ".join(spans))
     texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
     return [
         Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
@@ -89,9 +96,15 @@ def _listed(folder: Path) -> list[Row]:
     ]
 
 
+def _images(folder: Path, kind: str) -> dict[str, Path]:
+    """The images in rgb/ or depth/ by their names without ending. Colour may be JPEG; if an image is there in both formats, the PNG is used."""
+    endings = (".jpeg", ".jpg", ".png") if kind == RGB else (".png",)
+    return {path.stem: path for ending in endings for path in (folder / kind).glob(f"*{ending}")}
+
+
 def _by_stamp(folder: Path) -> list[Row]:
     """The pairs of images that are all named by stamps in seconds, with decimals; the stamps of a pair may differ."""
-    rgb, depth = (sorted((folder / kind).glob("*.png")) for kind in (RGB, DEPTH))
+    rgb, depth = (sorted(_images(folder, kind).values()) for kind in (RGB, DEPTH))
     if not rgb or not depth or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth):
         return []
     stamps_s = [np.array([float(path.stem) for path in paths]) for paths in (rgb, depth)]
@@ -101,8 +114,8 @@ def _by_stamp(folder: Path) -> list[Row]:
 
 
 def _by_name(folder: Path) -> list[Row]:
-    depths = {path.stem: path for path in (folder / DEPTH).glob("*.png")}
-    images = sorted(path for path in (folder / RGB).glob("*.png") if path.stem in depths)
+    depths = _images(folder, DEPTH)
+    images = sorted(path for stem, path in _images(folder, RGB).items() if stem in depths)
     numbered = all(path.stem.isdigit() for path in images)
     stamps_s = stamps_of_frames([int(path.stem) if numbered else i for i, path in enumerate(images)]).tolist()
     return sorted(Row(stamp_s, path, depths[path.stem]) for stamp_s, path in zip(stamps_s, images, strict=True))
