@@ -5,8 +5,8 @@ the requested ones, whatever meshes, UV maps and materials the scene has, and bo
 
 Light sources are sampled one after another: the lamps, the sky, then the light from lit surfaces. Lamps sampled together usually give far more
 noise than separate ones: with a single lamp a sample is wasted only in its penumbra. So small lamps need few samples; windows, skies and
-surfaces need many. A power of two of lamps can share a pass without more noise: each gets the same number of a point's samples, because the
-first number of a Sobol sequence's sample, which selects the lamp, is stratified in powers of two.
+surfaces need many. A power of two of small lamps can share a pass without more noise: each gets the same number of a point's samples, because
+Cycles' samples are stratified in powers of two. For large lamps this costs noise, because the samples on one lamp are then stratified less.
 """
 
 from collections.abc import Callable, Iterator
@@ -141,18 +141,18 @@ def _sources() -> tuple[list[_Group], list[bpy.types.Object]]:
     small = [lamp for lamp in single if _is_small(lamp.data)]
     large = [lamp for lamp in single if not _is_small(lamp.data)]
     share = max(1, -(-(len(large) + len(crowds)) // _LARGE))
-    groups = [*_even_groups(small, _SMALL_SHARE), *_even_groups(large, share)]
-    return [*groups, *(_Group(crowd, share) for crowd in crowds)], portals
+    groups = [_Group(some, _SMALL_SHARE, evenly=True) for some in _powers_of_two(small)]
+    return [*groups, *(_Group([lamp], share) for lamp in large), *(_Group(crowd, share) for crowd in crowds)], portals
 
 
-def _even_groups(lamps: list[bpy.types.Object], share: int) -> list[_Group]:
-    """The lamps in groups whose sizes are powers of two, largest first."""
-    groups = []
+def _powers_of_two(lamps: list[bpy.types.Object]) -> list[list[bpy.types.Object]]:
+    """The lamps in lists whose lengths are powers of two, longest first."""
+    lists = []
     while lamps:
         count = 1 << (len(lamps).bit_length() - 1)
-        groups.append(_Group(lamps[:count], share, evenly=True))
+        lists.append(lamps[:count])
         lamps = lamps[count:]
-    return groups
+    return lists
 
 
 def _is_small(lamp: bpy.types.Light) -> bool:
