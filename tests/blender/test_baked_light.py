@@ -332,7 +332,8 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
     from iclnuim.blender import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
-    lamps = _point_lamps(7)
+    lamps = _point_lamps(8)
+    lamps[2].data.energy = 0.0  # gets no samples, and does not count
     bpy.context.view_layer.update()
     groups, _ = light_sampling._sources()
     assert [len(group.lamps) for group in groups] == [4, 2, 1]

@@ -134,7 +134,8 @@ def _sources() -> tuple[list[_Group], list[bpy.types.Object]]:
     """The groups of lamps, and the portals, through which the sky is sampled."""
     lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
-    lamps = [lamp for lamp in lamps if lamp not in portals]
+    # Cycles ignores lamps without light, so that the others of a group would not get equal numbers of samples
+    lamps = [lamp for lamp in lamps if lamp not in portals and lamp.data.energy != 0 and any(lamp.data.color)]
     together = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
     crowds = [group for group in together if len(group) > 1]
     single = [group[0] for group in together if len(group) == 1]
@@ -171,10 +172,7 @@ def only(lamps: list[bpy.types.Object], world: bool, evenly: bool = False) -> It
                 stack.enter_context(temporarily(thing, hide_render=True))
         if evenly:
             stack.enter_context(temporarily(scene.cycles, use_light_tree=False))
-        if world:
-            stack.enter_context(sampled_at_image_size(scene.world))
-        else:
-            stack.enter_context(temporarily(scene, world=None))
+        stack.enter_context(sampled_at_image_size(scene.world) if world else temporarily(scene, world=None))
         yield
 
 

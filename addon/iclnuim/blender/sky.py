@@ -35,7 +35,7 @@ def sampled_at_image_size(world: bpy.types.World | None) -> Iterator[None]:
     not place samples better.
     """
     width = _image_width(world)
-    if width is None:
+    if world is None or width is None:
         yield
         return
     with compat.temporarily(world.cycles, sampling_method="MANUAL", sample_map_resolution=width):
