@@ -335,10 +335,10 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
     lamps = _point_lamps(8)
     lamps[2].data.energy = 0.0  # gets no samples, and does not count
     bpy.context.view_layer.update()
-    groups, _ = light_sampling._sources()
-    assert [len(group.lamps) for group in groups] == [4, 2, 1]
+    passes = light_sampling._lamp_passes(light_sampling._sources()[0], 16)
+    assert [(len(one.lamps), one.samples) for one in passes] == [(4, 8), (2, 4), (1, 2)]
     points_m = np.random.default_rng(4).uniform([-2, -2, 0], [2, 1.9, 0], (2000, 3))
-    light = light_sampling.direct(points_m, np.tile([0.0, 0.0, 1.0], (2000, 1)), 16, 1, list(bpy.data.materials))
+    light = light_sampling.direct(points_m, np.tile([0.0, 0.0, 1.0], (2000, 1)), 32, 1, list(bpy.data.materials))
     ways = np.array([lamp.location for lamp in lamps])[:, None] - points_m
     # radiant intensity of a point lamp is power / (4 pi), radiance of a white surface is irradiance / pi
     squared = (ways**2).sum(-1)
@@ -346,6 +346,22 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
     expected = (power * ways[..., 2] / squared**1.5).sum(0) / (4 * np.pi) / np.pi
     assert light[0, :, 0] == pytest.approx(expected, rel=2e-3)
     assert light[1, :, 0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_large_lamps_share_passes_only_with_one_sample_each(tmp_path):
+    from iclnuim.blender import light_sampling
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    lamps = _point_lamps(10)
+    for lamp in lamps[2:]:
+        lamp.data.shadow_soft_size = 0.5
+
+    def passes(samples):
+        return [(len(one.lamps), one.samples) for one in light_sampling._lamp_passes(lamps, samples)]
+
+    assert passes(12) == [(2, 2), *[(1, 4)] * 8]
+    assert passes(24) == [(2, 6), *[(1, 8)] * 8]
+    assert passes(4) == [(8, 8), (2, 2)]
 
 
 def test_the_halves_of_the_samples_have_independent_noise(tmp_path):

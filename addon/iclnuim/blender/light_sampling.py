@@ -6,12 +6,13 @@ the requested ones, whatever meshes, UV maps and materials the scene has, and bo
 Light sources are sampled one after another: the lamps, the sky, then the light from lit surfaces. Lamps sampled together usually give far more
 noise than separate ones: with a single lamp a sample is wasted only in its penumbra. So small lamps need few samples; windows, skies and
 surfaces need many. A power of two of small lamps can share a pass without more noise: each gets the same number of a point's samples, because
-Cycles' samples are stratified in powers of two. For large lamps this costs noise, because the samples on one lamp are then stratified less.
+Cycles' samples are stratified in powers of two. Large lamps can do so only if each has a single sample: several samples on one lamp are
+stratified less in a shared pass.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -74,15 +75,11 @@ def direct(
 
     together: all lamps share one pass, which is faster and noisier.
     """
-    groups, portals = _sources()
-    if together and groups:
-        groups = [_Group([lamp for group in groups for lamp in group.lamps], 1)]
-    passes = [
-        _Pass(group.lamps, False, group.samples(samples // 2), seed + 100 * number, group.evenly)
-        for number, group in enumerate(groups)
-    ]
+    lamps, portals = _sources()
+    passes = [_Pass(lamps, False, max(1, samples // 2))] if together and lamps else _lamp_passes(lamps, samples // 2)
     if sky and gives_light(bpy.context.scene.world):
-        passes.append(_Pass(portals, True, max(1, samples // 2), seed + 100 * len(groups)))
+        passes.append(_Pass(portals, True, max(1, samples // 2)))
+    passes = [replace(one, seed=seed + 100 * number) for number, one in enumerate(passes)]
     with without_glow(materials):
         return _sampled(points_m, normals, passes)
 
@@ -97,25 +94,13 @@ def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int,
 
 
 @dataclass(frozen=True)
-class _Group:
-    """Lamps that are sampled together. share: the number of samples is divided by this. evenly: each lamp has this number of samples of its own."""
-
-    lamps: list[bpy.types.Object]
-    share: int
-    evenly: bool = False
-
-    def samples(self, samples: int) -> int:
-        return max(1, samples // self.share) * (len(self.lamps) if self.evenly else 1)
-
-
-@dataclass(frozen=True)
 class _Pass:
-    """Lamps, whether the world emits light, samples of each half, seed, and whether each lamp gets the same number of samples."""
+    """Lamps, whether the world emits light, samples of each half, whether each lamp gets the same number of samples, and the seed."""
 
     lamps: list[bpy.types.Object]
     world: bool
     samples: int
-    seed: int
+    seed: int = 0
     evenly: bool = False
 
 
@@ -130,20 +115,32 @@ def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_Pass]) -> 
     return light
 
 
-def _sources() -> tuple[list[_Group], list[bpy.types.Object]]:
-    """The groups of lamps, and the portals, through which the sky is sampled."""
+def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
+    """The lamps, and the portals, through which the sky is sampled. Lamps without light are left out, as Cycles gives them no samples."""
     lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
-    # Cycles ignores lamps without light, so that the others of a group would not get equal numbers of samples
-    lamps = [lamp for lamp in lamps if lamp not in portals and lamp.data.energy != 0 and any(lamp.data.color)]
+    shining = [lamp for lamp in lamps if lamp.data.energy != 0 and any(lamp.data.color)]
+    return [lamp for lamp in shining if lamp not in portals], portals
+
+
+def _lamp_passes(lamps: list[bpy.types.Object], samples: int) -> list[_Pass]:
+    """The passes for all lamps, without seeds. samples: those of each half for a large lamp, if there are few."""
     together = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
     crowds = [group for group in together if len(group) > 1]
     single = [group[0] for group in together if len(group) == 1]
     small = [lamp for lamp in single if _is_small(lamp.data)]
     large = [lamp for lamp in single if not _is_small(lamp.data)]
     share = max(1, -(-(len(large) + len(crowds)) // _LARGE))
-    groups = [_Group(some, _SMALL_SHARE, evenly=True) for some in _powers_of_two(small)]
-    return [*groups, *(_Group([lamp], share) for lamp in large), *(_Group(crowd, share) for crowd in crowds)], portals
+    for_small, for_large = max(1, samples // _SMALL_SHARE), max(1, samples // share)
+    sharing = {for_small: small}
+    if for_large == 1:  # a single sample of a lamp is not stratified in any case
+        sharing[1], large = [*sharing.get(1, []), *large], []
+    evenly = [(some, each) for each, of in sharing.items() for some in _powers_of_two(of)]
+    return [
+        *(_Pass(some, False, each * len(some), evenly=True) for some, each in evenly),
+        *(_Pass([lamp], False, for_large) for lamp in large),
+        *(_Pass(crowd, False, for_large) for crowd in crowds),
+    ]
 
 
 def _powers_of_two(lamps: list[bpy.types.Object]) -> list[list[bpy.types.Object]]:
