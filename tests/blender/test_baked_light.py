@@ -310,3 +310,121 @@ def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatc
     assert light[:, lit].max() == 0
     # irradiance 2 at 60 degrees from the zenith on an upright wall: 2 sin 60, as the radiance of a white surface / pi
     assert light[:, back] == pytest.approx(2 * math.sin(math.radians(60)) / math.pi, rel=0.01)
+
+
+def _point_lamps(count):
+    """Point lamps without size at different places above the corner, with different powers; their names and powers in W."""
+    for lamp in [o for o in bpy.data.objects if o.type == "LIGHT"]:
+        bpy.data.objects.remove(lamp)
+    lamps = []
+    for k in range(count):
+        data = bpy.data.lights.new(f"lamp {k}", "POINT")
+        data.energy, data.shadow_soft_size = 10.0 * (1 + k), 0.0
+        thing = bpy.data.objects.new(f"lamp {k}", data)
+        thing.location = (-2 + 0.5 * k, -1 - 0.1 * k, 1.5 + 0.2 * k)
+        bpy.context.scene.collection.objects.link(thing)
+        lamps.append(thing)
+    return lamps
+
+
+def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_path):
+    """Seven lamps take passes of four, two and one. The light of a point lamp on a visible point is the same for every sample, so it has no noise."""
+    from iclnuim.blender import light_sampling
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    lamps = _point_lamps(8)
+    lamps[2].data.energy = 0.0  # gets no samples, and does not count
+    bpy.context.view_layer.update()
+    passes = light_sampling._lamp_passes(light_sampling._sources()[0], 16)
+    assert [(len(one.lamps), one.samples) for one in passes] == [(4, 8), (2, 4), (1, 2)]
+    points_m = np.random.default_rng(4).uniform([-2, -2, 0], [2, 1.9, 0], (2000, 3))
+    light = light_sampling.direct(points_m, np.tile([0.0, 0.0, 1.0], (2000, 1)), 32, 1, list(bpy.data.materials))
+    ways = np.array([lamp.location for lamp in lamps])[:, None] - points_m
+    # radiant intensity of a point lamp is power / (4 pi), radiance of a white surface is irradiance / pi
+    squared = (ways**2).sum(-1)
+    power = np.array([lamp.data.energy for lamp in lamps])[:, None]
+    expected = (power * ways[..., 2] / squared**1.5).sum(0) / (4 * np.pi) / np.pi
+    assert light[0, :, 0] == pytest.approx(expected, rel=2e-3)
+    assert light[1, :, 0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_large_lamps_share_passes_only_with_one_sample_each(tmp_path):
+    from iclnuim.blender import light_sampling
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    lamps = _point_lamps(10)
+    for lamp in lamps[2:]:
+        lamp.data.shadow_soft_size = 0.5
+
+    def passes(samples):
+        return [(len(one.lamps), one.samples) for one in light_sampling._lamp_passes(lamps, samples)]
+
+    assert passes(12) == [(2, 2), *[(1, 4)] * 8]
+    assert passes(24) == [(2, 6), *[(1, 8)] * 8]
+    assert passes(4) == [(8, 8), (2, 2)]
+
+
+def test_the_halves_of_the_samples_have_independent_noise(tmp_path):
+    """They are baked at once. In the penumbra of a large lamp behind a wall, the product of both halves' errors is zero in the mean."""
+    from iclnuim.blender import light_sampling
+
+    bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
+    (lamp,) = _point_lamps(1)
+    lamp.data.shadow_soft_size, lamp.location = 2.0, (0, 4, 8)
+    bpy.context.view_layer.update()
+    points_m = np.random.default_rng(5).uniform([-2, -2, 0], [2, 1.9, 0], (4000, 3))
+    up, materials = np.tile([0.0, 0.0, 1.0], (4000, 1)), list(bpy.data.materials)
+    a, b = light_sampling.direct(points_m, up, 8, 1, materials)[..., 0]
+    errors = np.stack([a, b]) - light_sampling.direct(points_m, up, 512, 2, materials).mean(0)[:, 0]
+    noisy = np.abs(errors).max(0) > 0
+    assert noisy.mean() > 0.1
+    assert abs(np.corrcoef(errors[:, noisy])[0, 1]) < 0.08
+
+
+def _sky_of(*nodes):
+    """A world whose Background has the colour of the last node; each node gets its vector from the one before."""
+    bpy.context.scene.world = sky = bpy.data.worlds.new("sky")
+    sky.use_nodes = True
+    tree = sky.node_tree
+    made = [tree.nodes.new(name) for name in nodes]
+    for before, node in zip(made, made[1:], strict=False):
+        tree.links.new(before.outputs[0], node.inputs["Vector"])
+    if made:
+        tree.links.new(made[-1].outputs["Color"], tree.nodes["Background"].inputs["Color"])
+    return sky, made
+
+
+def test_a_black_sky_is_not_sampled():
+    from iclnuim.blender.sky import gives_light
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    sky, _ = _sky_of()
+    background = sky.node_tree.nodes["Background"]
+    assert gives_light(sky) and not gives_light(None)
+    background.inputs["Strength"].default_value = 0.0
+    assert not gives_light(sky)
+    background.inputs["Strength"].default_value = 1.0
+    background.inputs["Color"].default_value = (0, 0, 0, 1)
+    assert not gives_light(sky)
+    assert gives_light(_sky_of("ShaderNodeTexEnvironment")[0])  # its colour is linked
+
+
+def test_a_sky_that_is_an_image_is_sampled_at_the_images_size():
+    from iclnuim.blender.sky import sampled_at_image_size
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+    def width(sky):
+        with sampled_at_image_size(sky):
+            return sky.cycles.sample_map_resolution if sky.cycles.sampling_method == "MANUAL" else None
+
+    sky, (image,) = _sky_of("ShaderNodeTexEnvironment")
+    assert width(sky) is None  # without an image
+    image.image = bpy.data.images.new("sky", 640, 320)
+    assert width(sky) == 640 and sky.cycles.sampling_method == "AUTOMATIC"
+    image.projection = "MIRROR_BALL"
+    assert width(sky) is None
+    sky, (*_, image) = _sky_of("ShaderNodeTexCoord", "ShaderNodeTexEnvironment")  # may be scaled
+    image.image = bpy.data.images["sky"]
+    assert width(sky) is None
+    assert width(_sky_of("ShaderNodeTexSky")[0]) is None and width(_sky_of()[0]) is None

@@ -3,13 +3,16 @@
 A target object with one tiny white triangle per point, which no ray can hit, is baked into a list of pixels. So the points are exactly
 the requested ones, whatever meshes, UV maps and materials the scene has, and both sides of a sheet can be sampled.
 
-Light sources are sampled one after another: each lamp separately, the sky, then the light from lit surfaces. Many lamps sampled together
-give far more noise than separate ones: with a single lamp a sample is wasted only in its penumbra. So small lamps need few samples;
-windows, skies and surfaces need many.
+Light sources are sampled one after another: the lamps, the sky, then the light from lit surfaces. Lamps sampled together usually give far more
+noise than separate ones: with a single lamp a sample is wasted only in its penumbra. So small lamps need few samples; windows, skies and
+surfaces need many. A power of two of small lamps can share a pass without more noise: each gets the same number of a point's samples, because
+Cycles' samples are stratified in powers of two. Large lamps can do so only if each has a single sample: several samples on one lamp are
+stratified less in a shared pass.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -19,6 +22,7 @@ from ..geometry.points import farthest_points
 from ..lightmap.surfaces import Surfaces
 from . import compat
 from .compat import temporarily
+from .sky import gives_light, sampled_at_image_size
 from .surfaces import rendered_lamps
 
 #: Distance of points from their surface, so that a ray from the point cannot hit the surface itself.
@@ -71,15 +75,11 @@ def direct(
 
     together: all lamps share one pass, which is faster and noisier.
     """
-    groups, portals = _sources()
-    if together and groups:
-        groups = [([lamp for lamps, _ in groups for lamp in lamps], 1)]
-    passes = [
-        (lamps, False, max(1, samples // (2 * share)), seed + 100 * number)
-        for number, (lamps, share) in enumerate(groups)
-    ]
-    if sky and bpy.context.scene.world:
-        passes.append((portals, True, max(1, samples // 2), seed + 100 * len(groups)))
+    lamps, portals = _sources()
+    passes = [_Pass(lamps, False, max(1, samples // 2))] if together and lamps else _lamp_passes(lamps, samples // 2)
+    if sky and gives_light(bpy.context.scene.world):
+        passes.append(_Pass(portals, True, max(1, samples // 2)))
+    passes = [replace(one, seed=seed + 100 * number) for number, one in enumerate(passes)]
     with without_glow(materials):
         return _sampled(points_m, normals, passes)
 
@@ -89,33 +89,68 @@ def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int,
 
     With `sky`, also that of the sky, for which the same rays are used.
     """
-    sky = sky and bpy.context.scene.world is not None
-    return _sampled(points_m, normals, [(_sources()[1] if sky else [], sky, max(1, samples // 2), seed)])
+    sky = sky and gives_light(bpy.context.scene.world)
+    return _sampled(points_m, normals, [_Pass(_sources()[1] if sky else [], sky, max(1, samples // 2), seed)])
 
 
-def _sampled(
-    points_m: np.ndarray, normals: np.ndarray, passes: list[tuple[list[bpy.types.Object], bool, int, int]]
-) -> np.ndarray:
-    """The sum of passes, each given as: lamps, whether the world emits light, samples of each half, seed."""
+@dataclass(frozen=True)
+class _Pass:
+    """Lamps, whether the world emits light, samples of each half, whether each lamp gets the same number of samples, and the seed."""
+
+    lamps: list[bpy.types.Object]
+    world: bool
+    samples: int
+    seed: int = 0
+    evenly: bool = False
+
+
+def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_Pass]) -> np.ndarray:
+    """(2, n, 3) the sum of the passes, by two halves of the samples. Both are baked at once, as different points in the same place."""
     light = np.zeros((2, len(points_m), 3), np.float32)
-    for part in batches(len(points_m)):
-        with target(points_m[part], normals[part]) as irradiance:
-            for lamps, world, samples, seed in passes:
-                with only(lamps, world):
-                    for half in (0, 1):
-                        light[half, part] += irradiance(samples, 2 * seed + half)
+    for part in batches(len(points_m), AT_ONCE // 2):
+        with target(np.tile(points_m[part], (2, 1)), np.tile(normals[part], (2, 1))) as irradiance:
+            for one in passes:
+                with only(one.lamps, one.world, one.evenly):
+                    light[:, part] += irradiance(one.samples, one.seed).reshape(2, -1, 3)
     return light
 
 
-def _sources() -> tuple[list[tuple[list[bpy.types.Object], int]], list[bpy.types.Object]]:
-    """Lamps that are sampled together, each group with the divisor of its number of samples; and the portals, through which the sky is sampled."""
+def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
+    """The lamps, and the portals, through which the sky is sampled. Lamps without light are left out, as Cycles gives them no samples."""
     lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
-    lamps = [lamp for lamp in lamps if lamp not in portals]
-    groups = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
-    small = [len(group) == 1 and _is_small(group[0].data) for group in groups]
-    large = max(1, -(-small.count(False) // _LARGE))
-    return [(group, _SMALL_SHARE if s else large) for group, s in zip(groups, small, strict=True)], portals
+    shining = [lamp for lamp in lamps if lamp.data.energy != 0 and any(lamp.data.color)]
+    return [lamp for lamp in shining if lamp not in portals], portals
+
+
+def _lamp_passes(lamps: list[bpy.types.Object], samples: int) -> list[_Pass]:
+    """The passes for all lamps, without seeds. samples: those of each half for a large lamp, if there are few."""
+    together = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
+    crowds = [group for group in together if len(group) > 1]
+    single = [group[0] for group in together if len(group) == 1]
+    small = [lamp for lamp in single if _is_small(lamp.data)]
+    large = [lamp for lamp in single if not _is_small(lamp.data)]
+    share = max(1, -(-(len(large) + len(crowds)) // _LARGE))
+    for_small, for_large = max(1, samples // _SMALL_SHARE), max(1, samples // share)
+    sharing = {for_small: small}
+    if for_large == 1:  # a single sample of a lamp is not stratified in any case
+        sharing[1], large = [*sharing.get(1, []), *large], []
+    evenly = [(some, each) for each, of in sharing.items() for some in _powers_of_two(of)]
+    return [
+        *(_Pass(some, False, each * len(some), evenly=True) for some, each in evenly),
+        *(_Pass([lamp], False, for_large) for lamp in large),
+        *(_Pass(crowd, False, for_large) for crowd in crowds),
+    ]
+
+
+def _powers_of_two(lamps: list[bpy.types.Object]) -> list[list[bpy.types.Object]]:
+    """The lamps in lists whose lengths are powers of two, longest first."""
+    lists = []
+    while lamps:
+        count = 1 << (len(lamps).bit_length() - 1)
+        lists.append(lamps[:count])
+        lamps = lamps[count:]
+    return lists
 
 
 def _is_small(lamp: bpy.types.Light) -> bool:
@@ -125,15 +160,16 @@ def _is_small(lamp: bpy.types.Light) -> bool:
 
 
 @contextmanager
-def only(lamps: list[bpy.types.Object], world: bool) -> Iterator[None]:
-    """The open scene with only these lamps, with or without its world, temporarily."""
+def only(lamps: list[bpy.types.Object], world: bool, evenly: bool = False) -> Iterator[None]:
+    """The open scene with only these lamps, with or without its world, temporarily. evenly: without the light tree, which prefers strong lamps."""
     scene = bpy.context.scene
     with ExitStack() as stack:
         for thing in scene.objects:
             if thing.type == "LIGHT" and thing not in lamps:
                 stack.enter_context(temporarily(thing, hide_render=True))
-        if not world:
-            stack.enter_context(temporarily(scene, world=None))
+        if evenly:
+            stack.enter_context(temporarily(scene.cycles, use_light_tree=False))
+        stack.enter_context(sampled_at_image_size(scene.world) if world else temporarily(scene, world=None))
         yield
 
 
@@ -250,7 +286,7 @@ def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
     data = bpy.data.lights.new("light test", "POINT")
     data.energy, data.shadow_soft_size = _POWER, 0.0
     lamps = [bpy.data.objects.new("light test", data) for _ in places_m]
-    with only([], world=False), temporarily(scene.cycles, use_light_tree=False):
+    with only([], world=False, evenly=True):
         for lamp, place in zip(lamps, places_m, strict=True):
             lamp.location = place
             scene.collection.objects.link(lamp)
@@ -301,9 +337,9 @@ def target(points_m: np.ndarray, normals: np.ndarray) -> Iterator[Callable[[int,
         bpy.data.batch_remove([thing, mesh, material, image])
 
 
-def batches(count: int) -> list[slice]:
-    """Slices of at most AT_ONCE points."""
-    return [slice(first, min(first + AT_ONCE, count)) for first in range(0, count, AT_ONCE)]
+def batches(count: int, at_once: int = AT_ONCE) -> list[slice]:
+    """Slices of at most `at_once` points."""
+    return [slice(first, min(first + at_once, count)) for first in range(0, count, at_once)]
 
 
 def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.types.Mesh:
