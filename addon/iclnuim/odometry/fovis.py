@@ -18,8 +18,12 @@ from ..geometry.se3 import SE3
 from . import kernels
 from .certainty import ACROSS, DOWN, jackknife_information
 from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
-from .features import Features, Matches, consistent, features, match
+from .fast_features import FIRST_THRESHOLD, fast_features
+from .features import Features, Matches, agreement, clique, features, match
+from .gcc_order import descending
+from .patch_shift import match_in_bytes
 from .protocol import Frame, Result, Status, failure
+from .small_rotation import rotation_between, small_image
 from .solver import Limits, Pass, Stop, System, solve
 
 #: The initial rotation is estimated on small images: their rows, the iterations, and the size of the Gaussian blur.
@@ -40,14 +44,13 @@ class FovisSettings:
     """The defaults are those of the authors' program (fovis 1.2)."""
 
     levels: int = 3
-    detector: str = "fast"
-    count: int = 1229  # corners per frame: the authors use one per 250 pixels of 640x480
+    authors: bool = True  # corners, first rotation, and positions of matches as in the authors' program
+    count: int = 1229  # without `authors`: corners per frame
     searches_px: tuple[float, ...] = (25.0,)  # search radii around the position predicted by the current motion
-    precision_px: float = 0.1  # a corner's position is refined until a step is shorter
-    strict: bool = False  # a corner whose position cannot be refined is dropped
+    precision_px: float = 0.01  # without `authors`: a corner's position is refined until a step is shorter
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    min_agreement: float = 0.1  # minimum share of inliers; unrelated images have up to 0.07
+    min_agreement: float = 0.0  # minimum share of inliers; unrelated images have up to 0.07
     min_inliers: int = 10
     nu: float = 0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
     iterations: int = 6
@@ -63,10 +66,9 @@ class Fovis:
     PRESETS = {
         "paper": FovisSettings(),
         "best": FovisSettings(
-            detector="eigenvalue",
+            authors=False,
             searches_px=(25.0, 4.0),
-            precision_px=0.01,
-            strict=True,
+            min_agreement=0.1,
             nu=5.0,
             stop=Stop(min_step=1e-5),
             depth=True,
@@ -76,10 +78,21 @@ class Fovis:
     }
 
     def __init__(self, settings: FovisSettings) -> None:
-        self.settings, self.reference = settings, settings.reference
+        self.settings, self.reference, self.sequential = settings, settings.reference, settings.authors
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Features:
-        return features(frame, camera, self.settings.levels, self.settings.count, self.settings.detector)
+        s = self.settings
+        if s.authors:
+            return fast_features(frame, camera, s.levels, FIRST_THRESHOLD)
+        return features(frame, camera, s.levels, s.count)
+
+    def prepare_after(self, previous: Features, frame: Frame, camera: PinholeCamera) -> Features:
+        return fast_features(frame, camera, self.settings.levels, previous.next_threshold)
+
+    def initial_motion(self, previous: Features, current: Features) -> SE3:
+        """T_previous_current: the rotation between the small images (section 3.2)."""
+        small0, small1 = (small_image(f.images[-1], len(f.images) - 1) for f in (previous, current))
+        return SE3(rotation_between(small0, small1, current.camera), np.zeros(3))
 
     def align(self, reference: Features, current: Features, guess: SE3) -> Result:
         s = self.settings
@@ -90,7 +103,7 @@ class Fovis:
         found = self._search(reference, current, guess, near, depth)
         if far > near and found.share < HIGH_AGREEMENT:
             found = self._search(reference, current, guess, far, depth)
-        if found.share < LOW_AGREEMENT:
+        if not s.authors and found.share < LOW_AGREEMENT:
             again = self._search(reference, current, _estimate_rotation(reference, current, guess), far, depth)
             found = again if len(again.inliers) > len(found.inliers) else found
         if far > near and found.search_px == far and not found.reason:
@@ -107,8 +120,14 @@ class Fovis:
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
         last = search_px == s.searches_px[-1]
-        found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5, s.strict)
-        agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
+        if s.authors:
+            found = match_in_bytes(reference, current, expected_uv, search_px)
+        else:
+            found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5)
+        agree = agreement(found.points0_m, found.points1_m, s.max_distance_m)
+        degree = agree.sum(axis=1)
+        order = descending(degree) if s.authors else np.argsort(-degree, kind="mergesort")
+        agreeing = found.chosen(clique(agree, order))
         if len(agreeing) < s.min_inliers:
             reason = f"features: {len(agreeing)} consistent matches, fewer than {s.min_inliers}"
             return Candidate(start, agreeing, 0.0, search_px, reason)

@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from .protocol import WRONG_DEG, WRONG_M, Frame, Odometer, Result, Status, failure
+from .protocol import WRONG_DEG, WRONG_M, Frame, Odometer, Result, SequentialOdometer, Status, failure
 
 #: Pose of a lost frame. hold: the last pose, and the reference does not change; constant-velocity: the last motion continues;
 #: restart: the last pose, and the lost frame is the new reference
@@ -188,6 +188,7 @@ class Tracker:
         self.odometer, self.camera, self.policy = odometer, camera, policy
         self.reference = against or reference(odometer.reference)
         self.view: Any = None
+        self.previous: Any = None  # prepare()'s output for the last frame that is usable
         self.T_world_view = self.T_view_camera = self.motion = SE3.identity()
         self.last: Frame | None = None  # the last frame, if it was tracked
         self.pose_s, self.motion_s = (
@@ -220,10 +221,18 @@ class Tracker:
         fault = frame if isinstance(frame, str) else frame.fault(self.camera)
         if fault or isinstance(frame, str):
             return None, failure(fault)
-        current = self.odometer.prepare(frame, self.camera)
+        previous, sequential = self.previous, isinstance(self.odometer, SequentialOdometer) and self.odometer.sequential
+        if sequential and previous is not None:
+            current = self.odometer.prepare_after(previous, frame, self.camera)
+        else:
+            current = self.odometer.prepare(frame, self.camera)
+        self.previous = current
         if self.view is None:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
-        guess = self.T_view_camera if self.losses else self.T_view_camera @ self._predicted(stamp_s)
+        if sequential:
+            guess = self.T_view_camera @ self.odometer.initial_motion(previous, current)
+        else:
+            guess = self.T_view_camera if self.losses else self.T_view_camera @ self._predicted(stamp_s)
         result = self.odometer.align(self.view, current, guess)
         if result.status is Status.OK and (doubt := self._doubt(stamp_s, frame, result)):
             result = replace(result, status=Status.DEGENERATE, reason=doubt)

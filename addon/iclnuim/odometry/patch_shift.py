@@ -1,0 +1,126 @@
+"""Subpixel positions of matched corners as FOVIS' authors' program (fovis 1.2) refines them: in 8-bit greys.
+
+A. Huang et al., ISRR 2011, section 3.5: efficient second-order minimization (Benhimane, Malis 2004) of squared differences between
+patches. `features.refine` is this project's version.
+"""
+
+import numpy as np
+from numba import njit
+
+from .features import MID_GREY, REACH, Features, Matches, depth_at, mutual_matches, points
+
+SIDE = 2 * REACH + 1
+#: The last pixel of a patch is not compared, so that the others are a multiple of 16 bytes.
+COMPARED = SIDE * SIDE - 1
+#: Maximum number of steps; the iteration ends with a step shorter than MIN_STEP_PX; a position farther than MAX_SHIFT_PX from its corner is
+#: not used (constants of the program; pixels of the level).
+STEPS, MIN_STEP_PX, MAX_SHIFT_PX = 6, 0.1, 1.5
+#: Minimum distance from the border of a position: the side of the patch ("feature-window-size"), and one more on the right and below.
+BORDER = SIDE
+
+
+def match_in_bytes(reference: Features, current: Features, expected_uv: np.ndarray, search_px: float) -> Matches:
+    """features.match() with positions from refine_in_bytes(). A corner whose position stays has the depth of its pixel; points
+    without depth are NaN, which agree with none."""
+    rows = np.lexsort((current.uv[:, 1], current.level))
+    i, j = mutual_matches(reference, current.chosen(rows), expected_uv, search_px)
+    j = rows[j]
+    uv = current.uv[j].copy()
+    for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
+        at = np.flatnonzero(reference.level[i] == n)
+        refine_in_bytes(image0, image1, reference.uv[i[at]] / 2**n, uv, at, float(2**n))
+    stays = (uv == current.uv[j]).all(axis=1)
+    z = np.where(stays, current.points_m[j][:, 2], depth_at(current.depth_z_m, uv))
+    points_m = points(current.camera, uv, np.where(z > 0, z, np.nan))
+    return Matches(reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i)))
+
+
+@njit(cache=True)
+def refine_in_bytes(image0, image1, uv0, uv1, at, scale):
+    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of image1 matches that of image0 around
+    uv0. Positions that cannot be refined stay.
+
+    Gradients are differences of neighbouring pixels at the integer position, and steps are taken while the difference decreases.
+    """
+    h, w = image1.shape
+    patch0, patch1 = np.empty(COMPARED, np.int64), np.empty(COMPARED, np.int64)
+    slopes0, slopes1 = np.empty((COMPARED, 2), np.int64), np.empty((COMPARED, 2), np.int64)
+    for n in range(len(at)):
+        start_u, start_v = uv1[at[n], 0] / scale, uv1[at[n], 1] / scale
+        u, v = np.float32(start_u), np.float32(start_v)
+        _patch(image0, np.float32(uv0[n, 0]), np.float32(uv0[n, 1]), patch0)
+        _slopes(image0, int(uv0[n, 0]), int(uv0[n, 1]), slopes0)
+        _patch(image1, u, v, patch1)
+        least = _squares(patch0, patch1)
+        for _ in range(STEPS):
+            _slopes(image1, int(u), int(v), slopes1)
+            a = b = c = p = q = 0
+            for k in range(COMPARED):
+                x_slope, y_slope = slopes0[k, 0] + slopes1[k, 0], slopes0[k, 1] + slopes1[k, 1]
+                error = patch1[k] - patch0[k]
+                a += x_slope * x_slope
+                b += x_slope * y_slope
+                c += y_slope * y_slope
+                p += x_slope * error
+                q += y_slope * error
+            det = float(a * c - b * b)
+            if det <= 0:
+                break
+            du, dv = -2 * (c * p - b * q) / det, -2 * (a * q - b * p) / det
+            next_u, next_v = np.float32(u + du), np.float32(v + dv)
+            if not (BORDER <= next_u <= w - BORDER - 2 and BORDER <= next_v <= h - BORDER - 2):
+                break
+            _patch(image1, next_u, next_v, patch1)
+            squares = _squares(patch0, patch1)
+            if squares >= least:
+                break
+            u, v, least = next_u, next_v, squares
+            if abs(du) < MIN_STEP_PX and abs(dv) < MIN_STEP_PX:
+                break
+        if (u - start_u) ** 2 + (v - start_v) ** 2 <= MAX_SHIFT_PX**2:
+            uv1[at[n], 0], uv1[at[n], 1] = u * scale, v * scale
+
+
+@njit(cache=True)
+def describe_in_bytes(image, uv):
+    """(n, COMPARED) uint8: the patch around each of uv (n, 2), pixels of the image, shifted to a mean of mid-grey."""
+    out, patch = np.empty((len(uv), COMPARED), np.uint8), np.empty(COMPARED, np.int64)
+    for n in range(len(uv)):
+        _patch(image, np.float32(uv[n, 0]), np.float32(uv[n, 1]), patch)
+        out[n] = patch
+    return out
+
+
+@njit(cache=True)
+def _patch(image, u, v, out):
+    """out (COMPARED,): the patch around (u, v), bilinear and rounded down, shifted to a mean of mid-grey."""
+    j, i = int(u), int(v)
+    s, t = float(u) - j, float(v) - i
+    a, b = np.float32((1 - s) * (1 - t)), np.float32(s * (1 - t))  # in single precision an even area may be rounded down
+    c, d = np.float32((1 - s) * t), np.float32(s * t)
+    total = 0
+    for k in range(COMPARED):
+        y, x = i + k // SIDE - REACH, j + k % SIDE - REACH
+        above = a * np.float32(image[y, x]) + b * np.float32(image[y, x + 1])
+        out[k] = int(above + c * np.float32(image[y + 1, x]) + d * np.float32(image[y + 1, x + 1]))
+        total += out[k]
+    shift = int(MID_GREY) - total // COMPARED
+    for k in range(COMPARED):
+        out[k] = min(max(out[k] + shift, 0), 255)
+
+
+@njit(cache=True)
+def _slopes(image, j, i, out):
+    """out (COMPARED, 2): differences of each pixel of the patch around (j, i) to its right and lower neighbours."""
+    for k in range(COMPARED):
+        y, x = i + k // SIDE - REACH, j + k % SIDE - REACH
+        here = int(image[y, x])
+        out[k, 0], out[k, 1] = int(image[y, x + 1]) - here, int(image[y + 1, x]) - here
+
+
+@njit(cache=True)
+def _squares(one, other):
+    total = 0
+    for k in range(len(one)):
+        total += (one[k] - other[k]) ** 2
+    return total
