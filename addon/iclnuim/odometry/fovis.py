@@ -193,6 +193,8 @@ class ReprojectionTerm:
     def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings, loose: bool = False) -> None:
         self.settings, self.loose, self.sigma = settings, loose, 1.0
         m, weight = matches, matches.weight * (2.0**-matches.level if settings.level_weights else 1.0)
+        if settings.authors:  # the program has one focal length in pixels for both axes
+            camera = replace(camera, fy=camera.fx)
         self.seen = (camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, weight)
         across, down = (matches.uv0 * (ACROSS, DOWN) / (camera.width, camera.height)).astype(np.int16).T
         self.blocks, self.sums = np.repeat(down * ACROSS + across, 4), np.empty((ACROSS * DOWN, 34))
