@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
+from .byte_patches import describe_in_bytes
 from .features import BUCKET_PX, PER_BUCKET, REACH, Features, assembled
 from .gcc_order import largest_first
-from .patch_shift import describe_in_bytes
 from .protocol import Frame
 from .solver import MIN_SIDE
 
@@ -19,11 +19,13 @@ FIRST_THRESHOLD, MIN_THRESHOLD, MAX_THRESHOLD = 20, 5, 70
 #: Pixels of the full image for each corner ("target-pixels-per-feature"), and the change of the threshold, in grey levels, for each
 #: corner above this number ("fast-threshold-adaptive-gain").
 PIXELS_PER_CORNER, GAIN = 250, 0.005
+#: Greys are rounded down, as libpng does it for the program. Those of whole colours are multiples of 0.001.
+ROUNDING = np.float32(0.0005)
 
 
 def fast_features(frame: Frame, camera: PinholeCamera, levels: int, threshold: int) -> Features:
     """FAST corners with depth, at most PER_BUCKET for each bucket of each level. `next_threshold` is set for the next frame."""
-    images = [np.clip(np.rint(frame.grey), 0, 255).astype(np.uint8)]
+    images = [np.clip(frame.grey + ROUNDING, 0, 255).astype(np.uint8)]
     while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
         images.append(halved(images[-1]))
     found = [fast_corners(image, threshold) for image in images]

@@ -16,12 +16,12 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
+from .byte_patches import match_in_bytes
 from .certainty import ACROSS, DOWN, jackknife_information
 from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .fast_features import FIRST_THRESHOLD, fast_features
 from .features import Features, Matches, agreement, clique, features, match
 from .gcc_order import descending
-from .patch_shift import match_in_bytes
 from .protocol import Frame, Result, Status, failure
 from .small_rotation import rotation_between, small_image
 from .solver import Limits, Pass, Stop, System, solve

@@ -48,11 +48,10 @@ def descending(values):
 def _partition(order, values, first, last):
     """Exchange indices in order[first:last] so that no value behind the returned position is greater than one before it."""
     a, b, c = first + 1, first + (last - first) // 2, last - 1
-    x, y, z = values[order[a]], values[order[b]], values[order[c]]
-    if x > y:
-        middle = b if y > z else c if x > z else a
-    else:
-        middle = a if x > z else c if y > z else b
+    if values[order[b]] >= values[order[a]]:
+        a, b = b, a
+    x, y, z = values[order[a]], values[order[b]], values[order[c]]  # x >= y
+    middle = b if y > z else c if x > z else a
     order[first], order[middle] = order[middle], order[first]
     pivot, low, high = values[order[first]], first + 1, last
     while True:

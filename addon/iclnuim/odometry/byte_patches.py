@@ -96,7 +96,10 @@ def _patch(image, u, v, out):
     """out (COMPARED,): the patch around (u, v), bilinear and rounded down, shifted to a mean of mid-grey."""
     j, i = int(u), int(v)
     s, t = float(u) - j, float(v) - i
-    a, b = np.float32((1 - s) * (1 - t)), np.float32(s * (1 - t))  # in single precision an even area may be rounded down
+    a, b = (
+        np.float32((1 - s) * (1 - t)),
+        np.float32(s * (1 - t)),
+    )  # in single precision an even area may be rounded down
     c, d = np.float32((1 - s) * t), np.float32(s * t)
     total = 0
     for k in range(COMPARED):
