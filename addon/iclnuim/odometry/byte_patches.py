@@ -7,7 +7,7 @@ patches. `features.refine` is this project's version.
 import numpy as np
 from numba import njit
 
-from .features import MID_GREY, REACH, Features, Matches, depth_at, mutual_matches, points
+from .features import MID_GREY, REACH, Features, Matches, depth_at, difference, points
 
 SIDE = 2 * REACH + 1
 #: The last pixel of a patch is not compared, so that the others are a multiple of 16 bytes.
@@ -22,9 +22,10 @@ BORDER = SIDE
 def match_in_bytes(reference: Features, current: Features, expected_uv: np.ndarray, search_px: float) -> Matches:
     """features.match() with positions from refine_in_bytes(). A corner whose position stays has the depth of its pixel; points
     without depth are NaN, which agree with none."""
-    rows = np.lexsort((current.uv[:, 1], current.level))
-    i, j = mutual_matches(reference, current.chosen(rows), expected_uv, search_px)
-    j = rows[j]
+    one, other = (reference.descriptions, reference.level), (current.descriptions, current.level)
+    pairs = mutual_in_order(*one, *other, expected_uv, current.uv, search_px)
+    i = np.flatnonzero(pairs >= 0)
+    j = pairs[i]
     uv = current.uv[j].copy()
     for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
         at = np.flatnonzero(reference.level[i] == n)
@@ -33,6 +34,28 @@ def match_in_bytes(reference: Features, current: Features, expected_uv: np.ndarr
     z = np.where(stays, current.points_m[j][:, 2], depth_at(current.depth_z_m, uv))
     points_m = points(current.camera, uv, np.where(z > 0, z, np.nan))
     return Matches(reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i)))
+
+
+@njit(cache=True)
+def mutual_in_order(descriptions0, level0, descriptions1, level1, expected_uv, uv1, search_px):
+    """features.mutual_best() for corners in any order, of which the first one of equally similar ones is taken."""
+    n0, n1 = len(level0), len(level1)
+    best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
+    of0, of1 = np.full(n0, -1), np.full(n1, -1)
+    for i in range(n0):
+        for j in range(n1):
+            du, dv = uv1[j, 0] - expected_uv[i, 0], uv1[j, 1] - expected_uv[i, 1]
+            if level0[i] != level1[j] or not du * du + dv * dv < search_px * search_px:
+                continue
+            score = difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
+            if score < best0[i]:
+                best0[i], of0[i] = score, j
+            if score < best1[j]:
+                best1[j], of1[j] = score, i
+    for i in range(n0):
+        if of0[i] >= 0 and of1[of0[i]] != i:
+            of0[i] = -1
+    return of0
 
 
 @njit(cache=True)

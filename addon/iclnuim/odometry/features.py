@@ -5,7 +5,7 @@ Each pyramid level is a 5x5 Gaussian of the even pixels of the level before, so 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -43,11 +43,6 @@ class Features:
     points_m: np.ndarray
     descriptions: np.ndarray
     next_threshold: int = 0
-
-    def chosen(self, which: np.ndarray) -> "Features":
-        """The corners selected by indices."""
-        parts = ("uv", "level", "points_m", "descriptions")
-        return replace(self, **{name: getattr(self, name)[which] for name in parts})
 
     @cached_property
     def half(self) -> Level:
@@ -206,7 +201,11 @@ def match(
     expected_uv (n, 2): positions of the reference's corners in the current image. Positions are refined to subpixel accuracy until
     a step is shorter than precision_px, and those where this fails are left out; depth is interpolated there.
     """
-    i, j = mutual_matches(reference, current, expected_uv, search_px)
+    pairs = mutual_best(
+        reference.descriptions, current.descriptions, reference.level, current.level, expected_uv, current.uv, search_px
+    )
+    found = pairs >= 0
+    i, j = np.flatnonzero(found), pairs[found]
     uv, lost = current.uv[j].copy(), np.zeros(len(j), bool)
     for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
         at = np.flatnonzero(reference.level[i] == n)
@@ -215,17 +214,6 @@ def match(
     points_m = points(current.camera, uv, z)
     matches = Matches(reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i)))
     return matches.chosen((z > 0) & ~lost)
-
-
-def mutual_matches(
-    reference: Features, current: Features, expected_uv: np.ndarray, search_px: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (m,) into the corners of both frames. expected_uv (n, 2): as in match()."""
-    pairs = mutual_best(
-        reference.descriptions, current.descriptions, reference.level, current.level, expected_uv, current.uv, search_px
-    )
-    found = pairs >= 0
-    return np.flatnonzero(found), pairs[found]
 
 
 @njit(cache=True)
@@ -245,7 +233,7 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
                 break
             if du * du + dv * dv > search_px * search_px:
                 continue
-            score = _difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
+            score = difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
             if score < best0[i]:
                 best0[i], of0[i] = score, j
             if score < best1[j]:
@@ -257,7 +245,7 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
 
 
 @njit(cache=True)
-def _difference(one, other, limit):
+def difference(one, other, limit):
     """The sum of absolute differences of two descriptions. If it reaches the limit, the result is any number that does."""
     score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
     for begin in range(0, size, at_once):

@@ -19,6 +19,7 @@ from . import kernels
 from .byte_patches import match_in_bytes
 from .certainty import ACROSS, DOWN, jackknife_information
 from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
+from .euler_refinement import refine_motion
 from .fast_features import FIRST_THRESHOLD, fast_features
 from .features import Features, Matches, agreement, clique, features, match
 from .gcc_order import descending
@@ -136,7 +137,11 @@ class Fovis:
             term = ReprojectionTerm(agreeing, camera, s, loose=True)
             T = self._estimate(term, T, depth)
             agreeing = replace(agreeing, weight=term.inlier_weights(depth.at(T), T))
-        T = self._estimate(ReprojectionTerm(agreeing, camera, s), T)
+        T = (
+            self._refined(agreeing, T, camera)
+            if s.authors
+            else self._estimate(ReprojectionTerm(agreeing, camera, s), T)
+        )
         errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
         few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
@@ -161,6 +166,14 @@ class Fovis:
                 break
         return T
 
+    def _refined(self, matches: Matches, T: SE3, camera: PinholeCamera) -> SE3:
+        """The motion as the authors' program refines it."""
+        m = matches
+        found = refine_motion(
+            T.matrix, camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, self.settings.iterations
+        )
+        return SE3(found[:3, :3], found[:3, 3])
+
     def _refine(self, found: "Candidate", camera: PinholeCamera) -> Result:
         """The motion from the inliers, with its uncertainty."""
         s, count = self.settings, len(found.inliers)
@@ -170,6 +183,8 @@ class Fovis:
         result = solve([Pass(term, s.iterations, 4 * count, s.stop)], T, s.limits)
         if result.status is Status.FAILED:
             return result
+        if s.authors:
+            result = replace(result, T_reference_camera=self._refined(found.inliers, found.T, camera))
         return replace(result, matches=count, inliers=found.share)
 
 
