@@ -106,10 +106,14 @@ def refine_in_bytes(image0, image1, uv0, uv1, at, scale):
 
 @njit(cache=True)
 def describe_in_bytes(image, uv):
-    """(n, COMPARED) uint8: the patch around each of uv (n, 2), pixels of the image, shifted to a mean of mid-grey."""
+    """(n, COMPARED) uint8: the patch around each of uv (n, 2), pixels of the image, shifted to a mean of mid-grey.
+
+    It is shifted twice, which differs where the first shift ended at black or white.
+    """
     out, patch = np.empty((len(uv), COMPARED), np.uint8), np.empty(COMPARED, np.int64)
     for n in range(len(uv)):
         _patch(image, np.float32(uv[n, 0]), np.float32(uv[n, 1]), patch)
+        _shift(patch)
         out[n] = patch
     return out
 
@@ -124,15 +128,19 @@ def _patch(image, u, v, out):
         np.float32(s * (1 - t)),
     )  # in single precision an even area may be rounded down
     c, d = np.float32((1 - s) * t), np.float32(s * t)
-    total = 0
     for k in range(COMPARED):
         y, x = i + k // SIDE - REACH, j + k % SIDE - REACH
         above = a * np.float32(image[y, x]) + b * np.float32(image[y, x + 1])
         out[k] = int(above + c * np.float32(image[y + 1, x]) + d * np.float32(image[y + 1, x + 1]))
-        total += out[k]
-    shift = int(MID_GREY) - total // COMPARED
+    _shift(out)
+
+
+@njit(cache=True)
+def _shift(patch):
+    """Shift a patch (COMPARED,) to a mean of mid-grey, within 0..255."""
+    shift = int(MID_GREY) - patch.sum() // COMPARED
     for k in range(COMPARED):
-        out[k] = min(max(out[k] + shift, 0), 255)
+        patch[k] = min(max(patch[k] + shift, 0), 255)
 
 
 @njit(cache=True)
