@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 cv2 = pytest.importorskip("cv2")
-from iclnuim.odometry import byte_patches, fast_features, features, gcc_order, small_rotation  # noqa: E402
+from iclnuim.odometry import byte_patches, euler_refinement, fast_features, features, gcc_order, small_rotation  # noqa: E402
 from iclnuim.odometry.fovis import Fovis  # noqa: E402
 from iclnuim.odometry.protocol import Frame  # noqa: E402
 from iclnuim.odometry.track import track  # noqa: E402
@@ -256,6 +258,38 @@ def test_orders_are_complete_and_descending(count):
     some = gcc_order.largest_first(values, 25)
     assert sorted(some) == list(range(count))
     assert sorted(values[some[:25]]) == sorted(values)[-25:]
+
+
+def test_the_rotation_of_euler_angles_is_scipys():
+    angles = np.array([0.3, -0.2, 0.5])
+    R = euler_refinement.rotations(angles)
+    assert np.allclose(R[0], Rotation.from_euler("xyz", angles).as_matrix())
+    T = np.eye(4)
+    T[:3, :3] = R[0]
+    assert np.allclose(euler_refinement.euler_angles(T), angles)
+    for a in range(3):
+        step = 1e-6 * np.eye(3)[a]
+        slope = (euler_refinement.rotations(angles + step)[0] - euler_refinement.rotations(angles - step)[0]) / 2e-6
+        assert np.allclose(R[a + 1], slope, atol=1e-8)
+
+
+def test_the_refined_motion_has_the_least_error():
+    """Against SciPy's least squares, from matches with an error of a quarter of a pixel."""
+    rng, camera, truth = np.random.default_rng(4), replace(CAMERA, fy=CAMERA.fx), SE3.exp(3 * TWIST)
+    points1 = rng.uniform((-1, -1, 2), (1, 1, 4), (200, 3))
+    points0 = truth.apply(points1)
+    uv0, uv1 = (camera.project(p) + rng.normal(0, 0.25, (200, 2)) for p in (points0, points1))
+    points0, points1 = (p * rng.normal(1, 0.001, (200, 1)) for p in (points0, points1))
+    matches = (camera.intrinsics, points0, uv0, points1, uv1)
+    found = euler_refinement.refine_motion(np.eye(4), *matches, 6)
+
+    def residuals(twist: np.ndarray) -> np.ndarray:
+        T = SE3.exp(twist)
+        return np.r_[camera.project(T.apply(points1)) - uv0, camera.project(T.inverse().apply(points0)) - uv1].ravel()
+
+    best = SE3.exp(least_squares(residuals, np.zeros(6)).x)
+    assert np.abs(found - best.matrix).max() < 1e-4 and np.abs(best.matrix - truth.matrix).max() < 2e-3
+    assert np.isclose(euler_refinement.squared_error(best.matrix, *matches), (residuals(best.log()) ** 2).sum())
 
 
 def test_a_sequential_odometer_is_given_the_frame_before():

@@ -42,16 +42,20 @@ HIGH_AGREEMENT = 0.35
 
 @dataclass(frozen=True)
 class FovisSettings:
-    """The defaults are those of the authors' program (fovis 1.2)."""
+    """The defaults are those of the authors' program (fovis 1.2).
+
+    authors: each stage is that of the program: corners (fast_features), first rotation (small_rotation), descriptions and positions
+    (byte_patches), the order of matches (gcc_order) and the steps of the refinement (euler_refinement).
+    """
 
     levels: int = 3
-    authors: bool = True  # corners, first rotation, and positions of matches as in the authors' program
+    authors: bool = True
     count: int = 1229  # without `authors`: corners per frame
     searches_px: tuple[float, ...] = (25.0,)  # search radii around the position predicted by the current motion
     precision_px: float = 0.01  # without `authors`: a corner's position is refined until a step is shorter
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    min_agreement: float = 0.0  # minimum share of inliers; unrelated images have up to 0.07
+    min_agreement: float = 0.0  # minimum share of inliers, none in the program; unrelated images have up to 0.07
     min_inliers: int = 10
     nu: float = 0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
     iterations: int = 6
@@ -208,8 +212,6 @@ class ReprojectionTerm:
     def __init__(self, matches: Matches, camera: PinholeCamera, settings: FovisSettings, loose: bool = False) -> None:
         self.settings, self.loose, self.sigma = settings, loose, 1.0
         m, weight = matches, matches.weight * (2.0**-matches.level if settings.level_weights else 1.0)
-        if settings.authors:  # the program has one focal length in pixels for both axes
-            camera = replace(camera, fy=camera.fx)
         self.seen = (camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, weight)
         across, down = (matches.uv0 * (ACROSS, DOWN) / (camera.width, camera.height)).astype(np.int16).T
         self.blocks, self.sums = np.repeat(down * ACROSS + across, 4), np.empty((ACROSS * DOWN, 34))
