@@ -55,7 +55,9 @@ class FovisSettings:
     precision_px: float = 0.01  # without `authors`: a corner's position is refined until a step is shorter
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    min_agreement: float = 0.0  # minimum share of inliers, none in the program; unrelated images have up to 0.07
+    min_agreement: float = (
+        0.1  # minimum share of inliers; unrelated images have up to 0.07; with `authors` for the status OK only
+    )
     min_inliers: int = 10
     nu: float = 0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
     iterations: int = 6
@@ -73,7 +75,6 @@ class Fovis:
         "best": FovisSettings(
             authors=False,
             searches_px=(25.0, 4.0),
-            min_agreement=0.1,
             nu=5.0,
             stop=Stop(min_step=1e-5),
             depth=True,
@@ -148,7 +149,7 @@ class Fovis:
         )
         errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
-        few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
+        few = len(inliers) < max(0.0 if s.authors else s.min_agreement * len(found), s.min_inliers)
         reason = f"features: {len(inliers)} of {len(found)} matches are inliers" if few else ""
         return Candidate(T, inliers, len(inliers) / len(found), search_px, reason)
 
@@ -189,6 +190,10 @@ class Fovis:
             return result
         if s.authors:
             result = replace(result, T_reference_camera=self._refined(found.inliers, found.T, camera))
+        if result.status is Status.OK and found.share < s.min_agreement:
+            result = replace(
+                result, status=Status.DEGENERATE, reason=f"features: only {found.share:.1%} of the matches agree"
+            )
         return replace(result, matches=count, inliers=found.share)
 
 
