@@ -20,8 +20,8 @@ BORDER = SIDE
 
 
 def match_in_bytes(reference: Features, current: Features, expected_uv: np.ndarray, search_px: float) -> Matches:
-    """features.match() with positions from refine_in_bytes(). A corner whose position stays has the depth of its pixel; points
-    without depth are NaN, which agree with none."""
+    """features.match() with positions from refine_in_bytes(). A corner whose position stays, or is between four
+    pixels without depth, keeps its point; if only some of the four have no depth, it is NaN, which agrees with none."""
     one, other = (reference.descriptions, reference.level), (current.descriptions, current.level)
     pairs = mutual_in_order(*one, *other, expected_uv, current.uv, search_px)
     i = np.flatnonzero(pairs >= 0)
@@ -30,10 +30,16 @@ def match_in_bytes(reference: Features, current: Features, expected_uv: np.ndarr
     for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
         at = np.flatnonzero(reference.level[i] == n)
         refine_in_bytes(image0, image1, reference.uv[i[at]] / 2**n, uv, at, float(2**n))
-    stays = (uv == current.uv[j]).all(axis=1)
-    z = np.where(stays, current.points_m[j][:, 2], depth_at(current.depth_z_m, uv))
-    points_m = points(current.camera, uv, np.where(z > 0, z, np.nan))
-    return Matches(reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i)))
+    z, points1_m = depth_at(current.depth_z_m, uv), current.points_m[j]
+    refined = (uv != current.uv[j]).any(axis=1) & _depth_near(current.depth_z_m, uv)
+    points1_m[refined] = points(current.camera, uv[refined], np.where(z > 0, z, np.nan)[refined])
+    return Matches(reference.uv[i], reference.points_m[i], uv, points1_m, reference.level[i], np.ones(len(i)))
+
+
+def _depth_near(depth_z_m: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(n,) bool: whether any of the four pixels around each of uv (n, 2) has depth."""
+    u, v = np.floor(uv).astype(int).T
+    return np.any([depth_z_m[v + i, u + j] > 0 for i in (0, 1) for j in (0, 1)], axis=0)
 
 
 @njit(cache=True)
