@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from iclnuim.errors import InputError
@@ -15,7 +15,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.odometry.baselines import Baseline
-from iclnuim.odometry.protocol import Frame, Odometer, Result, Status, failure
+from iclnuim.odometry.protocol import Frame, Odometer, Result, SequentialOdometer, Status, failure
 from iclnuim.odometry.track import Tracked, Tracker
 
 from .plan import Bounds
@@ -66,10 +66,18 @@ class RecordingOdometer:
     def __init__(self, odometer: Odometer, segment: Segment) -> None:
         self.odometer, self.segment = odometer, segment
         self.name, self.reference = odometer.name, odometer.reference
+        self.sequential = getattr(odometer, "sequential", False)
         self.pairs: dict[float, float] = {}
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any:
         return frame.stamp_s, self.odometer.prepare(frame, camera)
+
+    def prepare_after(self, previous: Any, frame: Frame, camera: PinholeCamera) -> Any:
+        odometer = cast(SequentialOdometer, self.odometer)
+        return frame.stamp_s, odometer.prepare_after(previous[1], frame, camera)
+
+    def initial_motion(self, previous: Any, current: Any) -> SE3:
+        return cast(SequentialOdometer, self.odometer).initial_motion(previous[1], current[1])
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
         self.pairs[current[0]] = reference[0]

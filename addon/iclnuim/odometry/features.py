@@ -4,6 +4,7 @@ A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB
 Each pyramid level is a 5x5 Gaussian of the even pixels of the level before, so (u, v) on level n is (u, v) 2^n in the image.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,8 +25,6 @@ MID_GREY = 128.0
 MIN_EIGENVALUE = (2 / 255) ** 2
 #: Scale of the structure tensor: half the 7x7 mean of products of Sobel sums, which are up to 4 x 255.
 SOBEL_SQUARES = np.float32(1 / (2 * 49 * 1020.0**2))
-#: Lowest and highest threshold of FAST, in grey levels.
-MIN_FAST, MAX_FAST = 5, 70
 #: Side in pixels of a bucket, and the maximum number of corners in it; the strongest are used.
 BUCKET_PX, PER_BUCKET = 80, 25
 
@@ -33,7 +32,7 @@ BUCKET_PX, PER_BUCKET = 80, 25
 @dataclass(frozen=True, eq=False)
 class Features:
     """Corners of one frame, sorted by level, then row. images: grey (h, w) uint8, fine to coarse; uv (n, 2): pixels of the full
-    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8.
+    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8; next_threshold: of FAST, for the next frame.
     """
 
     images: list[np.ndarray]
@@ -43,6 +42,7 @@ class Features:
     level: np.ndarray
     points_m: np.ndarray
     descriptions: np.ndarray
+    next_threshold: int = 0
 
     @cached_property
     def half(self) -> Level:
@@ -69,36 +69,44 @@ class Matches:
         return Matches(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
 
-def features(frame: Frame, camera: PinholeCamera, levels: int, count: int, detector: str) -> Features:
-    """About `count` corners with depth over all levels, at most PER_BUCKET per bucket; detector: a key of DETECTORS."""
-    detect, *thresholds = DETECTORS[detector]
+def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Features:
+    """About `count` corners with depth over all levels, at most PER_BUCKET per bucket: maxima of the structure tensor's smaller eigenvalue."""
     images: list[np.ndarray] = [cv2.convertScaleAbs(frame.grey)]
     while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
         images.append(cv2.pyrDown(images[-1]))
-    found = [_inside(detect(image), image.shape) for image in images]
-    threshold = _threshold(np.concatenate([scores for _, scores in found]), count, *thresholds)
+    found = [_inside(eigenvalue_corners(image), image.shape) for image in images]
+    threshold = _threshold(np.concatenate([scores for _, scores in found]), count)
     kept = [
-        _strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
+        strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
         for n, (uv, scores) in enumerate(found)
     ]
-    level = np.repeat(np.arange(len(images)), [len(uv) for uv in kept])
-    uv = np.concatenate([uv * 2**n for n, uv in enumerate(kept)]).astype(float)
-    z = frame.depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]
-    descriptions = np.concatenate([describe(image, uv) for image, uv in zip(images, kept, strict=True)])
+    return assembled(images, frame.depth_z_m, camera, kept, describe)
+
+
+def assembled(
+    images: list[np.ndarray],
+    depth_z_m: np.ndarray,
+    camera: PinholeCamera,
+    corners: list[np.ndarray],
+    describe: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    next_threshold: int = 0,
+) -> Features:
+    """The features of the corners that have depth; corners (n, 2): pixels of each level, whose patch is inside the image.
+
+    describe: as describe().
+    """
+    level = np.repeat(np.arange(len(images)), [len(uv) for uv in corners])
+    uv = np.concatenate([uv * 2**n for n, uv in enumerate(corners)]).astype(float)
+    z = depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]
+    descriptions = np.concatenate([describe(image, uv) for image, uv in zip(images, corners, strict=True)])
     has = z > 0
-    points_m = _points(camera, uv[has], z[has])
-    return Features(images, frame.depth_z_m, camera, uv[has], level[has], points_m, descriptions[has])
+    points_m = points(camera, uv[has], z[has])
+    return Features(images, depth_z_m, camera, uv[has], level[has], points_m, descriptions[has], next_threshold)
 
 
-def _points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+def points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarray:
     x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
     return np.stack([x * z_m, y * z_m, z_m], axis=1)
-
-
-def fast_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) and scores (n,) of FAST at its lowest threshold; the score is the highest threshold at which it is still a corner."""
-    corners = cv2.FastFeatureDetector.create(MIN_FAST, True).detect(image)
-    return np.array([c.pt for c in corners], np.int64).reshape(-1, 2), np.array([c.response for c in corners])
 
 
 def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,10 +154,6 @@ def smaller_eigenvalues(image):
     return out
 
 
-#: name -> (corners of an image, lowest and highest threshold of their scores)
-DETECTORS = {"fast": (fast_corners, MIN_FAST, MAX_FAST), "eigenvalue": (eigenvalue_corners, MIN_EIGENVALUE, np.inf)}
-
-
 def _inside(found: tuple[np.ndarray, np.ndarray], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """The corners whose patch is inside the image."""
     uv, scores = found
@@ -157,14 +161,14 @@ def _inside(found: tuple[np.ndarray, np.ndarray], shape: tuple[int, ...]) -> tup
     return uv[inside], scores[inside]
 
 
-def _threshold(scores: np.ndarray, count: int, low: float, high: float) -> float:
-    """The threshold, within its limits, that about `count` corners exceed."""
+def _threshold(scores: np.ndarray, count: int) -> float:
+    """The threshold, at least MIN_EIGENVALUE, that about `count` corners exceed."""
     if len(scores) <= count:
-        return low
-    return float(np.clip(np.partition(scores, len(scores) - count)[len(scores) - count], low, high))
+        return MIN_EIGENVALUE
+    return float(max(np.partition(scores, len(scores) - count)[len(scores) - count], MIN_EIGENVALUE))
 
 
-def _strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
+def strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
     """The PER_BUCKET strongest corners of each bucket; ties are in the order of detection."""
     bucket = uv[:, 1] // BUCKET_PX * -(-width // BUCKET_PX) + uv[:, 0] // BUCKET_PX
     order = np.lexsort((-scores, bucket))
@@ -190,12 +194,12 @@ def describe(image, uv):
 
 
 def match(
-    reference: Features, current: Features, expected_uv: np.ndarray, search_px: float, precision_px: float, strict: bool
+    reference: Features, current: Features, expected_uv: np.ndarray, search_px: float, precision_px: float
 ) -> Matches:
     """Mutual best matches (sum of absolute differences) within search_px of the expected positions.
 
     expected_uv (n, 2): positions of the reference's corners in the current image. Positions are refined to subpixel accuracy until
-    a step is shorter than precision_px (0: no refinement); depth is interpolated there.
+    a step is shorter than precision_px, and those where this fails are left out; depth is interpolated there.
     """
     pairs = mutual_best(
         reference.descriptions, current.descriptions, reference.level, current.level, expected_uv, current.uv, search_px
@@ -204,14 +208,12 @@ def match(
     i, j = np.flatnonzero(found), pairs[found]
     uv, lost = current.uv[j].copy(), np.zeros(len(j), bool)
     for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
-        if not precision_px:
-            break
         at = np.flatnonzero(reference.level[i] == n)
         refine(image0, image1, reference.uv[i[at]] / 2**n, uv, at, float(2**n), precision_px, lost)
     z = depth_at(current.depth_z_m, uv)
-    points_m = _points(current.camera, uv, z)
+    points_m = points(current.camera, uv, z)
     matches = Matches(reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i)))
-    return matches.chosen((z > 0) & ~(lost & strict))
+    return matches.chosen((z > 0) & ~lost)
 
 
 @njit(cache=True)
@@ -231,7 +233,7 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
                 break
             if du * du + dv * dv > search_px * search_px:
                 continue
-            score = _difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
+            score = difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
             if score < best0[i]:
                 best0[i], of0[i] = score, j
             if score < best1[j]:
@@ -243,7 +245,7 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
 
 
 @njit(cache=True)
-def _difference(one, other, limit):
+def difference(one, other, limit):
     """The sum of absolute differences of two descriptions. If it reaches the limit, the result is any number that does."""
     score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
     for begin in range(0, size, at_once):
@@ -344,9 +346,15 @@ def depth_at(depth_z_m, uv):
     return out
 
 
-@njit(cache=True)
-def consistent(points0_m, points1_m, max_m):
+def consistent(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np.ndarray:
     """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less than max_m (section 3.4)."""
+    agree = agreement(points0_m, points1_m, max_m)
+    return clique(agree, np.argsort(-agree.sum(axis=1), kind="mergesort"))
+
+
+@njit(cache=True)
+def agreement(points0_m, points1_m, max_m):
+    """(n, n) bool: whether the distance of two matches differs by less than max_m between the frames; False for a match with itself."""
     n = len(points0_m)
     agree = np.zeros((n, n), np.bool_)
     for i in range(n):
@@ -356,10 +364,16 @@ def consistent(points0_m, points1_m, max_m):
                 d0 += (points0_m[i, k] - points0_m[j, k]) ** 2
                 d1 += (points1_m[i, k] - points1_m[j, k]) ** 2
             agree[i, j] = agree[j, i] = abs(np.sqrt(d0) - np.sqrt(d1)) < max_m
-    degree = agree.sum(axis=1)
-    clique, possible = np.zeros(n, np.bool_), np.ones(n, np.bool_)
-    for i in np.argsort(-degree, kind="mergesort"):
+    return agree
+
+
+@njit(cache=True)
+def clique(agree, order):
+    """(n,) bool: in this order, the matches that agree with all that were chosen before."""
+    n = len(agree)
+    chosen, possible = np.zeros(n, np.bool_), np.ones(n, np.bool_)
+    for i in order:
         if possible[i]:
-            clique[i] = True
+            chosen[i] = True
             possible &= agree[i]
-    return clique
+    return chosen

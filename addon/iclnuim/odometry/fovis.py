@@ -16,10 +16,15 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
+from .byte_patches import match_in_bytes
 from .certainty import ACROSS, DOWN, jackknife_information
 from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
-from .features import Features, Matches, consistent, features, match
+from .euler_refinement import refine_motion
+from .fast_features import FIRST_THRESHOLD, fast_features
+from .features import Features, Matches, agreement, clique, features, match
+from .gcc_order import descending
 from .protocol import Frame, Result, Status, failure
+from .small_rotation import rotation_between, small_image
 from .solver import Limits, Pass, Stop, System, solve
 
 #: The initial rotation is estimated on small images: their rows, the iterations, and the size of the Gaussian blur.
@@ -37,17 +42,22 @@ HIGH_AGREEMENT = 0.35
 
 @dataclass(frozen=True)
 class FovisSettings:
-    """The defaults are those of the authors' program (fovis 1.2)."""
+    """The defaults are those of the authors' program (fovis 1.2).
+
+    authors: each stage is that of the program: corners (fast_features), first rotation (small_rotation), descriptions and positions
+    (byte_patches), the order of matches (gcc_order) and the steps of the refinement (euler_refinement).
+    """
 
     levels: int = 3
-    detector: str = "fast"
-    count: int = 1229  # corners per frame: the authors use one per 250 pixels of 640x480
+    authors: bool = True
+    count: int = 1229  # without `authors`: corners per frame
     searches_px: tuple[float, ...] = (25.0,)  # search radii around the position predicted by the current motion
-    precision_px: float = 0.1  # a corner's position is refined until a step is shorter
-    strict: bool = False  # a corner whose position cannot be refined is dropped
+    precision_px: float = 0.01  # without `authors`: a corner's position is refined until a step is shorter
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    min_agreement: float = 0.1  # minimum share of inliers; unrelated images have up to 0.07
+    min_agreement: float = (
+        0.1  # minimum share of inliers; unrelated images have up to 0.07; with `authors` for the status OK only
+    )
     min_inliers: int = 10
     nu: float = 0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
     iterations: int = 6
@@ -63,10 +73,8 @@ class Fovis:
     PRESETS = {
         "paper": FovisSettings(),
         "best": FovisSettings(
-            detector="eigenvalue",
+            authors=False,
             searches_px=(25.0, 4.0),
-            precision_px=0.01,
-            strict=True,
             nu=5.0,
             stop=Stop(min_step=1e-5),
             depth=True,
@@ -76,10 +84,21 @@ class Fovis:
     }
 
     def __init__(self, settings: FovisSettings) -> None:
-        self.settings, self.reference = settings, settings.reference
+        self.settings, self.reference, self.sequential = settings, settings.reference, settings.authors
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Features:
-        return features(frame, camera, self.settings.levels, self.settings.count, self.settings.detector)
+        s = self.settings
+        if s.authors:
+            return fast_features(frame, camera, s.levels, FIRST_THRESHOLD)
+        return features(frame, camera, s.levels, s.count)
+
+    def prepare_after(self, previous: Features, frame: Frame, camera: PinholeCamera) -> Features:
+        return fast_features(frame, camera, self.settings.levels, previous.next_threshold)
+
+    def initial_motion(self, previous: Features, current: Features) -> SE3:
+        """T_previous_current: the rotation between the small images (section 3.2)."""
+        small0, small1 = (small_image(f.images[-1], len(f.images) - 1) for f in (previous, current))
+        return SE3(rotation_between(small0, small1, current.camera), np.zeros(3))
 
     def align(self, reference: Features, current: Features, guess: SE3) -> Result:
         s = self.settings
@@ -90,7 +109,7 @@ class Fovis:
         found = self._search(reference, current, guess, near, depth)
         if far > near and found.share < HIGH_AGREEMENT:
             found = self._search(reference, current, guess, far, depth)
-        if found.share < LOW_AGREEMENT:
+        if not s.authors and found.share < LOW_AGREEMENT:
             again = self._search(reference, current, _estimate_rotation(reference, current, guess), far, depth)
             found = again if len(again.inliers) > len(found.inliers) else found
         if far > near and found.search_px == far and not found.reason:
@@ -107,8 +126,14 @@ class Fovis:
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
         last = search_px == s.searches_px[-1]
-        found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5, s.strict)
-        agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
+        if s.authors:
+            found = match_in_bytes(reference, current, expected_uv, search_px)
+        else:
+            found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5)
+        agree = agreement(found.points0_m, found.points1_m, s.max_distance_m)
+        degree = agree.sum(axis=1)
+        order = descending(degree) if s.authors else np.argsort(-degree, kind="mergesort")
+        agreeing = found.chosen(clique(agree, order))
         if len(agreeing) < s.min_inliers:
             reason = f"features: {len(agreeing)} consistent matches, fewer than {s.min_inliers}"
             return Candidate(start, agreeing, 0.0, search_px, reason)
@@ -117,10 +142,14 @@ class Fovis:
             term = ReprojectionTerm(agreeing, camera, s, loose=True)
             T = self._estimate(term, T, depth)
             agreeing = replace(agreeing, weight=term.inlier_weights(depth.at(T), T))
-        T = self._estimate(ReprojectionTerm(agreeing, camera, s), T)
+        T = (
+            self._refined(agreeing, T, camera)
+            if s.authors
+            else self._estimate(ReprojectionTerm(agreeing, camera, s), T)
+        )
         errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
-        few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
+        few = len(inliers) < max(0.0 if s.authors else s.min_agreement * len(found), s.min_inliers)
         reason = f"features: {len(inliers)} of {len(found)} matches are inliers" if few else ""
         return Candidate(T, inliers, len(inliers) / len(found), search_px, reason)
 
@@ -142,6 +171,14 @@ class Fovis:
                 break
         return T
 
+    def _refined(self, matches: Matches, T: SE3, camera: PinholeCamera) -> SE3:
+        """The motion as the authors' program refines it."""
+        m = matches
+        found = refine_motion(
+            T.matrix, camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, self.settings.iterations
+        )
+        return SE3(found[:3, :3], found[:3, 3])
+
     def _refine(self, found: "Candidate", camera: PinholeCamera) -> Result:
         """The motion from the inliers, with its uncertainty."""
         s, count = self.settings, len(found.inliers)
@@ -151,6 +188,12 @@ class Fovis:
         result = solve([Pass(term, s.iterations, 4 * count, s.stop)], T, s.limits)
         if result.status is Status.FAILED:
             return result
+        if s.authors:
+            result = replace(result, T_reference_camera=self._refined(found.inliers, found.T, camera))
+        if result.status is Status.OK and found.share < s.min_agreement:
+            result = replace(
+                result, status=Status.DEGENERATE, reason=f"features: only {found.share:.1%} of the matches agree"
+            )
         return replace(result, matches=count, inliers=found.share)
 
 

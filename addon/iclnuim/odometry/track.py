@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from .protocol import WRONG_DEG, WRONG_M, Frame, Odometer, Result, Status, failure
+from .protocol import WRONG_DEG, WRONG_M, Frame, Odometer, Result, SequentialOdometer, Status, failure
 
 #: Pose of a lost frame. hold: the last pose, and the reference does not change; constant-velocity: the last motion continues;
 #: restart: the last pose, and the lost frame is the new reference
@@ -175,7 +175,7 @@ class Tracked:
 class Tracker:
     """Tracks frames one by one, with constant memory and time per frame. against: the reference; by default the odometer's own.
 
-    Each alignment starts from a constant-velocity prediction, except after a lost frame. A frame that repeats the one before is not
+    Each alignment starts from a constant-velocity prediction, except after a lost frame, or from that of a SequentialOdometer. A frame that repeats the one before is not
     aligned: it keeps the pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was a DEGENERATE outlier:
     the motion between the two is wrong. Raises InputError for an unknown policy.
     """
@@ -187,6 +187,9 @@ class Tracker:
             raise InputError(f"a policy for lost frames ({', '.join(POLICIES)})", found=policy)
         self.odometer, self.camera, self.policy = odometer, camera, policy
         self.reference = against or reference(odometer.reference)
+        sequential = isinstance(odometer, SequentialOdometer) and odometer.sequential
+        self.sequential = cast(SequentialOdometer, odometer) if sequential else None
+        self.previous: Any = None  # prepare()'s output for the last usable frame
         self.view: Any = None
         self.T_world_view = self.T_view_camera = self.motion = SE3.identity()
         self.last: Frame | None = None  # the last frame, if it was tracked
@@ -220,14 +223,26 @@ class Tracker:
         fault = frame if isinstance(frame, str) else frame.fault(self.camera)
         if fault or isinstance(frame, str):
             return None, failure(fault)
-        current = self.odometer.prepare(frame, self.camera)
+        previous, self.previous = self.previous, self._prepared(frame)
+        current = self.previous
         if self.view is None:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
-        guess = self.T_view_camera if self.losses else self.T_view_camera @ self._predicted(stamp_s)
+        guess = self.T_view_camera @ self._expected(stamp_s, previous, current)
         result = self.odometer.align(self.view, current, guess)
         if result.status is Status.OK and (doubt := self._doubt(stamp_s, frame, result)):
             result = replace(result, status=Status.DEGENERATE, reason=doubt)
         return current, result
+
+    def _prepared(self, frame: Frame) -> Any:
+        if self.sequential is None or self.previous is None:
+            return self.odometer.prepare(frame, self.camera)
+        return self.sequential.prepare_after(self.previous, frame, self.camera)
+
+    def _expected(self, stamp_s: float, previous: Any, current: Any) -> SE3:
+        """The motion since the last pose from which the alignment starts."""
+        if self.sequential:
+            return self.sequential.initial_motion(previous, current)
+        return SE3.identity() if self.losses else self._predicted(stamp_s)
 
     def _doubt(self, stamp_s: float, frame: Frame, result: Result) -> str:
         """The reason why a pose that its odometer reports as OK is DEGENERATE; empty if there is none."""
