@@ -141,7 +141,11 @@ def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
     parser.set_defaults(run=getattr(module, "run", None))
     getattr(module, f"configure_{command}" if shared else "configure")(parser)
-    return parser.parse_args(getattr(module, "spelled_out", list)(argv))
+    words = getattr(module, "spelled_out", list)(argv)
+    try:  # options may stand between the positional arguments: odometry icp --preset paper DIR
+        return parser.parse_intermixed_args(words)
+    except TypeError:  # argparse: not with actions, as `evaluate ate` has them
+        return parser.parse_args(words)
 
 
 if __name__ == "__main__":

@@ -298,7 +298,7 @@ def test_a_read_only_folder_is_named_before_the_work(tmp_path, monkeypatch):
 def test_values_of_image_files_are_not_taken_for_metres_or_light():
     with pytest.raises(InputError, match="depth in metres, as floating-point numbers, found uint16"):
         noisy_depth(np.full((48, 64), 10_000, np.uint16))
-    with pytest.raises(InputError, match="found uint8; try .*light_from_srgb8"):
+    with pytest.raises(InputError, match="found uint8; try iclnuim.linear_from_srgb8"):
         noisy_rgb(np.full((48, 64, 3), 128, np.uint8))
     with pytest.raises(InputError, match="camera's size 64x48, found"):
         noisy_depth(np.full((10, 64), 2.0), camera=PinholeCamera.parse("64x48"))
@@ -354,6 +354,11 @@ def test_a_number_of_processes_that_is_none_is_refused(sequence, number, capsys)
     with pytest.raises(SystemExit) as ended:
         main(["convert", "seq", "out", f"--workers={number}"])
     assert ended.value.code == 2 and "--workers: expected a whole number of at least 1" in capsys.readouterr().err
+
+
+def test_options_may_stand_between_the_method_and_the_folder(sequence, capsys):
+    assert main(["odometry", "icp", "--preset", "paper", "nowhere"]) == 2
+    assert "nowhere" in capsys.readouterr().err
 
 
 def test_an_odometer_without_a_folder_is_refused_with_what_is_missing(sequence, capsys):
