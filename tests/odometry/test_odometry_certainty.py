@@ -312,6 +312,17 @@ def test_images_that_still_do_not_fit_after_a_poor_prediction_are_reported(name)
     assert result.status is Status.DEGENERATE and result.reason.startswith("prediction: poor, correlation 0.5")
 
 
+@pytest.mark.parametrize("name", ["icp_rgbd", "dvo"])
+def test_the_authors_settings_report_a_motion_if_half_of_the_image_has_changed(name):
+    method = odometer(name, "paper")
+    frames = [view(i, ROOM, camera=BIG) for i in (0, 1, 1)]
+    frames[2].grey[:, 160:] = frames[2].grey[::-1, 160:]
+    reference, same, changed = (method.prepare(f, BIG) for f in frames)
+    assert method.align(reference, same, after(1)).status is Status.OK
+    result = method.align(reference, changed, after(1))
+    assert result.status is not Status.OK and result.reason.startswith(("image: does not fit", "overlap", "step"))
+
+
 @pytest.mark.parametrize("name", ["icp", "icp_rgbd", "rgbd", "dvo"])
 def test_a_wrong_camera_is_no_crash_and_shows_in_residual_or_inliers_or_as_lost(name):
     frames = [view(i, ROOM) for i in range(4)]

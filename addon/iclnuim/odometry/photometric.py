@@ -275,20 +275,27 @@ def estimate_rotation(reference: Level, current: Level, guess: SE3) -> SE3:
 
 
 class Start(NamedTuple):
-    """Where an alignment starts: guess, schedule, and, if the coarsest images did not fit at the prediction, their term."""
+    """Where an alignment starts: guess, schedule, and the term of the coarsest images, if they did not fit at the prediction (poor), or if
+    only the result is checked (afterwards).
+    """
 
     guess: SE3
     schedule: list[tuple[int, int]]
     poor: PhotometricTerm | None = None
+    afterwards: PhotometricTerm | None = None
 
     def checked(self, result: Result) -> Result:
-        """The result. If the prediction was poor, it is DEGENERATE if it did not converge, or if the coarsest images still do not fit."""
-        if self.poor is None or result.status is Status.FAILED:
+        """The result; DEGENERATE if the coarsest images do not fit, or, after a poor prediction, if it did not converge."""
+        term = self.poor or self.afterwards
+        if term is None or result.status is Status.FAILED:
             return result
-        correlation, _ = self.poor.fit(result.T_reference_camera)
-        if result.converged and correlation >= MIN_FIT:
+        correlation, _ = term.fit(result.T_reference_camera)
+        if correlation >= MIN_FIT and (result.converged or not self.poor):
             return result
-        reason = f"prediction: poor, correlation {correlation:.2f} and {'' if result.converged else 'not '}converged afterwards"
+        reason = f"image: does not fit, correlation {correlation:.2f}"
+        if self.poor:
+            afterwards = f"{'' if result.converged else 'not '}converged afterwards"
+            reason = f"prediction: poor, correlation {correlation:.2f} and {afterwards}"
         return replace(result, status=Status.DEGENERATE, reason=reason)
 
 
@@ -300,12 +307,12 @@ def initialise(
     guess: SE3,
 ) -> Start:
     """If the coarsest images do not fit at the guess, there may have been a sudden motion. A rotation is then estimated from these
-    images; if they fit better there, it replaces that of the guess. All levels get more iterations.
+    images; if they fit better there, it replaces that of the guess. All levels get more iterations. Without tiles only the result is checked.
     """
-    if not settings.tiles:
-        return Start(guess, schedule)
     n = schedule[0][0]
     term = PhotometricTerm(reference[n], current[n], settings, n)
+    if not settings.tiles:
+        return Start(guess, schedule, afterwards=term)
     correlation, visible = term.fit(guess)
     if correlation >= MIN_FIT:
         return Start(guess, schedule)
