@@ -17,11 +17,15 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import geometric_mean
 from typing import Any
+
+from iclnuim.headless.stress.plan import SCALES
+from iclnuim.odometry.registry import NAMES
 
 TOP = Path(__file__).resolve().parents[1]
 _KT2 = "out/living_room/kt2"
@@ -301,13 +305,15 @@ def _by_method(found: Sequence[Any]) -> dict[str, dict[tuple[str, int], Any]]:
     groups: dict[str, dict[tuple[str, int], Any]] = {}
     for cell in found[0]["cells"]:
         groups.setdefault(cell["method"], {})[cell["perturbation"], cell["severity"]] = cell
-    return groups
+    ranks = {name: n for n, name in enumerate(NAMES)}  # systems come last
+    return dict(sorted(groups.items(), key=lambda item: ranks.get(item[0], len(ranks))))
 
 
 def _stress_fails(found: Sequence[Any]) -> str:
     """The lowest severity at which at least half of the segments fail."""
     groups = _by_method(found)
-    names = dict.fromkeys(p for cells in groups.values() for p, severity in cells if severity)
+    measured = {p for cells in groups.values() for p, severity in cells if severity}
+    names = [name for name in tomllib.loads(SCALES["perturbations"].read_text())["perturbations"] if name in measured]
 
     def first(cells: dict[tuple[str, int], Any], name: str) -> object:
         failed = (k for (p, k), cell in sorted(cells.items()) if p == name and cell["succeeded"] <= 0.5)

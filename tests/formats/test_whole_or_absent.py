@@ -2,6 +2,7 @@
 
 import errno
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import Associations, ImageList, write_associations, write_image_list
-from iclnuim.formats.files import atomic_write
+from iclnuim.formats.files import atomic_write, process_is_running
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -87,3 +88,14 @@ def test_the_temporary_file_stands_beside_the_target(tmp_path):
     seen: list[Path] = []
     atomic_write(tmp_path / "a.png", lambda temporary: (seen.append(temporary), temporary.write_text("x")))
     assert seen[0].parent == tmp_path and seen[0].suffix == ".png" and not seen[0].exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+def test_a_killed_writer_has_ended_before_its_parent_notices():
+    writer = subprocess.Popen(["sleep", "60"])
+    assert process_is_running(writer.pid)
+    os.kill(writer.pid, signal.SIGKILL)
+    os.waitid(os.P_PID, writer.pid, os.WEXITED | os.WNOWAIT)  # it stays in the table of processes
+    assert not process_is_running(writer.pid)
+    writer.wait()
+    assert not process_is_running(writer.pid)

@@ -89,7 +89,9 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def process_is_running(process: int) -> bool:
-    """Whether a process of this host is running. Always True on Windows, where os.kill would end it."""
+    """Whether a process of this host is running: one that has ended is not, even if its parent has not noticed that yet. Always True on
+    Windows, where os.kill would end it.
+    """
     if os.name == "nt":
         return True
     try:
@@ -98,7 +100,16 @@ def process_is_running(process: int) -> bool:
         return False
     except PermissionError:
         pass
-    return True
+    return not _is_zombie(process)
+
+
+def _is_zombie(process: int) -> bool:
+    """Whether a process has ended and waits for its parent; False where there is no /proc."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    except OSError:
+        return False
+    return state in (b"Z", b"X")
 
 
 def writer_has_ended(temporary: Path) -> bool:
