@@ -346,10 +346,23 @@ def depth_at(depth_z_m, uv):
     return out
 
 
-def consistent(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np.ndarray:
-    """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less than max_m (section 3.4)."""
+def stable_descending(values: np.ndarray) -> np.ndarray:
+    """(n,): indices of the values (n,) in descending order; equal ones stay in their order."""
+    return np.argsort(-values, kind="mergesort")
+
+
+def consistent(
+    points0_m: np.ndarray,
+    points1_m: np.ndarray,
+    max_m: float,
+    descending: Callable[[np.ndarray], np.ndarray] = stable_descending,
+) -> np.ndarray:
+    """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less than max_m (section 3.4).
+
+    descending: as stable_descending(), for the numbers of matches with which each agrees.
+    """
     agree = agreement(points0_m, points1_m, max_m)
-    return clique(agree, np.argsort(-agree.sum(axis=1), kind="mergesort"))
+    return clique(agree, descending(agree.sum(axis=1)))
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ from .certainty import ACROSS, DOWN, jackknife_information
 from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .euler_refinement import refine_motion
 from .fast_features import FIRST_THRESHOLD, fast_features
-from .features import Features, Matches, agreement, clique, features, match
+from .features import Features, Matches, consistent, features, match, stable_descending
 from .gcc_order import descending
 from .protocol import Frame, Result, Status, failure
 from .small_rotation import rotation_between, small_image
@@ -55,9 +55,8 @@ class FovisSettings:
     precision_px: float = 0.01  # without `authors`: a corner's position is refined until a step is shorter
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    min_agreement: float = (
-        0.1  # minimum share of inliers; unrelated images have up to 0.07; with `authors` for the status OK only
-    )
+    #: Minimum share of inliers; unrelated images have up to 0.07. With `authors`, of the status OK only.
+    min_agreement: float = 0.1
     min_inliers: int = 10
     nu: float = 0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
     iterations: int = 6
@@ -130,10 +129,8 @@ class Fovis:
             found = match_in_bytes(reference, current, expected_uv, search_px)
         else:
             found = match(reference, current, expected_uv, search_px, s.precision_px if last else 0.5)
-        agree = agreement(found.points0_m, found.points1_m, s.max_distance_m)
-        degree = agree.sum(axis=1)
-        order = descending(degree) if s.authors else np.argsort(-degree, kind="mergesort")
-        agreeing = found.chosen(clique(agree, order))
+        order = descending if s.authors else stable_descending
+        agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m, order))
         if len(agreeing) < s.min_inliers:
             reason = f"features: {len(agreeing)} consistent matches, fewer than {s.min_inliers}"
             return Candidate(start, agreeing, 0.0, search_px, reason)
@@ -142,11 +139,10 @@ class Fovis:
             term = ReprojectionTerm(agreeing, camera, s, loose=True)
             T = self._estimate(term, T, depth)
             agreeing = replace(agreeing, weight=term.inlier_weights(depth.at(T), T))
-        T = (
-            self._refined(agreeing, T, camera)
-            if s.authors
-            else self._estimate(ReprojectionTerm(agreeing, camera, s), T)
-        )
+        if s.authors:
+            T = self._refined(agreeing, T, camera)
+        else:
+            T = self._estimate(ReprojectionTerm(agreeing, camera, s), T)
         errors_px = np.linalg.norm(camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1)
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
         few = len(inliers) < max(0.0 if s.authors else s.min_agreement * len(found), s.min_inliers)
