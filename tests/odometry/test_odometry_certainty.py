@@ -404,6 +404,27 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
     assert states([0, 1e-3, 2e-3, 2e-3, 4e-3, 5e-3], bad=(2,), lost=(3,)) == ["", "", "test", "no image", "", ""]
 
 
+def test_after_an_uncertain_pose_frames_are_reported_until_an_alignment_converges_or_is_certain():
+    def reasons(sigmas_m, unconverged):
+        class Placed:
+            name, reference = "placed", "frame"
+
+            def prepare(self, frame, camera):
+                return int(frame.stamp_s)
+
+            def align(self, one, other, guess):
+                return Result(SE3.identity(), converged=other not in unconverged, largest_sigma_m=sigmas_m[other])
+
+        tracker = Tracker(Placed(), CAMERA)
+        frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(sigmas_m))]
+        return [tracker.add(i, frame).result.reason for i, frame in enumerate(frames)]
+
+    after = "track: not converged, and the pose before was uncertain"
+    assert reasons([0, 1e-3, 0.03, 0.03, 1e-3, 1e-3], unconverged=(1, 3, 4, 5)) == ["", "", "", after, after, ""]
+    assert reasons([0, 1e-3, 0.03, 1e-3], unconverged=(1,)) == [""] * 4
+    assert reasons([0, 1e-3, 0.01, 1e-3], unconverged=(1, 2, 3)) == [""] * 4
+
+
 def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():
     reference = KeyframeReference(max_m=0.02, max_deg=90)
     for i, x in enumerate((0.0, 0.012, 0.5)):

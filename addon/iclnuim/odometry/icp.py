@@ -301,12 +301,14 @@ class IcpRgbd(Icp):
         self, reference: list[Level], current: list[Level], start: Start, planes: dict[int, PlaneTerm]
     ) -> tuple[Result, PhotometricTerm]:
         """Both terms in all passes: for depth without bias, and against a model, whose planes are better than those of a noisy frame."""
-        passes, finest = photometric_passes(reference, current, self.photometric, start.schedule)
+        rough, rendered = self.rough(current), reference[-1].rendered
+        settings = self._noisy_image() if rough and not rendered else self.photometric
+        passes, finest = photometric_passes(reference, current, settings, start.schedule)
         levels = [n for n, _ in start.schedule]
         levels += levels[-1:] * (len(passes) - len(levels))
-        error = _length if self.rough(current) and reference[-1].rendered else None
+        error = _length if rough and rendered else None
         joint = [self._with_planes(p, planes[n], error) for n, p in zip(levels, passes, strict=True)]
-        prior_m = ROUGH_PRIOR_M if self.rough(current) else self.settings.limits.prior_m
+        prior_m = ROUGH_PRIOR_M if rough else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
         return solve(joint, start.guess, limits), finest
 
@@ -315,7 +317,7 @@ class IcpRgbd(Icp):
     ) -> tuple[Result, PhotometricTerm]:
         """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a poor prediction."""
         biased, n = self.biased(reference, current), start.schedule[-1][0]
-        settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
+        settings = self._noisy_image()
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
         passes[-1] = self._with_planes(
@@ -324,6 +326,11 @@ class IcpRgbd(Icp):
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(settings.limits, prior_m=prior_m)
         return depth.checked(solve(passes, start.guess, limits)), finest
+
+    def _noisy_image(self) -> PhotometricSettings:
+        """Settings of the photometric term where noise dominates its errors, as in `Rgbd`. On clean frames they are those of interpolation, which more
+        pixels have in common."""
+        return replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
 
     def _with_planes(
         self, photometric: Pass, plane: PlaneTerm, error: Callable[[SE3], np.ndarray] | None = None

@@ -177,7 +177,8 @@ class Tracker:
 
     Each alignment starts from a constant-velocity prediction, except after a lost frame, or from that of a SequentialOdometer. A frame that repeats the one before is not
     aligned: it keeps the pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was a DEGENERATE outlier:
-    the motion between the two is wrong. Raises InputError for an unknown policy.
+    the motion between the two is wrong. So is a frame that has not converged after a pose with a standard deviation of more than
+    WRONG_M: it started from a motion that is not known. Raises InputError for an unknown policy.
     """
 
     def __init__(
@@ -202,6 +203,7 @@ class Tracker:
         # stamp and pose of the last frame that was OK, if no pose was assumed since then; of the last tracked frame, if it was DEGENERATE
         self.good: tuple[float, SE3] | None = None
         self.doubtful: tuple[float, SE3] | None = None
+        self.uncertain = False  # whether the standard deviation of the last pose is above WRONG_M
 
     def add(self, stamp_s: float, frame: Frame | str) -> Tracked:
         """Track a frame, or record the reason why there is none as a lost frame."""
@@ -254,6 +256,8 @@ class Tracker:
             return "track: moved since the first of repeated frames, at an unknown time"
         if self._after_outlier(stamp_s, self.T_world_view @ result.T_reference_camera):
             return "track: the pose before was an outlier"
+        if self.uncertain and not result.converged:
+            return "track: not converged, and the pose before was uncertain"
         return ""
 
     def _after_outlier(self, stamp_s: float, T_world_camera: SE3) -> bool:
@@ -276,6 +280,7 @@ class Tracker:
         T_view_camera = _rigid(result.T_reference_camera)
         self.motion, self.losses, self.assumed = self.T_view_camera.inverse() @ T_view_camera, 0, False
         self.motion_s, self.pose_s = stamp_s - self.pose_s, stamp_s
+        self.uncertain = result.largest_sigma_m > WRONG_M
         if result.under_constrained:
             self.motion = SE3.exp(PREDICTION_DECAY * self.motion.log())
         pose = _rigid(self.T_world_view @ T_view_camera)
