@@ -75,7 +75,8 @@ class Frame:
 
 class Status(Enum):
     """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction, depth disagrees with it, all depth has
-    one value, the frame repeats the one before, or the pose before it was a DEGENERATE outlier. FAILED has no pose: the frame is lost.
+    one value, the frame repeats the one before, the pose before it was a DEGENERATE outlier, or the alignment did not converge after an
+    uncertain pose. FAILED has no pose: the frame is lost.
     """
 
     OK = "ok"
