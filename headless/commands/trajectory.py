@@ -13,7 +13,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats import trajectories as files
-from iclnuim.formats.files import atomic_write_text, make_folder, read_json, read_text
+from iclnuim.formats.files import atomic_write_text, check_file, make_folder, read_json, read_text
 from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
@@ -26,6 +26,7 @@ from iclnuim.raycast.distance import TriangleDistance
 
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
+from ..outputs import refuse_existing
 
 #: The planner searches this far beyond the viewpoints for a way around obstacles.
 _DETOUR_M = 2.0
@@ -71,7 +72,11 @@ def _configure_changes(actions: Actions) -> None:
     )
     convert = action(actions, "convert", text, example, partial(_run_change, _restamped), json=False)
     convert.add_argument("source", metavar="IN", help=_FILE)
-    help = "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
+    words = ", ".join(known.word for known in files.FORMATS.values() if known.word)
+    help = (
+        "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim; "
+        f"the words {words} in the name of a .txt file select these formats instead of TUM"
+    )
     convert.add_argument("out", metavar="OUT", help=help)
     help = "use the stamps 1 + i / FILE_RATE instead of those of the file"
     convert.add_argument("--restamp", action="store_true", help=help)
@@ -178,7 +183,7 @@ def _run_change(
     """Read a trajectory, change it, and write it. OUT is checked first, before anything is read."""
     to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
     if args.out:
-        _refuse_existing(args.out, args.force)
+        _check_out(args.out, args.force)
     loaded = _loaded(args, args.source)
     console.note(f"{args.source}: {loaded.read_as.sentence}")
     changed = change(args, loaded.trajectory, console)
@@ -239,10 +244,17 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
         raise InputError(f"{error.expected} in --start", found=error.found) from None
 
 
+def _check_out(out: str | os.PathLike[str], force: bool) -> None:
+    """Raises InputError if the file exists, unless `force` is true, or cannot be written."""
+    if not force:
+        refuse_existing(out, "--force to overwrite it")
+    check_file(out)
+
+
 def run_camera(args: argparse.Namespace, console: Console) -> None:
     """Write one pose for each frame of the scene's timeline."""
     out = args.out or Path(f"{Path(args.scene).stem}.txt")
-    _refuse_existing(out, args.force)
+    _check_out(out, args.force)
     reading = settings_from(args, SceneReading())
     with opened_scene("trajectory camera", str(Path(args.scene).resolve()), reading):
         import bpy
@@ -259,11 +271,6 @@ def run_camera(args: argparse.Namespace, console: Console) -> None:
     text = f"{out}: {len(animated)} poses of the camera {camera.name}"
     text += f"; its lens: --camera {option}" if option else ""
     console.result({"file": str(out), "camera": camera.name, "pinhole": option, **figures}, text)
-
-
-def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
-    if os.path.lexists(out) and not force:
-        raise InputError("a new file name", path=out, found="an existing file", hint="--force to overwrite it")
 
 
 def run_make(args: argparse.Namespace, console: Console) -> None:

@@ -308,9 +308,10 @@ def test_values_of_image_files_are_not_taken_for_metres_or_light():
     ("header", "stamp", "expected"),
     [
         ("", "1.033333", "stamps in whole nanoseconds, as in EuRoC, found 1.033333"),
+        ("", "1000000001", "stamps in nanoseconds, as in EuRoC, found stamps 1 apart"),
         ("#timestamp,x,y,z,qx,qy,qz,qw\n", "1033333000", "columns qw, qx, qy, qz, as in EuRoC"),
     ],
-    ids=["seconds", "order"],
+    ids=["seconds", "frame numbers", "order"],
 )
 def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, header, stamp, expected, capsys):
     (tmp_path / "est.csv").write_text(f"{header}1000000000,0,0,0,0,0,0,1\n{stamp},0,0,1,0,0,0,1\n")

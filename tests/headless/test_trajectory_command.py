@@ -140,6 +140,33 @@ def test_the_output_format_can_be_told(run, walk, tmp_path):
     assert (tmp_path / "a.dat").read_text().startswith("#timestamp [ns]")
 
 
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("o.tum", "seconds, millimetres, right-handed"),
+        ("o.csv", "p_RS_R_x [mm],p_RS_R_y [mm],p_RS_R_z [mm]"),
+        ("vslam.txt", "ts (ns),tx (mm),ty (mm),tz (mm)"),
+    ],
+)
+def test_the_header_names_the_unit_of_the_positions(run, walk, tmp_path, name, header):
+    assert run("convert", walk, tmp_path / name, "--out-unit", "mm")[0] == 0
+    assert header in (tmp_path / name).read_text().splitlines()[0]
+
+
+def test_a_device_is_written_and_a_folder_that_cannot_be_is_bad_input(walk, tmp_path):
+    command = [sys.executable, "-m", "iclnuim", "trajectory", "convert", walk]
+    done = subprocess.run([*command, "/dev/stdout", "--to", "kitti"], capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines()) == len(WALK)
+    for out, words in ((tmp_path / "no" / "o.txt", "no such folder"), (tmp_path, "found a folder")):
+        done = subprocess.run([*command, out, "--to", "tum", "--force"], capture_output=True, text=True)
+        assert done.returncode == 2 and words in done.stderr
+
+
+def test_help_lists_the_words_in_a_name_that_select_a_format(run):
+    _, out, _ = run("convert", "--help")
+    assert "the words command, vslam, pov, kitti, replica, pose_left" in " ".join(out.split())
+
+
 # -- adopt, resample
 
 
