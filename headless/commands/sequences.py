@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import metres_from_depth16
-from iclnuim.dataset.frames import FrameSource, frames_with_poses, image_frames, original_frames, run_frames
+from iclnuim.dataset.frames import FrameSource, find_pairs, frames_with_poses, image_frames, original_frames, run_frames
 from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import camera_file
@@ -32,6 +32,7 @@ from ..sequence_options import (
     add_camera_options,
     add_sensor_options,
     given_or_noted_camera,
+    note_unused_images,
     sequence_options,
     units_from,
 )
@@ -114,6 +115,7 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 
 def _convert(args: argparse.Namespace, console: Console) -> None:
     source = original_frames(args.source, args.frames, given_or_noted_camera(args, console, args.source))
+    note_unused_images(args.source, find_pairs(args.source), console)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing and source.truth_of(source.numbers) is not None:
@@ -150,6 +152,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
     camera = given_or_noted_camera(args, console, Path(args.source))
     source = image_frames(Path(args.source), args.frames, camera)
+    note_unused_images(Path(args.source), find_pairs(Path(args.source)), console)
     _write(source, sequence_options(args), args, console)
 
 

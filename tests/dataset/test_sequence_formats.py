@@ -8,7 +8,7 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, image_frames, read_camera, read_images, run_frames
+from iclnuim.dataset.frames import find_pairs, image_frames, original_frames, read_camera, read_images, run_frames
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import Row
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
@@ -344,6 +344,92 @@ def test_colour_as_jpeg_is_paired_by_name_and_by_stamp_and_png_comes_first(tmp_p
     assert [p.rgb.name for p in find_pairs(tmp_path)] == [f"{names[0]}.png", f"{names[1]}{ending}"]
 
 
+@pytest.mark.parametrize(
+    ("names", "stamps_s"),
+    [
+        (["frame_9", "frame_10", "frame_12"], [1 + 9 / 30, 1 + 10 / 30, 1 + 12 / 30]),
+        (["9", "10", "12"], [1 + 9 / 30, 1 + 10 / 30, 1 + 12 / 30]),
+        (["1403636579763555584", "1403636579796888917"], [1403636579.763555584, 1403636579.796888917]),
+        (["a9 left", "a10 left"], [1, 1 + 1 / 30]),
+    ],
+    ids=["prefix", "plain", "nanoseconds", "other"],
+)
+def test_numbers_in_names_order_the_images_and_are_their_frames_or_nanoseconds(tmp_path, names, stamps_s):
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+        for name in names:
+            (tmp_path / kind / f"{name}.PNG").touch()
+    pairs = find_pairs(tmp_path)
+    assert [p.rgb.stem for p in pairs] == [p.depth.stem for p in pairs] == names
+    assert [p.stamp_s for p in pairs] == pytest.approx(stamps_s, abs=1e-6)
+    assert [p.written[0].replace(".", "") for p in pairs] == (names if len(names[0]) > 9 else [""] * len(names))
+
+
+@pytest.mark.parametrize("names", [("1403636579763555", "1403636579796888"), ("1403636579", "1403636580")])
+def test_names_in_another_unit_of_time_are_refused(tmp_path, names):
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+        for name in names:
+            (tmp_path / kind / f"{name}.png").touch()
+    with pytest.raises(InputError, match=r"found another unit of time; try rgb.txt and depth.txt"):
+        find_pairs(tmp_path)
+
+
+def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, tmp_path):
+    shutil.copytree(all_formats / "rtabmap", tmp_path / "s")
+    for name in ("rgb.txt", "depth.txt", "associations.txt"):
+        (tmp_path / "s" / name).unlink()
+    sorted((tmp_path / "s/depth_sync").iterdir())[1].unlink()
+    pairs = find_pairs(tmp_path / "s")
+    assert len(pairs) == 3 and all(p.rgb.stem == p.depth.stem for p in pairs)
+
+
+def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_file(all_formats, run, tmp_path):
+    shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
+    content = json.loads((tmp_path / "nerf/transforms.json").read_text())
+    content["frames"].reverse()
+    (tmp_path / "nerf/transforms.json").write_text(json.dumps(content))
+    assert [p.number for p in find_pairs(tmp_path / "nerf")] == [0, 1, 2, 3]
+    write_sequence(run_frames(run.path), tmp_path / "tum")
+    for kind in ("rgb", "depth"):
+        lines = [f"{1 + k / 30:.6f} {kind}/00000{n}.png" for k, n in enumerate((3, 1, 2, 0))]
+        (tmp_path / f"tum/{kind}.txt").write_text("\n".join(lines) + "\n")
+    (tmp_path / "tum/associations.txt").unlink()
+    pairs = find_pairs(tmp_path / "tum")
+    assert [p.number for p in pairs] == [0, 1, 2, 3] and [p.rgb.stem[-1] for p in pairs] == ["3", "1", "2", "0"]
+    write_sequence(original_frames(tmp_path / "tum"), tmp_path / "again")
+    assert [p.rgb.stem[-1] for p in find_pairs(tmp_path / "again")] == ["3", "1", "2", "0"]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("nerf/transforms.json", '"k1": 0.0', '"k1": -0.2'),
+        ("euroc/mav0/depth0/sensor.yaml", "[0.0, 0.0, 0.0, 0.0]", "[-2.8e-1, 0, 0, 0]"),
+        ("vslam-lab/calibration.yaml", "fps:", "distortion_coefficients: [0.26, -0.95, 0, 0, 1.16],\n     fps:"),
+    ],
+)
+def test_a_lens_distortion_that_is_ignored_is_noted(all_formats, tmp_path, file, old, new, command_here):
+    name = file.split("/")[0]
+    assert not read_camera(all_formats / name, find_pairs(all_formats / name)[0].rgb).distorted
+    shutil.copytree(all_formats / name, tmp_path / name)
+    text = (tmp_path / file).read_text()
+    (tmp_path / file).write_text(text.replace(old, new))
+    assert (tmp_path / file).read_text() != text
+    code, _, noted = command_here("convert", tmp_path / name, tmp_path / "out")
+    assert code == 0 and "lens distortion in the camera's file is ignored" in noted
+    assert any("lens distortion" in warning for warning in inspect_sequence(tmp_path / name).odd)
+
+
+def test_images_that_are_in_no_pair_are_noted(all_formats, tmp_path, command_here):
+    shutil.copytree(all_formats / "tum", tmp_path / "s")
+    for name in ("rgb.txt", "depth.txt", "associations.txt", "depth/000002.png"):
+        (tmp_path / "s" / name).unlink()
+    for command in (("convert",), ("noise", "--depth-noise", "paper")):
+        code, _, noted = command_here(*command, tmp_path / "s", tmp_path / command[0])
+        assert code == 0 and "not used: 1 in rgb/ (first: 000002.png)" in noted
+
+
 @pytest.mark.parametrize("shift_s", [0.0, 0.004])
 def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     for kind, offset_s in (("rgb", 0.0), ("depth", shift_s)):
@@ -355,7 +441,7 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     assert all(float(p.depth.stem) == pytest.approx(p.stamp_s + shift_s, abs=2e-6) for p in pairs)
     for depth in (tmp_path / "depth").iterdir():
         depth.rename(depth.with_name(f"x{depth.name}"))
-    with pytest.raises(InputError, match="equal file names in rgb/ and depth/, or rgb.txt and depth.txt"):
+    with pytest.raises(InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG\), or rgb.txt"):
         find_pairs(tmp_path)
 
 

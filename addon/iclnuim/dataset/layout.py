@@ -3,6 +3,7 @@
 Each format is a module in layouts/ and an entry of the registry in sequence_formats.py.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
@@ -26,6 +27,7 @@ from .depth_units import UNITS_PER_METRE, check_units
 #: Kinds of images of a sequence; further kinds are those of ground truth.
 RGB, DEPTH = "rgb", "depth"
 CAMERA = "camera.json"
+DISTORTED = "the lens distortion in the camera's file is ignored: images are read as those of a pinhole camera"
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between frames.
 _SLACK = 0.5
 
@@ -65,13 +67,14 @@ class Row(NamedTuple):
 @dataclass(frozen=True)
 class SequenceCamera:
     """The pinhole camera, and the depth units per metre. assumed: no file contains the camera. colour: the camera of the colour images if it
-    differs; it has the same pose.
+    differs; it has the same pose. distorted: the file also gives a lens distortion, which is ignored.
     """
 
     pinhole: PinholeCamera
     depth_units_per_metre: float = UNITS_PER_METRE
     assumed: bool = False
     colour: PinholeCamera | None = None
+    distorted: bool = False
 
     def to_dict(self) -> dict:
         """The content of camera.json."""
@@ -247,6 +250,12 @@ def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> Pinho
     """The camera with an image's size. In the original files fy < 0, which means that y points up."""
     header = image_header(image)
     return PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy)
+
+
+def is_distorted(yaml: str) -> bool:
+    """Whether `distortion_coefficients: [...]` in a camera's file contains anything but zeros."""
+    lists = re.findall(r"distortion_coefficients: *\[([^\]]*)\]", yaml)
+    return any(re.search("[1-9]", field.lower().partition("e")[0]) for text in lists for field in text.split(","))
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:

@@ -295,7 +295,7 @@ def _euroc_rows(source: Source) -> Table:
         stamp = f"{table.values[parts[0], 0]:.12g}"
         raise table.error(parts[0], "stamps in whole nanoseconds, as in EuRoC", stamp, _NO_COMMAS)
     steps = np.diff(table.values[:, 0])
-    if steps.size and abs(usual := float(np.median(steps))) < _SHORTEST_STEP_NS:
+    if steps.size and abs(usual := float(np.median(steps))) < trajectory_file.SHORTEST_STEP_NS:
         found = f"stamps {usual:.12g} apart, as of frame numbers or seconds"
         raise table.error(0, "stamps in nanoseconds, as in EuRoC", found, _NO_COMMAS)
     return table
@@ -349,8 +349,6 @@ TUM_HEADER = _TUM_HEADER.format(unit="metres")
 _EUROC_ROW = "8 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz"
 #: A table of TUM's columns with commas has another order of the quaternion, and other stamps.
 _NO_COMMAS = "blanks instead of commas, for a TUM file"
-#: Stamps whose median step is shorter (10,000 frames per second) are no nanoseconds.
-_SHORTEST_STEP_NS = 1e5
 _EUROC_HEADER = "#timestamp [ns],p_RS_R_x [{symbol}],p_RS_R_y [{symbol}],p_RS_R_z [{symbol}],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
 _POV_HEADER = (
     "# frame r00 r01 r02 tx r10 r11 r12 ty r20 r21 r22 tz ; T_pov_cam, LEFT-handed POV-Ray world (y up), "

@@ -16,6 +16,7 @@ from ..depth_units import UNITS_PER_METRE, check_units
 from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 FILE = Path("transforms.json")
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
@@ -53,7 +54,7 @@ def _rows(folder: Path) -> list[Row]:
             raise InputError("frames with file_path and depth_file_path", path=folder / FILE, found=f"frame {place}")
         number = int(Path(image).stem) if Path(image).stem.isdigit() else place
         found.append(Row(float(stamps_of_frames(number)), folder / image, folder / depth))
-    return found
+    return sorted(found)
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:
@@ -62,9 +63,12 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
         w, h, fx, fy, cx, cy = (float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
         units = 1 / float(content.get("integer_depth_scale", 1 / UNITS_PER_METRE))
         size = int(w), int(h)
+        distorted = any(float(content.get(key, 0)) for key in _DISTORTION)
     except (KeyError, TypeError, ValueError, OverflowError, ZeroDivisionError):
-        raise InputError("numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale", path=folder / FILE) from None
-    return SequenceCamera(PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units))
+        raise InputError(
+            "numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale and of the distortion", path=folder / FILE
+        ) from None
+    return SequenceCamera(PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units), distorted=distorted)
 
 
 FORMAT = SequenceFormat(
