@@ -113,6 +113,16 @@ def test_another_unit_is_named(unit, words, factor):
     assert surface.error(points).warnings == ()
 
 
+@pytest.mark.parametrize(
+    ("given_m", "given", "true_m", "true", "setting"),
+    [(0.001, "millimetres", 1.0, "metres", "m"), (0.01, "centimetres", 0.001, "millimetres", "mm")],
+)
+def test_the_advised_unit_is_that_of_the_file_also_if_another_was_given(given_m, given, true_m, true, setting):
+    surface, points = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES), in_the_room(np.random.default_rng(1))
+    (warning,) = surface.error(points / true_m * given_m, unit_m=given_m).warnings
+    assert f"seems to be in {true}, not in {given}" in warning and warning.endswith(f"set its unit to {setting}")
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_reconstruction_is_named(axis):
     surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(2)) - (5, 2, 0)

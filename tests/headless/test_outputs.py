@@ -121,6 +121,11 @@ def test_a_surface_and_its_recipe_are_replaced_by_the_next(sequence):
     assert json.loads((sequence.parent / "surface.json").read_text())["kind"] == "surface"
 
 
+def test_a_folder_that_does_not_exist_is_not_taken_for_one_without_ground_truth(tmp_path, capsys):
+    assert main(["fuse", str(tmp_path / "none"), "-o", str(tmp_path / "m.ply")]) == 2
+    assert "expected a folder with a sequence, found nothing" in capsys.readouterr().err
+
+
 def test_a_link_stays_and_its_target_is_written(tmp_path):
     (tmp_path / "link.txt").symlink_to("target.txt")
     atomic_write_text(tmp_path / "link.txt", "one")
