@@ -126,6 +126,14 @@ def test_a_folder_that_does_not_exist_is_not_taken_for_one_without_ground_truth(
     assert "expected a folder with a sequence, found nothing" in capsys.readouterr().err
 
 
+def test_a_figure_without_a_name_replaces_no_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "figure_6.png").write_bytes(b"of my paper")
+    assert main(["figure", "6"]) == 2
+    assert "figure_6.png: expected a new file name, found an existing file; try -o FILE" in capsys.readouterr().err
+    assert (tmp_path / "figure_6.png").read_bytes() == b"of my paper"
+
+
 def test_a_link_stays_and_its_target_is_written(tmp_path):
     (tmp_path / "link.txt").symlink_to("target.txt")
     atomic_write_text(tmp_path / "link.txt", "one")
