@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.layout import DISTORTED, SequenceCamera
+from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import is_file
@@ -39,9 +40,20 @@ def add_sensor_options(
 def sequence_options(args: argparse.Namespace) -> SequenceOptions:
     """The SequenceOptions given on the command line. Raises InputError for an invalid value."""
     options = settings_from(args, SequenceOptions())
+    check_format_units(args, options)
     if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
         sys.path.insert(0, "")  # a user's module is in the working folder, which is not on the command's search path
     return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
+
+
+def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> None:
+    """Raises InputError if --depth-units are given, and every format has other units that are fixed."""
+    fixed = {name: sequence_format(name).fixed_units for name in options.formats}
+    if args.depth_units is not None and None not in fixed.values() and args.depth_units not in fixed.values():
+        expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
+        raise InputError(
+            expected, setting="--depth-units", found=f"{args.depth_units:g}", hint="the command without it"
+        )
 
 
 def _json(text: str | None) -> dict[str, Any] | None:

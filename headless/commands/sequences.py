@@ -32,6 +32,7 @@ from ..outputs import refuse_existing
 from ..sequence_options import (
     add_camera_options,
     add_sensor_options,
+    check_format_units,
     given_or_noted_camera,
     note_unused_images,
     sequence_options,
@@ -120,6 +121,7 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
     source = original_frames(args.source, args.frames, given_or_noted_camera(args, console, args.source))
     note_unused_images(args.source, find_pairs(args.source), console)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
+    check_format_units(args, options)
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing and source.truth_of(source.numbers) is not None:
         posed = frames_with_poses(source)

@@ -18,7 +18,10 @@ from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.farm.run_plan import RunPlan
+from iclnuim.headless.farm.tasks import SequenceStage
 from iclnuim.headless.options import add_settings
+from iclnuim.job import RenderJob
 from iclnuim.sensor.models import depth_model
 
 
@@ -419,6 +422,26 @@ def test_a_lens_distortion_that_is_ignored_is_noted(all_formats, tmp_path, file,
     code, _, noted = command_here("convert", tmp_path / name, tmp_path / "out")
     assert code == 0 and "lens distortion in the camera's file is ignored" in noted
     assert any("lens distortion" in warning for warning in inspect_sequence(tmp_path / name).odd)
+
+
+def test_make_notes_what_its_formats_lose(run):
+    job = RenderJob("test", "living_room", "living_room/kt2", camera=PinholeCamera.parse("64x48"))
+    plan = RunPlan(job, run.path, (0, 1, 2, 3), SequenceOptions(formats=("tartanair", "scannet")))
+    notes = []
+    with SequenceStage(plan, 1) as stage:
+        stage.begin(run)
+        stage.add_finished(plan.numbers)
+        stage.complete(notes.append)
+    assert any("tartanair: its programs support only the camera" in note for note in notes)
+    assert any("scannet: colour is stored as JPEG" in note for note in notes)
+
+
+@pytest.mark.parametrize("command", [("convert",), ("noise", "--depth-noise", "paper")])
+def test_depth_units_that_no_requested_format_can_have_are_refused(all_formats, tmp_path, command, command_here):
+    words = (*command, all_formats / "tum", tmp_path / "out", "--format", "replica", "--depth-units")
+    code, _, said = command_here(*words, "1000")
+    assert code == 2 and "--depth-units: expected 6553.5 for the format replica, found 1000" in said
+    assert not (tmp_path / "out").exists() and command_here(*words, "1000", "--format", "tum")[0] == 0
 
 
 def test_images_that_are_in_no_pair_are_noted(all_formats, tmp_path, command_here):
