@@ -114,7 +114,9 @@ def _configure_make(actions: Actions) -> None:
     """Add `make`: trajectories from their recipes, or one through a user-provided scene that keeps clear of its surfaces."""
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
     parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make)
-    parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
+    parser.add_argument(
+        "recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; default: all"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of next to the recipe")
     help = "write nothing; exit with 3 if a file differs from the trajectory that its recipe makes"
     parser.add_argument("--check", action="store_true", help=help)
@@ -278,7 +280,7 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
         _make_in_scene(args, console)
         return
     made = []
-    for name in args.recipes or NAMES:
+    for name in NAMES if args.recipes in ([], ["all"]) else args.recipes:
         source, target = _places(name, args.out)
         content = read_json(source)
         try:
@@ -287,7 +289,8 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
             raise error.at(source if error.path is None else f"{source}: {error.path}") from None
         text = tum_text(motion.trajectory)
         if not args.check:
-            target.parent.mkdir(parents=True, exist_ok=True)
+            _refuse_other(target)
+            make_folder(target.parent, hint="another {out}")
             atomic_write_text(target, text)
         elif not target.is_file():
             raise WorkError(f"{target}: does not exist, so it cannot be checked")
@@ -302,6 +305,14 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
         for f in made
     ]
     console.result({"trajectories": made}, "\n".join(rows))
+
+
+def _refuse_other(target: Path) -> None:
+    """Raises InputError if a file exists that is no trajectory as this command writes it."""
+    if target.exists() and not (target.is_file() and target.read_bytes().startswith(TUM_HEADER.encode())):
+        raise InputError(
+            "no file, or a trajectory that was made before", path=target, found="another file", hint="another {out}"
+        )
 
 
 def tum_text(made: Trajectory) -> str:

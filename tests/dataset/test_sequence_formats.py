@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from iclnuim.dataset.frames import find_pairs, image_frames, original_frames, read_camera, read_images, run_frames
 from iclnuim.dataset.inspection import inspect_sequence
-from iclnuim.dataset.layout import Row
-from iclnuim.dataset.sequence import SequenceSettings, write_sequence
+from iclnuim.dataset.layout import Row, SequenceCamera
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
@@ -466,6 +466,16 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
         depth.rename(depth.with_name(f"x{depth.name}"))
     with pytest.raises(InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG\), or rgb.txt"):
         find_pairs(tmp_path)
+
+
+def test_stamps_of_depth_that_a_format_loses_are_noted(tmp_path):
+    for kind, offset_s in (("rgb", 0.0), ("depth", 0.004)):
+        (tmp_path / kind).mkdir()
+        for i in range(3):
+            (tmp_path / kind / f"{1 + i / 30 + offset_s:.6f}.png").touch()
+    source = image_frames(tmp_path, camera=SequenceCamera(PinholeCamera.parse("64x48")))
+    losses = SequenceWriter(source, {tmp_path / "out": SequenceSettings()}, ("euroc", "vslam-lab", "tum")).losses()
+    assert losses == ["euroc: depth images get the stamps of their colour images, up to 4 ms from their own"]
 
 
 def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path):

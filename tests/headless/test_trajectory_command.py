@@ -343,3 +343,17 @@ def test_make_through_a_scene_overwrites_no_file_of_other_content(repository, tm
     assert main(words) == 2
     assert "room.json: expected a new file name" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["room.json"]
+
+
+def test_all_trajectories_are_made_by_the_word_all_and_nothing_else_is_replaced(run, repository, tmp_path, monkeypatch):
+    monkeypatch.setattr("iclnuim.headless.commands.trajectory.NAMES", ["living_room/kt2"])
+    for _ in range(2):
+        assert run("make", "all", "--out", tmp_path)[0] == 0
+    made = (tmp_path / "living_room/kt2.txt").read_bytes()
+    (tmp_path / "mine.json").write_bytes((repository / "trajectories/living_room/kt2.json").read_bytes())
+    (tmp_path / "mine.txt").write_text("notes")
+    code, _, err = run("make", tmp_path / "mine.json")
+    assert code == 2 and "mine.txt: expected no file, or a trajectory that was made before, found another file" in err
+    assert (tmp_path / "mine.txt").read_text() == "notes"
+    (tmp_path / "mine.txt").unlink()
+    assert run("make", tmp_path / "mine.json")[0] == 0 and (tmp_path / "mine.txt").read_bytes() == made

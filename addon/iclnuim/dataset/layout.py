@@ -144,7 +144,8 @@ class SequenceFormat:
     stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame numbers), or not at all: only frame "numbers" in
     names, or the order of the "rows". fixed_units: the depth units per metre that programs for this format assume; None: the requested units.
     every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format keep their paths. fixed_camera: the only
-    camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0.
+    camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0. depth_stamps: whether a depth image can
+    have another stamp than its colour image.
     """
 
     name: str
@@ -159,6 +160,7 @@ class SequenceFormat:
     keeps_names: bool = False
     fixed_camera: PinholeCamera | None = None
     zero_stamp: bool = True
+    depth_stamps: bool = True
 
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
@@ -180,6 +182,11 @@ class SequenceFormat:
         digits = max((len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0)
         if self.stamps == "ns" and digits > 9:
             found.append(f"stamps have 9 digits after the decimal point, those of the source up to {digits}")
+        apart_s = max(abs(f.nanoseconds(RGB) - f.nanoseconds(DEPTH)) for f in frames) / 1e9
+        if not self.depth_stamps and apart_s > 0:
+            found.append(
+                f"depth images get the stamps of their colour images, up to {1e3 * apart_s:.3g} ms from their own"
+            )
         if self.stamps in ("numbers", "rows"):
             counted = [frame.number if self.stamps == "numbers" else row for row, frame in enumerate(frames)]
             kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6

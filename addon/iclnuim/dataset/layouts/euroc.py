@@ -82,4 +82,5 @@ FORMAT = SequenceFormat(
     _write,
     Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, _truth),
     stamps="ns",
+    depth_stamps=False,
 )

@@ -79,5 +79,6 @@ FORMAT = SequenceFormat(
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
     _check,
     stamps="numbers",
+    depth_stamps=False,
     every_pose=True,
 )

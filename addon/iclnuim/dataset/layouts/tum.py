@@ -43,4 +43,5 @@ RTABMAP = SequenceFormat(
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
     fixed_units=UNITS_PER_METRE,
     zero_stamp=False,
+    depth_stamps=False,
 )
