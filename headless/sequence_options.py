@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.layout import DISTORTED, SequenceCamera
 from iclnuim.dataset.sequence_formats import sequence_format
@@ -54,6 +55,15 @@ def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> No
         raise InputError(
             expected, setting="--depth-units", found=f"{args.depth_units:g}", hint="the command without it"
         )
+
+
+def log_settings(args: argparse.Namespace) -> LogSettings:
+    """The LogSettings given on the command line. Raises InputError for settings of bags that are not written."""
+    logs, plain = settings_from(args, LogSettings()), LogSettings()
+    for name in ("bag_storage", "compress_bags"):
+        if not logs.rosbag and getattr(logs, name) != getattr(plain, name):
+            raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
+    return logs
 
 
 def _json(text: str | None) -> dict[str, Any] | None:

@@ -34,6 +34,7 @@ from ..sequence_options import (
     add_sensor_options,
     check_format_units,
     given_or_noted_camera,
+    log_settings,
     note_unused_images,
     sequence_options,
     units_from,
@@ -88,7 +89,7 @@ def _dataset(args: argparse.Namespace, console: Console) -> None:
 
 def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespace, console: Console) -> None:
     """Write the sequence args.out, reporting progress."""
-    logs = settings_from(args, LogSettings())
+    logs = log_settings(args)
     writer = SequenceWriter(source, {args.out: options.sequence_settings()}, options.formats)
     for sentence in writer.losses():
         console.note(sentence)

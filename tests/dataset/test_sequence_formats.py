@@ -444,6 +444,13 @@ def test_depth_units_that_no_requested_format_can_have_are_refused(all_formats, 
     assert not (tmp_path / "out").exists() and command_here(*words, "1000", "--format", "tum")[0] == 0
 
 
+@pytest.mark.parametrize("option", [("--compress-bags",), ("--bag-storage", "mcap")])
+def test_settings_of_bags_without_bags_are_refused(all_formats, tmp_path, option, command_here):
+    code, _, said = command_here("convert", all_formats / "tum", tmp_path / "out", *option)
+    assert code == 2 and f"expected --rosbag with {option[0]}, found it alone" in said
+    assert not (tmp_path / "out").exists()
+
+
 def test_images_that_are_in_no_pair_are_noted(all_formats, tmp_path, command_here):
     shutil.copytree(all_formats / "tum", tmp_path / "s")
     for name in ("rgb.txt", "depth.txt", "associations.txt", "depth/000002.png"):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..formats.associations import LARGEST_NUMBER
 from ..formats.exr import read_exr
 from ..formats.files import data_lines, is_file, read_bytes, read_json, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
@@ -136,7 +137,7 @@ def sequence_name(folder: Path) -> str:
 
 def _number(stem: str) -> int | None:
     """The number in an image's name, unless it is a stamp."""
-    return int(stem) if stem.isdecimal() and int(stem) < 10_000_000 else None
+    return int(stem) if stem.isdecimal() and int(stem) <= LARGEST_NUMBER else None
 
 
 def find_truth(folder: Path) -> Path | None:

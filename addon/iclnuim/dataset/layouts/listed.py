@@ -10,7 +10,7 @@ from ...evaluation.associate import associate
 from ...formats.associations import (
     Associations,
     read_associations,
-    read_image_list,
+    read_image_lists,
     write_associations,
     write_image_list,
 )
@@ -81,7 +81,7 @@ def _listed(folder: Path) -> list[Row]:
         pairs = read_associations(files[0])
         rgb, depth, indices = pairs.rgb, pairs.depth, [(i, i) for i in range(len(pairs))]
     else:
-        rgb, depth = read_image_list(files[0]), read_image_list(files[1])
+        rgb, depth = read_image_lists(*files)
         both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
         indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
         if not indices and len(rgb) and len(depth) and found(folder):
