@@ -17,6 +17,8 @@ from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Console, add_scene_options, common, settings_from
 from ..outputs import refuse_existing
 
+#: Number of pieces that --seen-by may cut a scene into: about 4 GB.
+_MAX_PIECES = 20_000_000
 WRITERS = {".ply": write_ply, ".obj": write_obj}
 
 
@@ -106,6 +108,9 @@ def _model(args: argparse.Namespace) -> SceneModel:
 def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
     from iclnuim.raycast.caster import Visibility
 
+    smallest_m = float(np.sqrt(2 * model.area_m2().sum() / _MAX_PIECES))
+    if cell_m < smallest_m:
+        raise InputError(f"at least {smallest_m:.3g} m in a scene of this size", setting="--cell", found=f"{cell_m:g}")
     pieces, _ = model.cut(cell_m)
     visibility = Visibility(pieces)
     progress = console.progress(sum(len(T.translation) for T in poses), "surface", "poses")

@@ -94,6 +94,10 @@ def test_unknown_scenes_names_and_endings_are_refused_in_a_line(room, tmp_path, 
         ((room / "room.blend", "-o", tmp_path / "m.ply", "--without", "piano"), "cabinet, wall"),
         ((room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "nothing.txt"), "nothing.txt"),
         ((room / "room.blend", "-o", tmp_path / "none" / "m.ply"), "no such folder"),
+        (
+            (room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "path.txt", "--cell", "1e-5"),
+            "--cell: expected at least",
+        ),
     ):
         code, _, said = surface(*arguments)
         assert code == 2 and words in said, said
