@@ -1,7 +1,6 @@
 """`iclnuim status DIR`: reports what is finished in an output folder and what is missing, from its files alone."""
 
 import argparse
-import json
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 
 from ..farm import held_out, slurm
+from ..farm.lock import OutputLock
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import Console, common
 
@@ -71,9 +71,9 @@ def state(folder: Path, frames: str | None) -> dict:
             queue = slurm.counted(slurm.in_queue(jobs)) or "nothing"
         except WorkError as error:
             queue = f"unknown ({error})"
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        lock = json.loads((raw / ".farm/lock").read_text("utf-8"))
-        holder = f"process {lock['pid']} on {lock['host']}"
+    with suppress(OSError, KeyError):
+        if lock := OutputLock(raw / ".farm").living_holder():
+            holder = f"process {lock['pid']} on {lock['host']}"
     return {
         "folder": str(raw),
         "sequence": job.sequence,

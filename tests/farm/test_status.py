@@ -1,6 +1,9 @@
 """`iclnuim status`: the files alone say what is done."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.headless.farm import slurm
+from iclnuim.headless.farm.lock import OutputLock
 from iclnuim.job import shipped_job
 
 
@@ -44,6 +48,21 @@ def test_frames_that_became_pairs_are_not_missed(run, capsys):
     run.frame_file(0).unlink()
     values = told(capsys, run.path, "--frames", ":4")
     assert (values["in_sequences"], values["missing_frames"]) == (1, [2])
+
+
+def test_a_killed_command_does_not_count_as_working(run, capsys):
+    program = (
+        "import os, sys; from pathlib import Path; from iclnuim.headless.farm.lock import OutputLock;"
+        "lock = OutputLock(Path(sys.argv[1])); lock.__enter__(); os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", program, run.path / ".farm"], env=environment(), check=False)
+    assert (run.path / ".farm/lock").is_file() and told(capsys, run.path)["holder"] is None
+    with OutputLock(run.path / ".farm"):
+        assert told(capsys, run.path)["holder"].startswith(f"process {os.getpid()} on ")
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
 def test_a_folder_without_a_run_is_bad_input(tmp_path, capsys):
