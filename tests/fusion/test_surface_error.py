@@ -267,6 +267,17 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
     )
 
 
+def test_a_mesh_has_the_same_vertices_in_every_format(tmp_path):
+    corners = BOX[SIDES]
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in t) + "endloop\nendfacet\n"
+        for t in corners.tolist()
+    )
+    (tmp_path / "box.stl").write_text(f"solid box\n{facets}endsolid box\n")
+    points, triangles, _ = read_mesh(tmp_path / "box.stl")
+    assert len(points) == len(BOX) and np.allclose(points[triangles], corners)
+
+
 @pytest.mark.parametrize(
     ("points", "match"), [([], "with points, found none"), ([[0, 0, float("nan")]], "NaN or infinity in 1 of 1")]
 )

@@ -346,8 +346,14 @@ def _read_plain(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with output.blender_output_in(Path(os.devnull)):
             points, triangles = igl.read_triangle_mesh(str(path))
     except RuntimeError as error:
-        raise InputError("a complete mesh", path=path, found=str(error).splitlines()[0]) from None
-    return points, triangles.reshape(-1, 3).astype(np.int64)
+        raise InputError("a complete mesh", path=path, found=str(error).splitlines()[0], hint="a .ply") from None
+    triangles = triangles.reshape(-1, 3).astype(np.int64)
+    if (
+        path.suffix.lower() == ".stl"
+    ):  # each triangle has corners of its own: means over vertices would depend on the format
+        points, merged = np.unique(points, axis=0, return_inverse=True)
+        triangles = merged.reshape(-1)[triangles]
+    return points, triangles
 
 
 def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
