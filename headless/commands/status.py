@@ -4,8 +4,9 @@ import argparse
 from contextlib import suppress
 from pathlib import Path
 
+from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import read_entries
+from iclnuim.dataset.sequence import complete_frames, read_entries
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
@@ -59,6 +60,9 @@ def state(folder: Path, frames: str | None) -> dict:
             names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)
             journals = [raw.parent / name / "frames.jsonl" for name in names]
             made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(numbers)
+            if plan is not None and plan.sequences is not None:
+                with suppress(InputError):  # a noise model of the user that is not there
+                    made &= complete_frames(frames_of_run(run, numbers), plan.variants(), plan.formats, hashes=False)
         missing = run.missing([n for n in numbers if n not in made])
     elif plan is not None and frames is None:  # it waits in a queue and has no recipe yet
         raw, job, numbers, missing = plan.raw, plan.job, plan.numbers, list(plan.numbers)
