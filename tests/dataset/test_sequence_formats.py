@@ -405,6 +405,21 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
 
 
 @pytest.mark.parametrize(
+    ("key", "units"),
+    [(None, 1000), ('"integer_depth_scale": 0.0002', 5000), ('"depth_unit_scale_factor": 0.0005', 2000)],
+)
+def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_nerfstudio_reads_it(
+    all_formats, tmp_path, key, units
+):
+    shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
+    file = tmp_path / "nerf/transforms.json"
+    file.write_text(file.read_text().replace('"integer_depth_scale": 0.0002', key or '"other": 0'))
+    assert read_camera(tmp_path / "nerf", find_pairs(tmp_path / "nerf")[0].rgb).depth_units_per_metre == units
+    writer = SequenceWriter(original_frames(all_formats / "tum"), {tmp_path / "o": SequenceSettings()}, ("nerf",))
+    assert writer.losses() == ["nerf: nerfstudio reads the depth right with the setting depth_unit_scale_factor 0.0002"]
+
+
+@pytest.mark.parametrize(
     ("file", "old", "new"),
     [
         ("nerf/transforms.json", '"k1": 0.0', '"k1": -0.2'),

@@ -145,7 +145,7 @@ class SequenceFormat:
     names, or the order of the "rows". fixed_units: the depth units per metre that programs for this format assume; None: the requested units.
     every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format keep their paths. fixed_camera: the only
     camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0. depth_stamps: whether a depth image can
-    have another stamp than its colour image.
+    have another stamp than its colour image. remarks(contents): further sentences for `losses`.
     """
 
     name: str
@@ -161,6 +161,7 @@ class SequenceFormat:
     fixed_camera: PinholeCamera | None = None
     zero_stamp: bool = True
     depth_stamps: bool = True
+    remarks: Callable[[Contents], list[str]] = lambda contents: []
 
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
@@ -201,7 +202,7 @@ class SequenceFormat:
         if (c := self.fixed_camera) and np.abs(c.intrinsics - contents.camera.intrinsics).max() > 1e-3:
             known = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
             found.append(f"its programs support only the camera {known}; the correct camera is in {CAMERA}")
-        return [f"{self.name}: {sentence}" for sentence in found]
+        return [f"{self.name}: {sentence}" for sentence in (*found, *self.remarks(contents))]
 
 
 def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:

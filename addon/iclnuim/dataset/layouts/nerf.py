@@ -12,10 +12,12 @@ from ...formats.files import read_json, write_json
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
-from ..depth_units import UNITS_PER_METRE, check_units
+from ..depth_units import check_units
 from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 FILE = Path("transforms.json")
+#: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data parser).
+_NERFSTUDIO_UNITS = 1000.0
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
@@ -43,6 +45,16 @@ def _check(contents: Contents) -> None:
         raise InputError("at least two poses for the format nerf", found="fewer", hint="the format tum")
 
 
+def _remarks(contents: Contents) -> list[str]:
+    units = contents.depth_units_per_metre
+    scale = f"{1 / units:.6g}"
+    return (
+        []
+        if units == _NERFSTUDIO_UNITS
+        else [f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {scale}"]
+    )
+
+
 def _rows(folder: Path) -> list[Row]:
     found: list[Row] = []
     frames = read_json(folder / FILE).get("frames")
@@ -61,7 +73,9 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
     content = read_json(folder / FILE)
     try:
         w, h, fx, fy, cx, cy = (float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
-        units = 1 / float(content.get("integer_depth_scale", 1 / UNITS_PER_METRE))
+        units = 1 / float(
+            content.get("integer_depth_scale", content.get("depth_unit_scale_factor", 1 / _NERFSTUDIO_UNITS))
+        )
         size = int(w), int(h)
         distorted = any(float(content.get(key, 0)) for key in _DISTORTION)
     except (KeyError, TypeError, ValueError, OverflowError, ZeroDivisionError):
@@ -78,6 +92,7 @@ FORMAT = SequenceFormat(
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
     _check,
+    remarks=_remarks,
     stamps="numbers",
     depth_stamps=False,
     every_pose=True,
