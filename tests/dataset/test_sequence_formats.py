@@ -391,8 +391,15 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
     shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
     content = json.loads((tmp_path / "nerf/transforms.json").read_text())
     content["frames"].reverse()
+    for frame in content["frames"]:
+        name = frame["file_path"].replace("images/", "images/frame_")
+        (tmp_path / "nerf" / frame["file_path"]).rename(tmp_path / "nerf" / name)
+        frame["file_path"] = name
     (tmp_path / "nerf/transforms.json").write_text(json.dumps(content))
-    assert [p.number for p in find_pairs(tmp_path / "nerf")] == [0, 1, 2, 3]
+    pairs, again = find_pairs(tmp_path / "nerf"), read_trajectory(tmp_path / "nerf/transforms.json").trajectory
+    assert [(p.number, p.rgb.stem) for p in pairs] == [(n, f"frame_00000{n}") for n in range(4)]
+    written = read_trajectory(all_formats / "nerf/transforms.json").trajectory
+    assert np.array_equal(again.positions_m, written.positions_m)
     write_sequence(run_frames(run.path), tmp_path / "tum")
     for kind in ("rgb", "depth"):
         lines = [f"{1 + k / 30:.6f} {kind}/00000{n}.png" for k, n in enumerate((3, 1, 2, 0))]

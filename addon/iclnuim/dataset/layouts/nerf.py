@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...formats.files import read_json, write_json
+from ...formats.pose_folders import numbers_of_names
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
@@ -47,16 +48,13 @@ def _check(contents: Contents) -> None:
 
 def _remarks(contents: Contents) -> list[str]:
     units = contents.depth_units_per_metre
-    scale = f"{1 / units:.6g}"
-    return (
-        []
-        if units == _NERFSTUDIO_UNITS
-        else [f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {scale}"]
-    )
+    if units == _NERFSTUDIO_UNITS:
+        return []
+    return [f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {1 / units:.6g}"]
 
 
 def _rows(folder: Path) -> list[Row]:
-    found: list[Row] = []
+    images: list[tuple[str, str]] = []
     frames = read_json(folder / FILE).get("frames")
     if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
         raise InputError("a list of frames", path=folder / FILE)
@@ -64,9 +62,13 @@ def _rows(folder: Path) -> list[Row]:
         image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
         if not isinstance(image, str) or not isinstance(depth, str):
             raise InputError("frames with file_path and depth_file_path", path=folder / FILE, found=f"frame {place}")
-        number = int(Path(image).stem) if Path(image).stem.isdigit() else place
-        found.append(Row(float(stamps_of_frames(number)), folder / image, folder / depth))
-    return sorted(found)
+        images.append((image, depth))
+    numbers = numbers_of_names([image for image, _ in images])
+    stamps_s = stamps_of_frames(numbers).tolist()
+    return sorted(
+        Row(stamp_s, folder / image, folder / depth, number=number)
+        for stamp_s, (image, depth), number in zip(stamps_s, images, numbers, strict=True)
+    )
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:
