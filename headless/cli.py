@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from iclnuim import __version__
 from iclnuim.errors import IclnuimError, InputError
-from iclnuim.formats.files import check_picture
+from iclnuim.formats.files import check_file, check_picture
 
 from .isolation import run_isolated
 from .options import Console, option_name
@@ -96,6 +96,8 @@ def _run(argv: list[str]) -> int:
         check_outputs(args)
         if getattr(args, "plot", None):
             check_picture(args.plot)  # before work that may take long
+        if getattr(args, "csv", None):
+            check_file(args.csv)
         work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
         opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
         return run_isolated(work, str(opened)) if opened else work() or 0

@@ -31,6 +31,8 @@ from ..outputs import refuse_existing
 #: The planner searches this far beyond the viewpoints for a way around obstacles.
 _DETOUR_M = 2.0
 NAMES = [*shipped.paper_sequences(), *shipped.HARD_SEQUENCES]
+#: Formats with stamps; the others number their frames.
+_WITH_STAMPS = ("tum", "euroc", "vslam-lab")
 _FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 
@@ -176,7 +178,9 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.report import charts as plots  # Matplotlib takes half a second to import
 
     plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
-    console.note(f"{args.out}: {len(loaded)} trajectories drawn; gt.freiburg and gt.sim are rotated z up")
+    console.note(
+        f"{args.out}: {len(loaded)} trajector{'y' if len(loaded) == 1 else 'ies'} drawn; gt.freiburg and gt.sim are rotated z up"
+    )
 
 
 def _run_change(
@@ -195,6 +199,11 @@ def _run_change(
         return
     files.write_trajectory(args.out, changed, to, options)
     console.note(f"{args.out}: {files.FORMATS[to].goes_to}")
+    if to not in _WITH_STAMPS and args.file_rate != trajectories.FRAME_RATE_HZ:
+        rate = f"{args.file_rate:g}"
+        console.note(
+            f"note: {args.out} has no stamps; its frames are at {rate} Hz: give --file-rate {rate} where it is read"
+        )
     if "stamps are not written" in files.FORMATS[to].goes_to:
         _note_gaps(
             changed,

@@ -134,6 +134,13 @@ def test_a_figure_without_a_name_replaces_no_file(tmp_path, monkeypatch, capsys)
     assert (tmp_path / "figure_6.png").read_bytes() == b"of my paper"
 
 
+@pytest.mark.parametrize(("out", "words"), [(".", "found a folder"), ("none/a.csv", "no such folder")])
+def test_a_table_that_cannot_be_written_is_refused_before_the_work(sequence, out, words, capsys, monkeypatch):
+    monkeypatch.setattr("iclnuim.dataset.rendered_views.view_errors", None)
+    assert main(["evaluate", "views", "seq", "--truth", "seq", "--csv", out]) == 2
+    assert words in capsys.readouterr().err
+
+
 def test_a_link_stays_and_its_target_is_written(tmp_path):
     (tmp_path / "link.txt").symlink_to("target.txt")
     atomic_write_text(tmp_path / "link.txt", "one")

@@ -203,6 +203,20 @@ def test_a_resampled_trajectory_gets_frame_numbers_of_its_own_rate(run, walk, tm
 
 
 @pytest.mark.parametrize(
+    ("name", "rate", "noted"),
+    [("a.gt.freiburg", 60, True), ("a.kitti", 60, True), ("a.tum", 60, False), ("b.kitti", 30, False)],
+)
+def test_a_file_without_stamps_at_another_rate_is_noted_with_the_option_that_reads_it(
+    run, walk, tmp_path, name, rate, noted
+):
+    _, _, err = run("resample", walk, "--rate", rate, "-o", tmp_path / name)
+    assert ("give --file-rate 60 where it is read" in err) == noted
+    if noted:
+        _, out, _ = run("info", tmp_path / name, "--file-rate", "60")
+        assert " at 60 Hz" in out
+
+
+@pytest.mark.parametrize(
     ("words", "told"),
     [
         ("convert {} {} --to kitti", "a line's number is no longer that of its frame"),
