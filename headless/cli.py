@@ -125,6 +125,13 @@ def command() -> NoReturn:
     sys.exit(code)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Reports an invalid command line in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; try {self.prog} --help\n")
+
+
 def _refuse_empty(argv: list[str]) -> None:
     """Raises InputError for an empty argument, such as that of a shell variable that is not set."""
     for before, argument in pairwise(argv):
@@ -140,7 +147,7 @@ def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     """The parsed options of the command; their attribute `run(args, console)` executes it."""
     shared = _SHARED.get(command)
     module = importlib.import_module(f".commands.{shared or command.replace('-', '_')}", __package__)
-    parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
+    parser = _Parser(prog=f"iclnuim {command}", description=COMMANDS[command])
     parser.set_defaults(run=getattr(module, "run", None))
     getattr(module, f"configure_{command}" if shared else "configure")(parser)
     words = getattr(module, "spelled_out", list)(argv)

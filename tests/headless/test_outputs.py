@@ -340,6 +340,24 @@ def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, header, stamp, ex
     assert expected in error and "blanks instead of commas" in error
 
 
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["table", "9"], "invalid choice: 9"),
+        (["evaluate", "surface", "mesh.ply"], "required: --model"),
+        (["convert", "a", "b", "--workers", "0"], "expected a whole number of at least 1"),
+        (["doctor", "--colour"], "unrecognized arguments: --colour"),
+    ],
+    ids=lambda words: words[0] if isinstance(words, list) else "",
+)
+def test_an_invalid_command_line_is_one_line_that_names_the_help(words, found, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    error = capsys.readouterr().err
+    assert stopped.value.code == 2 and error.count("\n") == 1
+    assert error.startswith(f"iclnuim {words[0]}") and found in error and error.endswith("--help\n")
+
+
 def test_an_empty_argument_is_refused_not_taken_for_none(capsys):
     for argv in (["make", "kt2", "--frames", ""], ["make", "kt2", "--camera="], ["evaluate", "", "b.txt"]):
         assert main(argv) == 2
