@@ -75,9 +75,13 @@ def test_a_plane_alone_cannot_be_fitted():
         ("mesh.txt", "x", "a mesh"),
         ("mesh.ply", "ply\nnonsense", "PLY"),
         ("mesh.ply", None, "no such file"),
+        ("mesh.off", "CNOFF\n1 0 0\n0 0 0 0 0 1 1 1 1 1\n", "a complete mesh, found .*; try a .ply"),
+        ("mesh.glb", "nonsense", "a glTF file from which Open3D reads a mesh, found none; try a .ply"),
     ],
 )
 def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
+    if name.endswith(".glb"):
+        pytest.importorskip("open3d")
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=match):

@@ -363,6 +363,8 @@ def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise WorkError(f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply") from None
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(path)
+    if not len(mesh.vertices):
+        raise InputError("a glTF file from which Open3D reads a mesh", path=path, found="none", hint="a .ply")
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
 
 
