@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from iclnuim import __version__
 from iclnuim.errors import IclnuimError, InputError
-from iclnuim.formats.files import check_picture
+from iclnuim.formats.files import check_file, check_picture
 
 from .isolation import run_isolated
 from .options import Console, option_name
@@ -96,6 +96,8 @@ def _run(argv: list[str]) -> int:
         check_outputs(args)
         if getattr(args, "plot", None):
             check_picture(args.plot)  # before work that may take long
+        if getattr(args, "csv", None):
+            check_file(args.csv)
         work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
         opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
         return run_isolated(work, str(opened)) if opened else work() or 0
@@ -123,6 +125,13 @@ def command() -> NoReturn:
     sys.exit(code)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Reports an invalid command line in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; try {self.prog} --help\n")
+
+
 def _refuse_empty(argv: list[str]) -> None:
     """Raises InputError for an empty argument, such as that of a shell variable that is not set."""
     for before, argument in pairwise(argv):
@@ -138,7 +147,7 @@ def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     """The parsed options of the command; their attribute `run(args, console)` executes it."""
     shared = _SHARED.get(command)
     module = importlib.import_module(f".commands.{shared or command.replace('-', '_')}", __package__)
-    parser = argparse.ArgumentParser(prog=f"iclnuim {command}", description=COMMANDS[command])
+    parser = _Parser(prog=f"iclnuim {command}", description=COMMANDS[command])
     parser.set_defaults(run=getattr(module, "run", None))
     getattr(module, f"configure_{command}" if shared else "configure")(parser)
     words = getattr(module, "spelled_out", list)(argv)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from iclnuim.errors import InputError
+from iclnuim.formats.files import is_stream
 
 #: Options whose value is written.
 _OUTPUTS = ("out", "csv", "plot", "rerun")
@@ -32,6 +33,12 @@ def check_outputs(args: argparse.Namespace) -> None:
                     raise _refused(name, path, f"the input {given}" if given.is_file() else _of_sequence(given))
             if folder := _sequence_with(path):
                 raise _refused(name, path, _of_sequence(folder))
+
+
+def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
+    """Raises InputError if a file or folder exists at the path of a new file. Pipes and devices (/dev/stdout) are written."""
+    if os.path.lexists(path) and not is_stream(path):
+        raise InputError("a new file name", path=path, found="an existing file", hint=hint)
 
 
 def _refused(name: str, path: Path, what: str) -> InputError:

@@ -8,8 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
-from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.dataset.layout import DISTORTED, SequenceCamera
+from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import is_file
@@ -19,6 +21,7 @@ from iclnuim.odometry.registry import PACKAGES, odometer
 from .options import Console, add_settings, settings_from
 
 if TYPE_CHECKING:
+    from iclnuim.dataset.frames import ImagePair
     from iclnuim.odometry.run import Sequence
 
 _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
@@ -38,9 +41,29 @@ def add_sensor_options(
 def sequence_options(args: argparse.Namespace) -> SequenceOptions:
     """The SequenceOptions given on the command line. Raises InputError for an invalid value."""
     options = settings_from(args, SequenceOptions())
+    check_format_units(args, options)
     if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
         sys.path.insert(0, "")  # a user's module is in the working folder, which is not on the command's search path
     return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
+
+
+def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> None:
+    """Raises InputError if --depth-units are given, and every format has other units that are fixed."""
+    fixed = {name: sequence_format(name).fixed_units for name in options.formats}
+    if args.depth_units is not None and None not in fixed.values() and args.depth_units not in fixed.values():
+        expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
+        raise InputError(
+            expected, setting="--depth-units", found=f"{args.depth_units:g}", hint="the command without it"
+        )
+
+
+def log_settings(args: argparse.Namespace) -> LogSettings:
+    """The LogSettings given on the command line. Raises InputError for settings of bags that are not written."""
+    logs, plain = settings_from(args, LogSettings()), LogSettings()
+    for name in ("bag_storage", "compress_bags"):
+        if not logs.rosbag and getattr(logs, name) != getattr(plain, name):
+            raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
+    return logs
 
 
 def _json(text: str | None) -> dict[str, Any] | None:
@@ -66,9 +89,9 @@ def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None
 
 
 def given_or_noted_camera(args: argparse.Namespace, console: Console, folder: Path) -> SequenceCamera:
-    """The camera given by the options, else that of `folder`. A note names a camera that is assumed."""
+    """The camera given by the options, else that of `folder`; see note_camera."""
     camera = camera_from(args, folder) or _camera_of(folder)
-    note_assumed_camera(folder, camera, console)
+    note_camera(folder, camera, console)
     return camera
 
 
@@ -85,16 +108,29 @@ def units_from(args: argparse.Namespace) -> float:
 
 
 def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> "Sequence":
-    """Open the sequence with the camera given by the options, or with that of the folder. A note names a camera that is assumed."""
+    """Open the sequence with the camera given by the options, or with that of the folder. Notes report what is assumed and left out."""
     from iclnuim.odometry.run import Sequence
 
     sequence = Sequence(folder, depth_offset, camera_from(args, folder))
-    note_assumed_camera(folder, sequence.camera, console)
+    note_camera(folder, sequence.camera, console)
+    note_unused_images(folder, sequence.pairs, console)
     return sequence
 
 
-def note_assumed_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
-    """Print a note if no file gave the camera."""
+def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
+    """Print a note if images of the sequence are in no pair."""
+    from iclnuim.dataset.frames import unused_images
+
+    unused = {f"{kind}/": paths for kind, paths in unused_images(pairs).items() if paths}
+    if unused:
+        counts = ", ".join(f"{len(paths)} in {kind} (first: {paths[0].name})" for kind, paths in unused.items())
+        console.note(f"{folder}: images without a partner, or in no list, are not used: {counts}")
+
+
+def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
+    """Print a note if no file gave the camera, and if its file gives a lens distortion."""
+    if camera.distorted:
+        console.note(f"{folder}: {DISTORTED}")
     if camera.assumed:
         c, units = camera.pinhole, camera.depth_units_per_metre
         console.note(

@@ -109,6 +109,7 @@ def file_size_limit():
     @contextlib.contextmanager
     def limited(size):
         old = resource.getrlimit(resource.RLIMIT_FSIZE)
+        compiles, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # compiled modules would be cut off, and stay
         handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, old[1]))
         try:
@@ -116,5 +117,6 @@ def file_size_limit():
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, old)
             signal.signal(signal.SIGXFSZ, handler)
+            sys.dont_write_bytecode = compiles
 
     return limited

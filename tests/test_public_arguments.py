@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from iclnuim import SE3, Trajectory, absolute_trajectory_error, noisy_depth, noisy_rgb, relative_pose_error
+from iclnuim import (
+    SE3,
+    Trajectory,
+    absolute_trajectory_error,
+    fuse_sequence,
+    noisy_depth,
+    noisy_rgb,
+    relative_pose_error,
+)
 from iclnuim.errors import InputError
 from iclnuim.formats.ply import write_ply
 
@@ -107,3 +115,9 @@ def test_what_is_not_an_odometer_is_refused_by_name():
 
     with pytest.raises(InputError, match="odometers, as iclnuim.odometer"):
         run_odometers([object()], "nowhere")
+
+
+@pytest.mark.parametrize("given", ["groundtruth.txt", None])
+def test_a_surface_is_fused_along_a_trajectory(tmp_path, given):
+    with pytest.raises(InputError, match=r"a Trajectory, found .*; try iclnuim.read_trajectory"):
+        fuse_sequence(tmp_path, given)

@@ -120,7 +120,12 @@ def _ate_table(views: Sequence[Ours], externals: Sequence[dict], room: str, nois
     number = ATE_TABLES[room, noise]
     title = f"Table {ROMAN[number]}: ATE in mm, {_ROOMS[room]}, {noise}."
     return Table(
-        f"table_{number}", title, _columns("odometer", "error mm"), tuple(rows), frozenset(bold), _notes(views, noise)
+        f"table_{number}",
+        title,
+        _columns("odometer", "error mm"),
+        tuple(rows),
+        frozenset(bold),
+        (*_part_note(views[0].results, room, noise), *_notes(views, noise)),
     )
 
 
@@ -128,6 +133,18 @@ def _best(view: Figures, room: str, trajectory: str, noise: str) -> str:
     found = {odometer: view.ate(room, trajectory, noise, odometer) for odometer in TITLES}
     known = {odometer: value for odometer, value in found.items() if value is not None}
     return min(known, key=known.__getitem__, default="") if len(known) > 1 else ""
+
+
+def _part_note(results: Sequence[dict], room: str, noise: str) -> tuple[str, ...]:
+    """A note if cells were measured on fewer frames than the sequence has."""
+    whole = dict(zip(TRAJECTORIES, paper()["tables"]["1"][room]["frames"], strict=True))
+    of_table = [r for r in results if (r["cell"].room, r["cell"].noise) == (room, noise)]
+    part = {
+        kt: [r["frames"] for r in of_table if r["cell"].trajectory == kt and r.get("frames", whole[kt]) < whole[kt]]
+        for kt in whole
+    }
+    counts = [f"{kt} {min(found)} of {whole[kt]}" for kt, found in part.items() if found]
+    return (f"Ours are of fewer frames than the sequences have: {', '.join(counts)}.",) if counts else ()
 
 
 def _columns(*first: str) -> tuple[str, ...]:
@@ -173,9 +190,8 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> Table:
         name = f"table_{number}_{room}"
         title = f"Error of the surfaces of the {_ROOMS[room]} in mm, {noise}; the paper could not measure them."
     note = "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The last rows are not in the paper; they align by the first pose."
-    return Table(
-        name, title, tuple(columns), tuple(rows), notes=(note, _ONE_SIDED)[: 2 if room == "living_room" else 1]
-    )
+    notes = (note, _ONE_SIDED)[: 2 if room == "living_room" else 1]
+    return Table(name, title, tuple(columns), tuple(rows), notes=(*_part_note(views[0].results, room, noise), *notes))
 
 
 def quality_of(result: dict, name: str) -> float | None:

@@ -44,7 +44,8 @@ class Table:
             for texts in zip_longest(*row, fillvalue=""):
                 padded = [t.rjust(w) if r else t.ljust(w) for t, w, r in zip(texts, widths, right, strict=True)]
                 lines.append("  ".join(padded).rstrip())
-        return "\n".join([self.title, *lines, *self.notes])
+        legend = ["A star marks the smallest of each trajectory."] if self.bold else []
+        return "\n".join([self.title, *lines, *legend, *self.notes])
 
     def markdown(self) -> str:
         rows = [

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 #: Points for --json, text, and a function that draws the chart.
 Curve = tuple[list[dict[str, Any]], str, Callable[[], "Figure"]]
 _SEED, _FRAMES = 1, 120
+#: Largest step of a curve; at a higher rate, frames in between would fill the memory.
+_LARGEST_STEP, _LARGEST = 1e6, {"rate": 1000.0}
 
 
 def configure(actions: Actions) -> None:
@@ -59,6 +61,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     names = (*curves.CURVES, "voxel")
     if args.curve not in names:
         raise InputError(f"a curve ({', '.join(names)})", found=args.curve)
+    _check_values(args.curve, args.values or ())
     segments = {}
     for folder in args.folders:
         sequence, truth = open_sequence(args, console, folder), read_truth(folder)
@@ -91,6 +94,16 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
         "source_commit": source_commit(),
     }
     console.result({"recipe": recipe, "points": points}, text)
+
+
+def _check_values(curve: str, values: tuple[float, ...]) -> None:
+    """Raises InputError unless all steps are positive numbers, or numbers of levels, within the limit of the curve."""
+    most = _LARGEST.get(curve, _LARGEST_STEP)
+    for value in values:
+        if curve == "levels" and not (value >= 0 and value.is_integer()):
+            raise InputError("whole numbers of levels", setting="--values", found=f"{value:g}")
+        if curve != "levels" and not 0 < value <= most:
+            raise InputError(f"numbers above 0, at most {most:g}", setting="--values", found=f"{value:g}")
 
 
 def _odometer_curve(args: argparse.Namespace, console: Console, segments: "dict[str, Segment]") -> "Curve":

@@ -182,7 +182,7 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
     picked = _fitted_transform(args, given, unit_m, console)
     surface = TrueSurface(*read_model(args.model))
     T_model_mesh = surface.aligned(mesh.points, picked) if args.align == "icp" else picked
-    error = surface.error(mesh.points, T_model_mesh)
+    error = surface.error(mesh.points, T_model_mesh, unit_m)
     if args.plot:
         from iclnuim.fusion.pictures import error_figure
         from iclnuim.report.charts import save

@@ -7,6 +7,7 @@ from iclnuim.formats.files import check_picture
 
 from ..benchmark.cells import PRESETS
 from ..options import Console, common
+from ..outputs import refuse_existing
 from ..sequence_options import require
 
 
@@ -24,6 +25,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     target = args.out or Path(f"figure_{args.number}.png")
+    if not args.out:
+        refuse_existing(target, "-o FILE")
     check_picture(target)
     require("figure", "numba", "cv2", "embreex")
     from iclnuim.report.charts import save

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         require("fuse --plot", "embreex")
     from iclnuim import __version__
-    from iclnuim.dataset.frames import find_truth
+    from iclnuim.dataset.frames import find_pairs, find_truth
     from iclnuim.fusion.mesh import fuse_sequence
     from iclnuim.shipped import source_commit
 
@@ -60,6 +60,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     volume = settings.volume
     if args.truncation is None and volume.truncation_m > PRESETS[args.preset].truncation_m:
         console.note(f"truncation distance {volume.truncation_m:g} m: three voxels of {volume.voxel_m:g} m")
+    find_pairs(args.folder)  # a folder without a sequence is reported as such
     poses = args.poses or find_truth(args.folder)
     if poses is None:
         raise InputError("a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE")

@@ -10,7 +10,7 @@ from pathlib import Path
 from iclnuim.errors import InputError
 
 from ..options import Console, common, count
-from ..sequence_options import add_camera_options, camera_from, note_assumed_camera
+from ..sequence_options import add_camera_options, camera_from, note_camera
 from ..systems.experiment import Experiment, write_results
 from ..systems.staging import StagedSequence
 from ..systems.system import built_in, read_system
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     experiments = []
     for folder in args.folders:
         sequence = StagedSequence.of(folder, camera_from(args, folder), args.first)
-        note_assumed_camera(folder, sequence.camera, console)
+        note_camera(folder, sequence.camera, console)
         experiments.append(Experiment(system, sequence, args.out))
     if len({e.folder for e in experiments}) < len(experiments):
         raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))

@@ -24,7 +24,7 @@ from ..farm.chunks import numbers_from, own_cores
 from ..farm.rendering import open_run, report, stop_on_signals
 from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
 from ..options import Console
-from ..sequence_options import add_sensor_options, sequence_options
+from ..sequence_options import add_sensor_options, log_settings, sequence_options
 
 #: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They are the first frames, so that stamps begin at 1 s.
 QUICK_FRAMES = ":60"
@@ -122,7 +122,7 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
     out = args.out or Path("out") / job.sequence
     if args.command == "render":
         return RunPlan(job, args.out or out / "raw", numbers)
-    logs = options.settings_from(args, LogSettings())
+    logs = log_settings(args)
     views = _held_out(getattr(args, "held_out", None) or "", job)
     return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs, held_out=views)
 

@@ -14,29 +14,35 @@ from pathlib import Path
 import numpy as np
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import metres_from_depth16
-from iclnuim.dataset.frames import FrameSource, frames_with_poses, image_frames, original_frames, run_frames
+from iclnuim.dataset.frames import FrameSource, find_pairs, frames_with_poses, image_frames, original_frames, run_frames
 from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import camera_file
-from iclnuim.dataset.packing import LICENCES, check_packable, pack, packed_names
+from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
-from iclnuim.formats.files import data_lines, read_bytes, read_text, sha256
+from iclnuim.formats.files import check_file, data_lines, is_stream, read_bytes, read_text, sha256
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
 from ..options import Console, add_rerun, add_settings, checked_rerun, common, count, renamed, settings_from
+from ..outputs import refuse_existing
 from ..sequence_options import (
     add_camera_options,
     add_sensor_options,
+    check_format_units,
     given_or_noted_camera,
+    log_settings,
+    note_unused_images,
     sequence_options,
     units_from,
 )
 
 EXPOSURES = "exposures.txt"
+#: Endings of the archive that `pack` writes.
+_ARCHIVES = (".tar.gz", ".tgz")
 _ABOUT = """
 `iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR contains exposures.txt (lines
 `exposure image.png`, two or more images of each exposure of a static scene), and depth/*.png of a static wall, or
@@ -83,7 +89,7 @@ def _dataset(args: argparse.Namespace, console: Console) -> None:
 
 def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespace, console: Console) -> None:
     """Write the sequence args.out, reporting progress."""
-    logs = settings_from(args, LogSettings())
+    logs = log_settings(args)
     writer = SequenceWriter(source, {args.out: options.sequence_settings()}, options.formats)
     for sentence in writer.losses():
         console.note(sentence)
@@ -114,7 +120,9 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 
 def _convert(args: argparse.Namespace, console: Console) -> None:
     source = original_frames(args.source, args.frames, given_or_noted_camera(args, console, args.source))
+    note_unused_images(args.source, find_pairs(args.source), console)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
+    check_format_units(args, options)
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing and source.truth_of(source.numbers) is not None:
         posed = frames_with_poses(source)
@@ -150,6 +158,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
     camera = given_or_noted_camera(args, console, Path(args.source))
     source = image_frames(Path(args.source), args.frames, camera)
+    note_unused_images(Path(args.source), find_pairs(Path(args.source)), console)
     _write(source, sequence_options(args), args, console)
 
 
@@ -239,17 +248,31 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
 
 def configure_pack(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="a finished sequence")
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: DIR.tar.gz")
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz")
     parser.add_argument("--licence", choices=tuple(LICENCES), default="CC-BY-4.0", help="default: %(default)s")
     parser.add_argument("--author", default="", help="name of the author in the archive")
     parser.add_argument("--no-preview", action="store_true", help="leave out preview.png and preview.mp4")
     common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz").set_defaults(run=_pack)
 
 
+def _check_archive(args: argparse.Namespace, out: Path) -> None:
+    """Raises InputError for another kind of archive, one inside the folder, and, if the user did not name it, for a file of another origin."""
+    if not out.name.endswith(_ARCHIVES) and not is_stream(out):
+        raise InputError(f"an archive named *{' or *'.join(_ARCHIVES)}", path=out, found=out.suffix or "no ending")
+    if out.resolve().is_relative_to(args.folder.resolve()):
+        raise InputError(
+            "an archive outside the folder that is packed", path=out, found="a file in it", hint="another {out}"
+        )
+    if not args.out and out.exists() and not is_archive(out):
+        refuse_existing(out, "-o FILE")
+    check_file(out)
+
+
 def _pack(args: argparse.Namespace, console: Console) -> None:
     whole = args.folder.resolve()  # `.` has no name
     out = args.out or (args.folder if args.folder.name else whole).with_name(f"{whole.name}.tar.gz")
     check_packable(args.folder, args.licence)
+    _check_archive(args, out)
     extra: dict[str, bytes] = {}
     if not args.no_preview:
         from iclnuim.report.preview import draw_preview

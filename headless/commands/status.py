@@ -1,17 +1,18 @@
 """`iclnuim status DIR`: reports what is finished in an output folder and what is missing, from its files alone."""
 
 import argparse
-import json
 from contextlib import suppress
 from pathlib import Path
 
+from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import read_entries
+from iclnuim.dataset.sequence import complete_frames, read_entries
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 
 from ..farm import held_out, slurm
+from ..farm.lock import OutputLock
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import Console, common
 
@@ -59,6 +60,9 @@ def state(folder: Path, frames: str | None) -> dict:
             names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)
             journals = [raw.parent / name / "frames.jsonl" for name in names]
             made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(numbers)
+            if plan is not None and plan.sequences is not None:
+                with suppress(InputError):  # a noise model of the user that is not there
+                    made &= complete_frames(frames_of_run(run, numbers), plan.variants(), plan.formats, hashes=False)
         missing = run.missing([n for n in numbers if n not in made])
     elif plan is not None and frames is None:  # it waits in a queue and has no recipe yet
         raw, job, numbers, missing = plan.raw, plan.job, plan.numbers, list(plan.numbers)
@@ -71,9 +75,9 @@ def state(folder: Path, frames: str | None) -> dict:
             queue = slurm.counted(slurm.in_queue(jobs)) or "nothing"
         except WorkError as error:
             queue = f"unknown ({error})"
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        lock = json.loads((raw / ".farm/lock").read_text("utf-8"))
-        holder = f"process {lock['pid']} on {lock['host']}"
+    with suppress(OSError, KeyError):
+        if lock := OutputLock(raw / ".farm").living_holder():
+            holder = f"process {lock['pid']} on {lock['host']}"
     return {
         "folder": str(raw),
         "sequence": job.sequence,

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 from iclnuim import shipped
 from iclnuim.errors import InputError
-from iclnuim.formats.scene_model import SceneModel, write_obj, write_ply
+from iclnuim.formats.files import check_file
+from iclnuim.formats.scene_model import SceneModel, obj_parts, write_obj, write_ply
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
@@ -14,14 +15,23 @@ from iclnuim.geometry.se3 import SE3
 
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Console, add_scene_options, common, settings_from
+from ..outputs import refuse_existing
 
+#: Number of pieces that --seen-by may cut a scene into: about 4 GB.
+_MAX_PIECES = 20_000_000
 WRITERS = {".ply": write_ply, ".obj": write_obj}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}")
     add = parser.add_argument
-    add("-o", "--out", type=Path, metavar="MODEL", help=".ply, or .obj with .mtl and textures; default: SCENE.ply")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="MODEL",
+        help=".ply, or .obj with .mtl and textures; default: SCENE.ply, if there is no such file",
+    )
     seen_by = "only what this trajectory saw: kt2, office/kt0 or a file; may be given several times"
     add("--seen-by", action="append", metavar="TRAJECTORY", help=seen_by)
     add("--every", type=int, default=10, metavar="N", help="for --seen-by: use every Nth pose; default: 10")
@@ -40,6 +50,12 @@ def run(args: argparse.Namespace, console: Console) -> None:
     out = args.out or Path(f"{Path(args.scene).stem}.ply")
     if out.suffix.lower() not in WRITERS:
         raise InputError("a file name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
+    if args.out is None:
+        refuse_existing(out, "-o MODEL")
+    check_file(out)
+    if out.suffix.lower() == ".obj" and not out.exists():
+        for part in obj_parts(out):
+            refuse_existing(part, "another name for {out}")
     if args.every < 1 or not args.cell > 0:
         raise InputError("--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}")
     poses = [poses_of(name, args.scene)[:: args.every] for name in args.seen_by or ()]
@@ -92,6 +108,9 @@ def _model(args: argparse.Namespace) -> SceneModel:
 def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
     from iclnuim.raycast.caster import Visibility
 
+    smallest_m = float(np.sqrt(2 * model.area_m2().sum() / _MAX_PIECES))
+    if cell_m < smallest_m:
+        raise InputError(f"at least {smallest_m:.3g} m in a scene of this size", setting="--cell", found=f"{cell_m:g}")
     pieces, _ = model.cut(cell_m)
     visibility = Visibility(pieces)
     progress = console.progress(sum(len(T.translation) for T in poses), "surface", "poses")

@@ -13,7 +13,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats import trajectories as files
-from iclnuim.formats.files import atomic_write_text, make_folder, read_json, read_text
+from iclnuim.formats.files import atomic_write_text, check_file, make_folder, read_json, read_text
 from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
@@ -26,10 +26,13 @@ from iclnuim.raycast.distance import TriangleDistance
 
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
+from ..outputs import refuse_existing
 
 #: The planner searches this far beyond the viewpoints for a way around obstacles.
 _DETOUR_M = 2.0
 NAMES = [*shipped.paper_sequences(), *shipped.HARD_SEQUENCES]
+#: Formats with stamps; the others number their frames.
+_WITH_STAMPS = ("tum", "euroc", "vslam-lab")
 _FILE = "a trajectory file or a folder of POV-Ray camera files"
 
 
@@ -71,7 +74,11 @@ def _configure_changes(actions: Actions) -> None:
     )
     convert = action(actions, "convert", text, example, partial(_run_change, _restamped), json=False)
     convert.add_argument("source", metavar="IN", help=_FILE)
-    help = "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim"
+    words = ", ".join(known.word for known in files.FORMATS.values() if known.word)
+    help = (
+        "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim; "
+        f"the words {words} in the name of a .txt file select these formats instead of TUM"
+    )
     convert.add_argument("out", metavar="OUT", help=help)
     help = "use the stamps 1 + i / FILE_RATE instead of those of the file"
     convert.add_argument("--restamp", action="store_true", help=help)
@@ -109,7 +116,9 @@ def _configure_make(actions: Actions) -> None:
     """Add `make`: trajectories from their recipes, or one through a user-provided scene that keeps clear of its surfaces."""
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
     parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make)
-    parser.add_argument("recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; or all")
+    parser.add_argument(
+        "recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; default: all"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of next to the recipe")
     help = "write nothing; exit with 3 if a file differs from the trajectory that its recipe makes"
     parser.add_argument("--check", action="store_true", help=help)
@@ -169,7 +178,9 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.report import charts as plots  # Matplotlib takes half a second to import
 
     plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
-    console.note(f"{args.out}: {len(loaded)} trajectories drawn; gt.freiburg and gt.sim are rotated z up")
+    console.note(
+        f"{args.out}: {len(loaded)} trajector{'y' if len(loaded) == 1 else 'ies'} drawn; gt.freiburg and gt.sim are rotated z up"
+    )
 
 
 def _run_change(
@@ -178,7 +189,7 @@ def _run_change(
     """Read a trajectory, change it, and write it. OUT is checked first, before anything is read."""
     to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
     if args.out:
-        _refuse_existing(args.out, args.force)
+        _check_out(args.out, args.force)
     loaded = _loaded(args, args.source)
     console.note(f"{args.source}: {loaded.read_as.sentence}")
     changed = change(args, loaded.trajectory, console)
@@ -188,6 +199,11 @@ def _run_change(
         return
     files.write_trajectory(args.out, changed, to, options)
     console.note(f"{args.out}: {files.FORMATS[to].goes_to}")
+    if to not in _WITH_STAMPS and args.file_rate != trajectories.FRAME_RATE_HZ:
+        rate = f"{args.file_rate:g}"
+        console.note(
+            f"note: {args.out} has no stamps; its frames are at {rate} Hz: give --file-rate {rate} where it is read"
+        )
     if "stamps are not written" in files.FORMATS[to].goes_to:
         _note_gaps(
             changed,
@@ -239,10 +255,17 @@ def _start_pose(args: argparse.Namespace) -> tuple[SE3, str]:
         raise InputError(f"{error.expected} in --start", found=error.found) from None
 
 
+def _check_out(out: str | os.PathLike[str], force: bool) -> None:
+    """Raises InputError if the file exists, unless `force` is true, or cannot be written."""
+    if not force:
+        refuse_existing(out, "--force to overwrite it")
+    check_file(out)
+
+
 def run_camera(args: argparse.Namespace, console: Console) -> None:
     """Write one pose for each frame of the scene's timeline."""
     out = args.out or Path(f"{Path(args.scene).stem}.txt")
-    _refuse_existing(out, args.force)
+    _check_out(out, args.force)
     reading = settings_from(args, SceneReading())
     with opened_scene("trajectory camera", str(Path(args.scene).resolve()), reading):
         import bpy
@@ -261,17 +284,12 @@ def run_camera(args: argparse.Namespace, console: Console) -> None:
     console.result({"file": str(out), "camera": camera.name, "pinhole": option, **figures}, text)
 
 
-def _refuse_existing(out: str | os.PathLike[str], force: bool) -> None:
-    if os.path.lexists(out) and not force:
-        raise InputError("a new file name", path=out, found="an existing file", hint="--force to overwrite it")
-
-
 def run_make(args: argparse.Namespace, console: Console) -> None:
     if args.scene or args.viewpoints:
         _make_in_scene(args, console)
         return
     made = []
-    for name in args.recipes or NAMES:
+    for name in NAMES if args.recipes in ([], ["all"]) else args.recipes:
         source, target = _places(name, args.out)
         content = read_json(source)
         try:
@@ -280,7 +298,8 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
             raise error.at(source if error.path is None else f"{source}: {error.path}") from None
         text = tum_text(motion.trajectory)
         if not args.check:
-            target.parent.mkdir(parents=True, exist_ok=True)
+            _refuse_other(target)
+            make_folder(target.parent, hint="another {out}")
             atomic_write_text(target, text)
         elif not target.is_file():
             raise WorkError(f"{target}: does not exist, so it cannot be checked")
@@ -295,6 +314,14 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
         for f in made
     ]
     console.result({"trajectories": made}, "\n".join(rows))
+
+
+def _refuse_other(target: Path) -> None:
+    """Raises InputError if a file exists that is no trajectory as this command writes it."""
+    if target.exists() and not (target.is_file() and target.read_bytes().startswith(TUM_HEADER.encode())):
+        raise InputError(
+            "no file, or a trajectory that was made before", path=target, found="another file", hint="another {out}"
+        )
 
 
 def tum_text(made: Trajectory) -> str:

@@ -50,6 +50,11 @@ class OutputLock:
         """Whether this process still holds the lock; it may have lost it after a suspension longer than STALE_S."""
         return (self._holder() or {}).get("token") == self._mine["token"]
 
+    def living_holder(self) -> dict | None:
+        """Host and process that hold the lock and are alive; None if the lock is free or stale."""
+        holder = self._holder()
+        return holder if holder and self._lives(holder) else None
+
     def _take(self) -> bool:
         draft, content = self.path.with_name(f".{self.path.name}-{self._mine['token']}"), json.dumps(self._mine) + "\n"
         try:

@@ -83,8 +83,10 @@ class SequenceStage:
         self._pool.close()
 
     def complete(self, note: Callable[[str], object] = lambda text: None) -> None:
-        """After all frames: write lists and recipes, then bags and logs. Raises InputError, WorkError."""
+        """After all frames: write lists and recipes, then bags and logs. `note` receives what is lost in the formats. Raises InputError, WorkError."""
         self.close()
+        for sentence in self._writer.losses():
+            note(sentence)
         for out, written in zip(self._plan.variants(), self._writer.complete(), strict=True):
             self._plan.logs.write(written.folders[0], out, note)
 

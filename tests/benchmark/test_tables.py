@@ -41,6 +41,17 @@ def test_ours_stand_in_their_row_and_column_and_the_least_is_marked():
     assert not any(named(preset_tables(some, "best"), "table_5").rows[row][column] for row in range(30))
 
 
+def test_a_table_of_fewer_frames_than_a_sequence_has_names_them_and_its_star_is_explained():
+    other = replace(ICP, odometer="dvo", reference="default")
+    some = [result(ICP, 0.0015, 0.003), result(other, 0.02, 0.001, frames=882)]
+    for name in ("table_2", "table_3"):
+        text = named(preset_tables(some, "best"), name).text()
+        assert "Ours are of fewer frames than the sequences have: kt2 60 of 882." in text
+    assert "A star marks the smallest of each trajectory." in text
+    whole = named(preset_tables([result(ICP, 0.0015, frames=882)], "best"), "table_3")
+    assert not any("fewer frames" in note for note in whole.notes)
+
+
 def test_several_seeds_are_their_median_and_their_ends():
     cell = replace(ICP, noise="noisy")
     some = [result(replace(cell, seed=seed), 0.01 * (seed + 1), 0.003) for seed in range(3)]

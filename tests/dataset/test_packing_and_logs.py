@@ -49,6 +49,25 @@ def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
     assert not (tmp_path / "a.tar.gz").exists()
 
 
+def test_no_archive_of_another_origin_kind_or_place_is_written(sequence, tmp_path, command_here):
+    default = tmp_path / "my_sequence.tar.gz"
+    default.write_bytes(b"downloaded")
+    code, _, said = command_here("pack", sequence, "--no-preview")
+    assert (
+        code == 2 and "my_sequence.tar.gz: expected a new file name" in said and default.read_bytes() == b"downloaded"
+    )
+    default.unlink()
+    for _ in range(2):  # our own archive is replaced
+        assert command_here("pack", sequence, "--no-preview")[0] == 0
+    for out, words in (
+        (tmp_path / "a.zip", "an archive named *.tar.gz or *.tgz, found .zip"),
+        (sequence / "a.tar.gz", "outside the folder that is packed"),
+        (tmp_path / "no/a.tar.gz", "no such folder"),
+    ):
+        code, _, said = command_here("pack", sequence, "--no-preview", "-o", out)
+        assert code == 2 and words in said and not out.exists()
+
+
 @pytest.mark.parametrize(
     ("harm", "found"),
     [

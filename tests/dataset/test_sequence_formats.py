@@ -8,17 +8,20 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, image_frames, read_camera, read_images, run_frames
+from iclnuim.dataset.frames import find_pairs, image_frames, original_frames, read_camera, read_images, run_frames
 from iclnuim.dataset.inspection import inspect_sequence
-from iclnuim.dataset.layout import Row
-from iclnuim.dataset.sequence import SequenceSettings, write_sequence
+from iclnuim.dataset.layout import Row, SequenceCamera
+from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.headless.farm.run_plan import RunPlan
+from iclnuim.headless.farm.tasks import SequenceStage
 from iclnuim.headless.options import add_settings
+from iclnuim.job import RenderJob
 from iclnuim.sensor.models import depth_model
 
 
@@ -344,6 +347,141 @@ def test_colour_as_jpeg_is_paired_by_name_and_by_stamp_and_png_comes_first(tmp_p
     assert [p.rgb.name for p in find_pairs(tmp_path)] == [f"{names[0]}.png", f"{names[1]}{ending}"]
 
 
+@pytest.mark.parametrize(
+    ("names", "stamps_s"),
+    [
+        (["frame_9", "frame_10", "frame_12"], [1 + 9 / 30, 1 + 10 / 30, 1 + 12 / 30]),
+        (["9", "10", "12"], [1 + 9 / 30, 1 + 10 / 30, 1 + 12 / 30]),
+        (["1403636579763555584", "1403636579796888917"], [1403636579.763555584, 1403636579.796888917]),
+        (["a9 left", "a10 left"], [1, 1 + 1 / 30]),
+    ],
+    ids=["prefix", "plain", "nanoseconds", "other"],
+)
+def test_numbers_in_names_order_the_images_and_are_their_frames_or_nanoseconds(tmp_path, names, stamps_s):
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+        for name in names:
+            (tmp_path / kind / f"{name}.PNG").touch()
+    pairs = find_pairs(tmp_path)
+    assert [p.rgb.stem for p in pairs] == [p.depth.stem for p in pairs] == names
+    assert [p.stamp_s for p in pairs] == pytest.approx(stamps_s, abs=1e-6)
+    assert [p.written[0].replace(".", "") for p in pairs] == (names if len(names[0]) > 9 else [""] * len(names))
+
+
+@pytest.mark.parametrize("names", [("1403636579763555", "1403636579796888"), ("1403636579", "1403636580")])
+def test_names_in_another_unit_of_time_are_refused(tmp_path, names):
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+        for name in names:
+            (tmp_path / kind / f"{name}.png").touch()
+    with pytest.raises(InputError, match=r"found another unit of time; try rgb.txt and depth.txt"):
+        find_pairs(tmp_path)
+
+
+def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, tmp_path):
+    shutil.copytree(all_formats / "rtabmap", tmp_path / "s")
+    for name in ("rgb.txt", "depth.txt", "associations.txt"):
+        (tmp_path / "s" / name).unlink()
+    sorted((tmp_path / "s/depth_sync").iterdir())[1].unlink()
+    pairs = find_pairs(tmp_path / "s")
+    assert len(pairs) == 3 and all(p.rgb.stem == p.depth.stem for p in pairs)
+
+
+def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_file(all_formats, run, tmp_path):
+    shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
+    content = json.loads((tmp_path / "nerf/transforms.json").read_text())
+    content["frames"].reverse()
+    for frame in content["frames"]:
+        name = frame["file_path"].replace("images/", "images/frame_")
+        (tmp_path / "nerf" / frame["file_path"]).rename(tmp_path / "nerf" / name)
+        frame["file_path"] = name
+    (tmp_path / "nerf/transforms.json").write_text(json.dumps(content))
+    pairs, again = find_pairs(tmp_path / "nerf"), read_trajectory(tmp_path / "nerf/transforms.json").trajectory
+    assert [(p.number, p.rgb.stem) for p in pairs] == [(n, f"frame_00000{n}") for n in range(4)]
+    written = read_trajectory(all_formats / "nerf/transforms.json").trajectory
+    assert np.array_equal(again.positions_m, written.positions_m)
+    write_sequence(run_frames(run.path), tmp_path / "tum")
+    for kind in ("rgb", "depth"):
+        lines = [f"{1 + k / 30:.6f} {kind}/00000{n}.png" for k, n in enumerate((3, 1, 2, 0))]
+        (tmp_path / f"tum/{kind}.txt").write_text("\n".join(lines) + "\n")
+    (tmp_path / "tum/associations.txt").unlink()
+    pairs = find_pairs(tmp_path / "tum")
+    assert [p.number for p in pairs] == [0, 1, 2, 3] and [p.rgb.stem[-1] for p in pairs] == ["3", "1", "2", "0"]
+    write_sequence(original_frames(tmp_path / "tum"), tmp_path / "again")
+    assert [p.rgb.stem[-1] for p in find_pairs(tmp_path / "again")] == ["3", "1", "2", "0"]
+
+
+@pytest.mark.parametrize(
+    ("key", "units"),
+    [(None, 1000), ('"integer_depth_scale": 0.0002', 5000), ('"depth_unit_scale_factor": 0.0005', 2000)],
+)
+def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_nerfstudio_reads_it(
+    all_formats, tmp_path, key, units
+):
+    shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
+    file = tmp_path / "nerf/transforms.json"
+    file.write_text(file.read_text().replace('"integer_depth_scale": 0.0002', key or '"other": 0'))
+    assert read_camera(tmp_path / "nerf", find_pairs(tmp_path / "nerf")[0].rgb).depth_units_per_metre == units
+    writer = SequenceWriter(original_frames(all_formats / "tum"), {tmp_path / "o": SequenceSettings()}, ("nerf",))
+    assert writer.losses() == ["nerf: nerfstudio reads the depth right with the setting depth_unit_scale_factor 0.0002"]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("nerf/transforms.json", '"k1": 0.0', '"k1": -0.2'),
+        ("euroc/mav0/depth0/sensor.yaml", "[0.0, 0.0, 0.0, 0.0]", "[-2.8e-1, 0, 0, 0]"),
+        ("vslam-lab/calibration.yaml", "fps:", "distortion_coefficients: [0.26, -0.95, 0, 0, 1.16],\n     fps:"),
+    ],
+)
+def test_a_lens_distortion_that_is_ignored_is_noted(all_formats, tmp_path, file, old, new, command_here):
+    name = file.split("/")[0]
+    assert not read_camera(all_formats / name, find_pairs(all_formats / name)[0].rgb).distorted
+    shutil.copytree(all_formats / name, tmp_path / name)
+    text = (tmp_path / file).read_text()
+    (tmp_path / file).write_text(text.replace(old, new))
+    assert (tmp_path / file).read_text() != text
+    code, _, noted = command_here("convert", tmp_path / name, tmp_path / "out")
+    assert code == 0 and "lens distortion in the camera's file is ignored" in noted
+    assert any("lens distortion" in warning for warning in inspect_sequence(tmp_path / name).odd)
+
+
+def test_make_notes_what_its_formats_lose(run):
+    job = RenderJob("test", "living_room", "living_room/kt2", camera=PinholeCamera.parse("64x48"))
+    plan = RunPlan(job, run.path, (0, 1, 2, 3), SequenceOptions(formats=("tartanair", "scannet")))
+    notes = []
+    with SequenceStage(plan, 1) as stage:
+        stage.begin(run)
+        stage.add_finished(plan.numbers)
+        stage.complete(notes.append)
+    assert any("tartanair: its programs support only the camera" in note for note in notes)
+    assert any("scannet: colour is stored as JPEG" in note for note in notes)
+
+
+@pytest.mark.parametrize("command", [("convert",), ("noise", "--depth-noise", "paper")])
+def test_depth_units_that_no_requested_format_can_have_are_refused(all_formats, tmp_path, command, command_here):
+    words = (*command, all_formats / "tum", tmp_path / "out", "--format", "replica", "--depth-units")
+    code, _, said = command_here(*words, "1000")
+    assert code == 2 and "--depth-units: expected 6553.5 for the format replica, found 1000" in said
+    assert not (tmp_path / "out").exists() and command_here(*words, "1000", "--format", "tum")[0] == 0
+
+
+@pytest.mark.parametrize("option", [("--compress-bags",), ("--bag-storage", "mcap")])
+def test_settings_of_bags_without_bags_are_refused(all_formats, tmp_path, option, command_here):
+    code, _, said = command_here("convert", all_formats / "tum", tmp_path / "out", *option)
+    assert code == 2 and f"expected --rosbag with {option[0]}, found it alone" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_images_that_are_in_no_pair_are_noted(all_formats, tmp_path, command_here):
+    shutil.copytree(all_formats / "tum", tmp_path / "s")
+    for name in ("rgb.txt", "depth.txt", "associations.txt", "depth/000002.png"):
+        (tmp_path / "s" / name).unlink()
+    for command in (("convert",), ("noise", "--depth-noise", "paper")):
+        code, _, noted = command_here(*command, tmp_path / "s", tmp_path / command[0])
+        assert code == 0 and "not used: 1 in rgb/ (first: 000002.png)" in noted
+
+
 @pytest.mark.parametrize("shift_s", [0.0, 0.004])
 def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     for kind, offset_s in (("rgb", 0.0), ("depth", shift_s)):
@@ -355,8 +493,18 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     assert all(float(p.depth.stem) == pytest.approx(p.stamp_s + shift_s, abs=2e-6) for p in pairs)
     for depth in (tmp_path / "depth").iterdir():
         depth.rename(depth.with_name(f"x{depth.name}"))
-    with pytest.raises(InputError, match="equal file names in rgb/ and depth/, or rgb.txt and depth.txt"):
+    with pytest.raises(InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG\), or rgb.txt"):
         find_pairs(tmp_path)
+
+
+def test_stamps_of_depth_that_a_format_loses_are_noted(tmp_path):
+    for kind, offset_s in (("rgb", 0.0), ("depth", 0.004)):
+        (tmp_path / kind).mkdir()
+        for i in range(3):
+            (tmp_path / kind / f"{1 + i / 30 + offset_s:.6f}.png").touch()
+    source = image_frames(tmp_path, camera=SequenceCamera(PinholeCamera.parse("64x48")))
+    losses = SequenceWriter(source, {tmp_path / "out": SequenceSettings()}, ("euroc", "vslam-lab", "tum")).losses()
+    assert losses == ["euroc: depth images get the stamps of their colour images, up to 4 ms from their own"]
 
 
 def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path):

@@ -1,13 +1,20 @@
 """`iclnuim status`: the files alone say what is done."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from iclnuim.dataset.run_folder import load_trajectory, open_run
+from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.headless.farm import slurm
+from iclnuim.headless.farm.lock import OutputLock
+from iclnuim.headless.farm.run_plan import RunPlan
+from iclnuim.headless.farm.tasks import SequenceStage
 from iclnuim.job import shipped_job
 
 
@@ -44,6 +51,35 @@ def test_frames_that_became_pairs_are_not_missed(run, capsys):
     run.frame_file(0).unlink()
     values = told(capsys, run.path, "--frames", ":4")
     assert (values["in_sequences"], values["missing_frames"]) == (1, [2])
+
+
+def test_images_that_were_deleted_are_missing(run, capsys):
+    job = shipped_job("kt2").changed(camera=PinholeCamera.parse("16x12"))
+    plan = RunPlan(job, run.path, (0, 1, 3), SequenceOptions(), keep_raw=False)
+    with SequenceStage(plan, 1) as stage:
+        stage.begin(run)
+        stage.add_finished(plan.numbers)
+        stage.complete()
+    plan.write_record()
+    assert told(capsys, run.path.parent)["missing_frames"] == []
+    (run.path.parent / "noisy/depth/000001.png").unlink()
+    values = told(capsys, run.path.parent)
+    assert (values["in_sequences"], values["missing_frames"]) == (2, [1])
+
+
+def test_a_killed_command_does_not_count_as_working(run, capsys):
+    program = (
+        "import os, sys; from pathlib import Path; from iclnuim.headless.farm.lock import OutputLock;"
+        "lock = OutputLock(Path(sys.argv[1])); lock.__enter__(); os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", program, run.path / ".farm"], env=environment(), check=False)
+    assert (run.path / ".farm/lock").is_file() and told(capsys, run.path)["holder"] is None
+    with OutputLock(run.path / ".farm"):
+        assert told(capsys, run.path)["holder"].startswith(f"process {os.getpid()} on ")
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
 def test_a_folder_without_a_run_is_bad_input(tmp_path, capsys):

@@ -8,6 +8,7 @@ from iclnuim.formats.associations import (
     ImageList,
     read_associations,
     read_image_list,
+    read_image_lists,
     write_associations,
     write_image_list,
 )
@@ -105,3 +106,26 @@ def test_lists_of_unequal_length_are_no_pairs():
         Associations(images("rgb", [0, 1]), images("depth", [0]))
     with pytest.raises(InputError, match="as many paths as stamps"):
         ImageList((0.0,), ())
+
+
+@pytest.mark.parametrize(
+    ("line", "stamp_s"),
+    [
+        ("{n} rgb/{n}.png {n} depth/{n}.png", 1 + 600 / 30),
+        ("{n} rgb/{n:06}.png {n} depth/{n:06}.png", 1 + 600 / 30),
+        ("{n}.0 rgb/{n}.png {n}.0 depth/{n}.png", 600),
+        ("{n} rgb/1{n}.png {n} depth/1{n}.png", 600),
+        ("1305030{n} rgb/1305030{n}.png 1305030{n} depth/1305030{n}.png", 1305030600),
+    ],
+    ids=["swapped", "six digits", "decimals", "other names", "epoch"],
+)
+def test_whole_numbers_that_name_the_images_are_frame_numbers_also_in_tums_order(tmp_path, line, stamp_s):
+    lines = [line.format(n=n) for n in (600, 601)]
+    (tmp_path / "associations.txt").write_text("\n".join(lines))
+    pairs = read_associations(tmp_path / "associations.txt")
+    assert pairs.order == "tum" and pairs.rgb.stamps_s[0] == pairs.depth.stamps_s[0] == pytest.approx(stamp_s)
+    for name, part in (("rgb.txt", slice(2)), ("depth.txt", slice(2, 4))):
+        (tmp_path / name).write_text("\n".join(" ".join(one.split()[part]) for one in lines))
+    assert [one.stamps_s[0] for one in read_image_lists(tmp_path / "rgb.txt", tmp_path / "depth.txt")] == [
+        pytest.approx(stamp_s)
+    ] * 2

@@ -85,7 +85,7 @@ CASES = {
     "the same image twice": ("c.txt", COMMAND * 2, 2, ["frame number above the 1"]),
     "9 columns of CSV": ("a.csv", "1,0,0,0,1,0,0,0,0\n", 1, ["8 or 17 columns", "found 9 columns"]),
     "an empty field": ("a.csv", CSV + "2,0,,0,1,0,0,0\n", 2, ["separated by commas", "''"]),
-    "a zero quaternion in CSV": ("a.csv", CSV + "2,0,0,0,0,0,0,0\n", 2, ["quaternions of length 1"]),
+    "a zero quaternion in CSV": ("a.csv", CSV + "33333334,0,0,0,0,0,0,0\n", 2, ["quaternions of length 1"]),
     "a camera without position": (
         "s_1.txt",
         CAMERA.replace("cam_pos", "cam_x"),

@@ -75,9 +75,13 @@ def test_a_plane_alone_cannot_be_fitted():
         ("mesh.txt", "x", "a mesh"),
         ("mesh.ply", "ply\nnonsense", "PLY"),
         ("mesh.ply", None, "no such file"),
+        ("mesh.off", "CNOFF\n1 0 0\n0 0 0 0 0 1 1 1 1 1\n", "a complete mesh, found .*; try a .ply"),
+        ("mesh.glb", "nonsense", "a glTF file from which Open3D reads a mesh, found none; try a .ply"),
     ],
 )
 def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
+    if name.endswith(".glb"):
+        pytest.importorskip("open3d")
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=match):
@@ -111,6 +115,16 @@ def test_another_unit_is_named(unit, words, factor):
     away = factor * (points + (50, 0, 0))
     assert "times as large as the model" in surface.error(away).warnings[0] or unit in surface.error(away).warnings[0]
     assert surface.error(points).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("given_m", "given", "true_m", "true", "setting"),
+    [(0.001, "millimetres", 1.0, "metres", "m"), (0.01, "centimetres", 0.001, "millimetres", "mm")],
+)
+def test_the_advised_unit_is_that_of_the_file_also_if_another_was_given(given_m, given, true_m, true, setting):
+    surface, points = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES), in_the_room(np.random.default_rng(1))
+    (warning,) = surface.error(points / true_m * given_m, unit_m=given_m).warnings
+    assert f"seems to be in {true}, not in {given}" in warning and warning.endswith(f"set its unit to {setting}")
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -255,6 +269,17 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
         "warning: the reconstruction is mirrored"
         in icl("evaluate", "surface", "mirrored.ply", "--model", "model.ply").stdout
     )
+
+
+def test_a_mesh_has_the_same_vertices_in_every_format(tmp_path):
+    corners = BOX[SIDES]
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in t) + "endloop\nendfacet\n"
+        for t in corners.tolist()
+    )
+    (tmp_path / "box.stl").write_text(f"solid box\n{facets}endsolid box\n")
+    points, triangles, _ = read_mesh(tmp_path / "box.stl")
+    assert len(points) == len(BOX) and np.allclose(points[triangles], corners)
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,26 @@ def test_a_surface_and_its_recipe_are_replaced_by_the_next(sequence):
     assert json.loads((sequence.parent / "surface.json").read_text())["kind"] == "surface"
 
 
+def test_a_folder_that_does_not_exist_is_not_taken_for_one_without_ground_truth(tmp_path, capsys):
+    assert main(["fuse", str(tmp_path / "none"), "-o", str(tmp_path / "m.ply")]) == 2
+    assert "expected a folder with a sequence, found nothing" in capsys.readouterr().err
+
+
+def test_a_figure_without_a_name_replaces_no_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "figure_6.png").write_bytes(b"of my paper")
+    assert main(["figure", "6"]) == 2
+    assert "figure_6.png: expected a new file name, found an existing file; try -o FILE" in capsys.readouterr().err
+    assert (tmp_path / "figure_6.png").read_bytes() == b"of my paper"
+
+
+@pytest.mark.parametrize(("out", "words"), [(".", "found a folder"), ("none/a.csv", "no such folder")])
+def test_a_table_that_cannot_be_written_is_refused_before_the_work(sequence, out, words, capsys, monkeypatch):
+    monkeypatch.setattr("iclnuim.dataset.rendered_views.view_errors", None)
+    assert main(["evaluate", "views", "seq", "--truth", "seq", "--csv", out]) == 2
+    assert words in capsys.readouterr().err
+
+
 def test_a_link_stays_and_its_target_is_written(tmp_path):
     (tmp_path / "link.txt").symlink_to("target.txt")
     atomic_write_text(tmp_path / "link.txt", "one")
@@ -308,15 +328,34 @@ def test_values_of_image_files_are_not_taken_for_metres_or_light():
     ("header", "stamp", "expected"),
     [
         ("", "1.033333", "stamps in whole nanoseconds, as in EuRoC, found 1.033333"),
+        ("", "1000000001", "stamps in nanoseconds, as in EuRoC, found stamps 1 apart"),
         ("#timestamp,x,y,z,qx,qy,qz,qw\n", "1033333000", "columns qw, qx, qy, qz, as in EuRoC"),
     ],
-    ids=["seconds", "order"],
+    ids=["seconds", "frame numbers", "order"],
 )
 def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, header, stamp, expected, capsys):
     (tmp_path / "est.csv").write_text(f"{header}1000000000,0,0,0,0,0,0,1\n{stamp},0,0,1,0,0,0,1\n")
     assert main(["trajectory", "info", str(tmp_path / "est.csv")]) == 2
     error = capsys.readouterr().err
     assert expected in error and "blanks instead of commas" in error
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["table", "9"], "invalid choice: 9"),
+        (["evaluate", "surface", "mesh.ply"], "required: --model"),
+        (["convert", "a", "b", "--workers", "0"], "expected a whole number of at least 1"),
+        (["doctor", "--colour"], "unrecognized arguments: --colour"),
+    ],
+    ids=lambda words: words[0] if isinstance(words, list) else "",
+)
+def test_an_invalid_command_line_is_one_line_that_names_the_help(words, found, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    error = capsys.readouterr().err
+    assert stopped.value.code == 2 and error.count("\n") == 1
+    assert error.startswith(f"iclnuim {words[0]}") and found in error and error.endswith("--help\n")
 
 
 def test_an_empty_argument_is_refused_not_taken_for_none(capsys):

@@ -140,6 +140,33 @@ def test_the_output_format_can_be_told(run, walk, tmp_path):
     assert (tmp_path / "a.dat").read_text().startswith("#timestamp [ns]")
 
 
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("o.tum", "seconds, millimetres, right-handed"),
+        ("o.csv", "p_RS_R_x [mm],p_RS_R_y [mm],p_RS_R_z [mm]"),
+        ("vslam.txt", "ts (ns),tx (mm),ty (mm),tz (mm)"),
+    ],
+)
+def test_the_header_names_the_unit_of_the_positions(run, walk, tmp_path, name, header):
+    assert run("convert", walk, tmp_path / name, "--out-unit", "mm")[0] == 0
+    assert header in (tmp_path / name).read_text().splitlines()[0]
+
+
+def test_a_device_is_written_and_a_folder_that_cannot_be_is_bad_input(walk, tmp_path):
+    command = [sys.executable, "-m", "iclnuim", "trajectory", "convert", walk]
+    done = subprocess.run([*command, "/dev/stdout", "--to", "kitti"], capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines()) == len(WALK)
+    for out, words in ((tmp_path / "no" / "o.txt", "no such folder"), (tmp_path, "found a folder")):
+        done = subprocess.run([*command, out, "--to", "tum", "--force"], capture_output=True, text=True)
+        assert done.returncode == 2 and words in done.stderr
+
+
+def test_help_lists_the_words_in_a_name_that_select_a_format(run):
+    _, out, _ = run("convert", "--help")
+    assert "the words command, vslam, pov, kitti, replica, pose_left" in " ".join(out.split())
+
+
 # -- adopt, resample
 
 
@@ -173,6 +200,20 @@ def test_without_an_output_tum_comes_out_on_standard_output(run, walk, tmp_path)
 def test_a_resampled_trajectory_gets_frame_numbers_of_its_own_rate(run, walk, tmp_path):
     assert run("resample", walk, "--rate", 60, "-o", tmp_path / "a.gt.freiburg")[0] == 0
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "a.gt.freiburg")[:, 0], range(1, 121))
+
+
+@pytest.mark.parametrize(
+    ("name", "rate", "noted"),
+    [("a.gt.freiburg", 60, True), ("a.kitti", 60, True), ("a.tum", 60, False), ("b.kitti", 30, False)],
+)
+def test_a_file_without_stamps_at_another_rate_is_noted_with_the_option_that_reads_it(
+    run, walk, tmp_path, name, rate, noted
+):
+    _, _, err = run("resample", walk, "--rate", rate, "-o", tmp_path / name)
+    assert ("give --file-rate 60 where it is read" in err) == noted
+    if noted:
+        _, out, _ = run("info", tmp_path / name, "--file-rate", "60")
+        assert " at 60 Hz" in out
 
 
 @pytest.mark.parametrize(
@@ -275,7 +316,9 @@ def test_a_full_disk_is_exit_code_three_and_leaves_nothing(walk, tmp_path):
     )
     for arguments in (["convert", walk, tmp_path / "out.csv"], ["plot", walk, "-o", tmp_path / "out.png"]):
         command = [sys.executable, "-c", program, "trajectory", *arguments, "--quiet"]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+        # modules compiled under the limit would stay in the environment, cut off
+        limited = environment() | {"PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(command, capture_output=True, text=True, env=limited, check=False)
         assert done.returncode == 3 and "cannot write: File too large" in done.stderr and done.stderr.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["walk.txt"]
 
@@ -314,3 +357,17 @@ def test_make_through_a_scene_overwrites_no_file_of_other_content(repository, tm
     assert main(words) == 2
     assert "room.json: expected a new file name" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["room.json"]
+
+
+def test_all_trajectories_are_made_by_the_word_all_and_nothing_else_is_replaced(run, repository, tmp_path, monkeypatch):
+    monkeypatch.setattr("iclnuim.headless.commands.trajectory.NAMES", ["living_room/kt2"])
+    for _ in range(2):
+        assert run("make", "all", "--out", tmp_path)[0] == 0
+    made = (tmp_path / "living_room/kt2.txt").read_bytes()
+    (tmp_path / "mine.json").write_bytes((repository / "trajectories/living_room/kt2.json").read_bytes())
+    (tmp_path / "mine.txt").write_text("notes")
+    code, _, err = run("make", tmp_path / "mine.json")
+    assert code == 2 and "mine.txt: expected no file, or a trajectory that was made before, found another file" in err
+    assert (tmp_path / "mine.txt").read_text() == "notes"
+    (tmp_path / "mine.txt").unlink()
+    assert run("make", tmp_path / "mine.json")[0] == 0 and (tmp_path / "mine.txt").read_bytes() == made

@@ -93,9 +93,32 @@ def test_unknown_scenes_names_and_endings_are_refused_in_a_line(room, tmp_path, 
         ((room / "room.blend", "-o", tmp_path / "m.stl"), ".ply or .obj"),
         ((room / "room.blend", "-o", tmp_path / "m.ply", "--without", "piano"), "cabinet, wall"),
         ((room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "nothing.txt"), "nothing.txt"),
-        ((room / "room.blend", "-o", tmp_path / "none" / "m.ply"), "m.ply"),
+        ((room / "room.blend", "-o", tmp_path / "none" / "m.ply"), "no such folder"),
+        (
+            (room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "path.txt", "--cell", "1e-5"),
+            "--cell: expected at least",
+        ),
     ):
         code, _, said = surface(*arguments)
-        assert code in (2, 3) and words in said, said
+        assert code == 2 and words in said, said
         ours = [line for line in said.splitlines() if line.startswith("iclnuim")]  # Blender may have lines of its own
         assert len(ours) == 1 and "Traceback" not in said
+
+
+def test_a_file_that_the_user_did_not_name_is_not_replaced(room, tmp_path, surface, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert surface(room / "room.blend")[0] == 0
+    before = (tmp_path / "room.ply").read_bytes()
+    for scene in (
+        "room.ply",
+        room / "room.blend",
+    ):  # the default output is the input itself, or a file of another origin
+        code, _, said = surface(scene)
+        assert code == 2 and "room.ply: expected a new file name, found an existing file; try -o" in said
+    assert (tmp_path / "room.ply").read_bytes() == before
+    (tmp_path / "house.mtl").write_text("mine")
+    code, _, said = surface(room / "room.blend", "-o", "house.obj")
+    assert code == 2 and "house.mtl: expected a new file name" in said
+    assert (tmp_path / "house.mtl").read_text() == "mine" and not (tmp_path / "house.obj").exists()
+    for _ in range(2):  # a named output is replaced, with its parts
+        assert surface(room / "room.blend", "-o", "other.obj")[0] == 0

@@ -79,6 +79,10 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
             ("resolution", folder, "--values", "100", "--first", "6"),
             "expected 160 divided by a power of two, found 100",
         ),
+        (("iterations", folder, "--values", "1,nan"), "--values: expected numbers above 0, at most 1e+06, found nan"),
+        (("keyframe", folder, "--values", "0,0.1"), "--values: expected numbers above 0, at most 1e+06, found 0"),
+        (("rate", folder, "--values", "1e9"), "--values: expected numbers above 0, at most 1000, found 1e+09"),
+        (("levels", folder, "--values", "0.5"), "--values: expected whole numbers of levels, found 0.5"),
     ):
         code, _, err = command_here("bench", "curve", *words, "--first", "6")
         assert code == 2 and message in err

@@ -2,13 +2,16 @@
 truth are found here.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..formats.associations import LARGEST_NUMBER
 from ..formats.exr import read_exr
 from ..formats.files import data_lines, is_file, read_bytes, read_json, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
@@ -18,13 +21,15 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
 from .depth_units import metres_from_depth16
-from .ground_truth import TruthImages
+from .ground_truth import KINDS, TruthImages
 from .layout import DEPTH, RGB, SequenceCamera, SequenceFrame, posed, usual_step_s
 from .run_folder import RunFolder
 from .sequence_formats import format_of
 
 #: Text formats with one pose per line: the poses of some frames are a subset of the lines.
 _A_POSE_A_LINE = ("tum", "gt.freiburg", "euroc", "vslam-lab")
+#: Names, without ending, of ground-truth images in a format that stores them beside the depth.
+_TRUTH_IMAGE = re.compile(f"({'|'.join(KINDS)})[0-9]+")
 #: Format and bytes of a ground-truth file.
 TruthFile = tuple[str, bytes]
 
@@ -58,7 +63,7 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class ImagePair:
-    """A colour and a depth image of the same time. The number is that in the file's name, else the row."""
+    """A colour and a depth image of the same time. The number is that in the file's name if these numbers increase, else the row."""
 
     number: int
     stamp_s: float
@@ -82,14 +87,26 @@ def find_pairs(folder: Path) -> list[ImagePair]:
         if inside:
             hint = f"a folder inside: {', '.join(inside)}"
         elif all(any((folder / kind).glob("*")) for kind in ("rgb", "depth")):
-            hint = "equal file names in rgb/ and depth/, or rgb.txt and depth.txt with their stamps"
+            hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), or rgb.txt and depth.txt with their stamps"
         else:
             hint = "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
-    numbers = [_number(row.rgb.stem) if row.number is None else row.number for row in rows]
-    if None in numbers or len(set(numbers)) < len(rows):
+    found = [_number(row.rgb.stem) if row.number is None else row.number for row in rows]
+    numbers = [number for number in found if number is not None]
+    if len(numbers) < len(rows) or any(later <= number for number, later in pairwise(numbers)):
         numbers = list(range(len(rows)))
-    return [ImagePair(n or 0, r.stamp_s, r.rgb, r.depth, r.written) for n, r in zip(numbers, rows, strict=True)]
+    return [ImagePair(n, r.stamp_s, r.rgb, r.depth, r.written) for n, r in zip(numbers, rows, strict=True)]
+
+
+def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
+    """The images in the folders of the pairs that are in none, by kind: they have no partner, or are in no list."""
+    used = {RGB: {p.rgb.resolve() for p in pairs}, DEPTH: {p.depth.resolve() for p in pairs}}
+    found = {}
+    for kind, paths in used.items():
+        places = {(path.parent, path.suffix) for path in paths}
+        there = {image.resolve() for parent, ending in places for image in parent.glob(f"*{ending}")}
+        found[kind] = sorted(p for p in there - used[RGB] - used[DEPTH] if not _TRUTH_IMAGE.fullmatch(p.stem))
+    return found
 
 
 def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
@@ -120,7 +137,7 @@ def sequence_name(folder: Path) -> str:
 
 def _number(stem: str) -> int | None:
     """The number in an image's name, unless it is a stamp."""
-    return int(stem) if stem.isdecimal() and int(stem) < 10_000_000 else None
+    return int(stem) if stem.isdecimal() and int(stem) <= LARGEST_NUMBER else None
 
 
 def find_truth(folder: Path) -> Path | None:

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import re
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,10 +20,9 @@ from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, statistics
-from . import ground_truth
 from .depth_units import LARGEST_UNIT
-from .frames import ImagePair, find_pairs, find_truth, read_camera, read_depth_m, read_truth
-from .layout import SequenceCamera
+from .frames import ImagePair, find_pairs, find_truth, read_camera, read_depth_m, read_truth, unused_images
+from .layout import DISTORTED, SequenceCamera
 
 T = TypeVar("T")
 
@@ -33,8 +31,6 @@ _SAMPLES, _SLACK = 24, 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
 _STEP_PX = 6
-#: Names, without ending, of ground-truth images in a format that stores them beside the depth.
-_TRUTH_IMAGE = re.compile(f"({'|'.join(ground_truth.KINDS)})[0-9]+")
 
 
 @dataclass
@@ -82,15 +78,12 @@ def inspect_sequence(folder: Path | str) -> Inspection:
 
 
 def _count(result: Inspection, pairs: list[ImagePair]) -> None:
-    listed = {"rgb": {p.rgb.resolve() for p in pairs}, "depth": {p.depth.resolve() for p in pairs}}
-    result.figures["pairs"] = len(pairs)
-    for kind, paths in listed.items():
-        parents, other = {(p.parent, p.suffix) for p in paths}, listed["depth" if kind == "rgb" else "rgb"]
-        there = {image.resolve() for parent, ending in parents for image in parent.glob(f"*{ending}")} - other
-        there = {image for image in there if image in paths or not _TRUTH_IMAGE.fullmatch(image.stem)}
-        result.figures[f"{kind}_images"] = len(there)
-        _report(result.wrong, sorted(paths - there), "{} images in the lists do not exist: {}")
-        _report(result.odd, sorted(there - paths), f"{{}} images in {kind}/ have no partner or are in no list: {{}}")
+    result.figures["pairs"], unused = len(pairs), unused_images(pairs)
+    for kind, paths in (("rgb", {p.rgb for p in pairs}), ("depth", {p.depth for p in pairs})):
+        missing = sorted(path for path in paths if not is_file(path))
+        result.figures[f"{kind}_images"] = len(paths) - len(missing) + len(unused[kind])
+        _report(result.wrong, missing, "{} images in the lists do not exist: {}")
+        _report(result.odd, unused[kind], f"{{}} images in {kind}/ have no partner or are in no list: {{}}")
 
 
 def _report(where: list[str], paths: list[Path], sentence: str) -> None:
@@ -154,7 +147,11 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
     c = camera.pinhole
     result.figures["camera"] = c.to_dict()
     if camera.assumed:
-        result.odd.append("no camera.json: the benchmark's camera is used")
+        result.odd.append(
+            f"no camera.json: the benchmark's camera and {camera.depth_units_per_metre:g} depth units per metre are used"
+        )
+    if camera.distorted:
+        result.odd.append(DISTORTED)
     known = {(c.width, c.height), *([(camera.colour.width, camera.colour.height)] if camera.colour else [])}
     if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))

@@ -3,6 +3,7 @@
 Each format is a module in layouts/ and an entry of the registry in sequence_formats.py.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
@@ -26,6 +27,7 @@ from .depth_units import UNITS_PER_METRE, check_units
 #: Kinds of images of a sequence; further kinds are those of ground truth.
 RGB, DEPTH = "rgb", "depth"
 CAMERA = "camera.json"
+DISTORTED = "the lens distortion in the camera's file is ignored: images are read as those of a pinhole camera"
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between frames.
 _SLACK = 0.5
 
@@ -65,13 +67,14 @@ class Row(NamedTuple):
 @dataclass(frozen=True)
 class SequenceCamera:
     """The pinhole camera, and the depth units per metre. assumed: no file contains the camera. colour: the camera of the colour images if it
-    differs; it has the same pose.
+    differs; it has the same pose. distorted: the file also gives a lens distortion, which is ignored.
     """
 
     pinhole: PinholeCamera
     depth_units_per_metre: float = UNITS_PER_METRE
     assumed: bool = False
     colour: PinholeCamera | None = None
+    distorted: bool = False
 
     def to_dict(self) -> dict:
         """The content of camera.json."""
@@ -141,7 +144,8 @@ class SequenceFormat:
     stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame numbers), or not at all: only frame "numbers" in
     names, or the order of the "rows". fixed_units: the depth units per metre that programs for this format assume; None: the requested units.
     every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format keep their paths. fixed_camera: the only
-    camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0.
+    camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0. depth_stamps: whether a depth image can
+    have another stamp than its colour image. remarks(contents): further sentences for `losses`.
     """
 
     name: str
@@ -156,6 +160,8 @@ class SequenceFormat:
     keeps_names: bool = False
     fixed_camera: PinholeCamera | None = None
     zero_stamp: bool = True
+    depth_stamps: bool = True
+    remarks: Callable[[Contents], list[str]] = lambda contents: []
 
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
@@ -177,6 +183,11 @@ class SequenceFormat:
         digits = max((len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0)
         if self.stamps == "ns" and digits > 9:
             found.append(f"stamps have 9 digits after the decimal point, those of the source up to {digits}")
+        apart_s = max(abs(f.nanoseconds(RGB) - f.nanoseconds(DEPTH)) for f in frames) / 1e9
+        if not self.depth_stamps and apart_s > 0:
+            found.append(
+                f"depth images get the stamps of their colour images, up to {1e3 * apart_s:.3g} ms from their own"
+            )
         if self.stamps in ("numbers", "rows"):
             counted = [frame.number if self.stamps == "numbers" else row for row, frame in enumerate(frames)]
             kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6
@@ -191,7 +202,7 @@ class SequenceFormat:
         if (c := self.fixed_camera) and np.abs(c.intrinsics - contents.camera.intrinsics).max() > 1e-3:
             known = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
             found.append(f"its programs support only the camera {known}; the correct camera is in {CAMERA}")
-        return [f"{self.name}: {sentence}" for sentence in found]
+        return [f"{self.name}: {sentence}" for sentence in (*found, *self.remarks(contents))]
 
 
 def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:
@@ -247,6 +258,12 @@ def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> Pinho
     """The camera with an image's size. In the original files fy < 0, which means that y points up."""
     header = image_header(image)
     return PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy)
+
+
+def is_distorted(yaml: str) -> bool:
+    """Whether `distortion_coefficients: [...]` in a camera's file contains anything but zeros."""
+    lists = re.findall(r"distortion_coefficients: *\[([^\]]*)\]", yaml)
+    return any(re.search("[1-9]", field.lower().partition("e")[0]) for text in lists for field in text.split(","))
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:

@@ -3,6 +3,7 @@
 import gzip
 import io
 import tarfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -109,6 +110,16 @@ def check_packable(folder: Path, licence: str) -> None:
         raise InputError("a finished sequence", path=folder / "recipe.json", hint="the command that began it, again")
     if licence not in LICENCES:
         raise InputError(f"a licence among {', '.join(LICENCES)}", found=licence)
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file is an archive that `pack` wrote."""
+    try:
+        with tarfile.open(path, "r:gz") as tar:
+            first = tar.next()
+            return first is not None and first.name.endswith(f"/{LICENCE}") and first.mtime == 0
+    except (OSError, EOFError, tarfile.TarError, zlib.error):
+        return False
 
 
 def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:

@@ -221,15 +221,22 @@ class SequenceWriter:
 
 
 def complete_frames(
-    source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str]
+    source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str], hashes: bool = True
 ) -> set[int]:
-    """The frames of the source whose images in every folder have the hashes in the journal. Nothing is written."""
+    """The frames of the source whose images in every folder have the hashes in the journal, or, without `hashes`, exist and are in it. Nothing is
+    written.
+    """
     chosen, there = [sequence_format(name) for name in formats], []
     for out, settings in sequences.items():
         units = _units(settings, chosen)
         there.append((read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen), units), units))
 
     def is_complete(number: int) -> bool:
+        if not hashes:
+            return all(
+                number in entries and all(path.is_file() for path in _paths(places[number]))
+                for entries, places, _ in there
+            )
         return all(_is_complete(source, entries, number, places[number], units) for entries, places, units in there)
 
     with ThreadPoolExecutor(4) as pool:

@@ -1,11 +1,13 @@
 """Lists of images: `associations.txt` in either order, detected by content, and `rgb.txt` / `depth.txt`.
 
-TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers.
+TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers. Whole numbers that are also
+the names of the images (`600 rgb/600.png`) are frame numbers in every list: systems that read TUM's order need the columns of the original swapped.
 """
 
 import math
 import os
 from dataclasses import dataclass, field
+from pathlib import PurePath
 
 import numpy as np
 
@@ -14,6 +16,8 @@ from ..geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps, stamps_of_fra
 from .files import atomic_write_text, data_lines, read_text
 from .trajectory_file import LARGEST_FRAME, LARGEST_STAMP_S, STAMP_SLACK, stamp_text
 
+#: Larger numbers in names are no frame numbers, but stamps.
+LARGEST_NUMBER = 9_999_999
 PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/... (ICL-NUIM)"
 
 
@@ -36,6 +40,18 @@ class ImageList:
         """The text of each stamp in seconds, as it is written into a list."""
         written = self.written or ("",) * len(self)
         return [text or stamp_text(stamp_s) for stamp_s, text in zip(self.stamps_s, written, strict=True)]
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether the stamps are written as whole numbers and are the names of the images: frame numbers."""
+        return bool(self.written) and all(
+            text.isdecimal() and int(text) <= LARGEST_NUMBER and PurePath(path).stem.lstrip("0") == text.lstrip("0")
+            for text, path in zip(self.written, self.paths, strict=True)
+        )
+
+    def by_frame_number(self) -> "ImageList":
+        """The list with its stamps as frame numbers."""
+        return ImageList(tuple(stamps_of_frames(self.stamps_s).tolist()), self.paths)
 
     def frame_numbers(self) -> list[int]:
         """The frame numbers: stamp = 1 + number / 30 s. Raises InputError for stamps between frames."""
@@ -68,8 +84,8 @@ class Associations:
 
 
 def read_associations(path: str | os.PathLike[str]) -> Associations:
-    """Read associations in either order; the paths show which column is depth. Whole numbers in ICL-NUIM's order are frame numbers,
-    stamp = 1 + id / 30 s. Raises InputError with file and line.
+    """Read associations in either order; the paths show which column is depth. Whole numbers in ICL-NUIM's order, and those that are the names of
+    the images, are frame numbers, stamp = 1 + id / 30 s. Raises InputError with file and line.
     """
     rows = _rows(path, 4, PAIRS)
     firsts = ["depth" in fields[1].lower() for _, fields in rows]
@@ -78,13 +94,16 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
             expected = "the word depth in one of the two paths, always in the same column"
             raise InputError(expected, path=path, line=number, found=f"{fields[1]} and {fields[3]}")
     first, second = (_image_list(path, rows, column, increasing=column == 0) for column in (0, 2))
-    if not firsts[0]:
-        return Associations(first, second, "tum")
-    if all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s)):
-        first, second = (
-            ImageList(tuple(stamps_of_frames(one.stamps_s).tolist()), one.paths) for one in (first, second)
-        )
-    return Associations(second, first, "icl-nuim")
+    whole = firsts[0] and all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s))
+    if whole or (first.is_numbered and second.is_numbered):
+        first, second = (one.by_frame_number() for one in (first, second))
+    return Associations(second, first, "icl-nuim") if firsts[0] else Associations(first, second, "tum")
+
+
+def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
+    """Read `rgb.txt` and `depth.txt`: stamps in seconds, or, if all are the names of the images, frame numbers. Raises InputError."""
+    lists = tuple(read_image_list(path) for path in paths)
+    return tuple(one.by_frame_number() for one in lists) if all(one.is_numbered for one in lists) else lists
 
 
 def write_associations(path: str | os.PathLike[str], pairs: Associations, order: str = "tum") -> None:

@@ -29,7 +29,7 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
     the finished content. An OSError is raised as a WorkError with the path.
     """
     path = Path(path)
-    if _is_stream(path):
+    if is_stream(path):
         _write_stream(path, write)
         return
     if path.is_symlink():
@@ -44,8 +44,9 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         temporary.unlink(missing_ok=True)
 
 
-def _is_stream(path: Path) -> bool:
+def is_stream(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by a file."""
+    path = Path(path)
     return path.as_posix().startswith(_OPEN_FILES) or path.exists() and not path.is_file() and not path.is_dir()
 
 
@@ -211,5 +212,5 @@ def check_file(path: str | os.PathLike[str]) -> None:
         raise InputError("a folder to write into", path=folder, found="no such folder")
     if os.path.isdir(path):
         raise InputError("a file to write", path=path, found="a folder")
-    if not os.access(folder or ".", os.W_OK) and not _is_stream(Path(path)):
+    if not os.access(folder or ".", os.W_OK) and not is_stream(path):
         raise WorkError(f"{os.fspath(path)}: cannot write: the folder is read-only")

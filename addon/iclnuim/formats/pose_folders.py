@@ -1,6 +1,8 @@
 """Poses as matrices: ScanNet's folder with one file per frame, and transforms.json of NeRF programs."""
 
-from pathlib import Path
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePath
 
 import numpy as np
 
@@ -29,18 +31,24 @@ def scannet_rows(source: Source) -> Table:
     return Table(np.array(found), lambda row: (paths[int(found[row][0])], None))
 
 
+def numbers_of_names(names: Sequence[str]) -> list[int]:
+    """The frame numbers at the ends of images' names, without their endings; if they are not all there and distinct, the places in the list."""
+    found = [re.search(r"(\d{1,15})$", PurePath(name).stem, re.ASCII) for name in names]
+    numbers = [int(number[1]) for number in found if number]
+    return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
+
+
 def nerf_rows(source: Source) -> Table:
-    """(n, 13): the number in the image's name, or else the frame's index in the list, and three rows of its matrix."""
+    """(n, 13): the number at the end of the image's name, or else the frame's index in the list, and three rows of its matrix."""
     frames = read_json(source.path).get("frames")
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError("a list of frames", path=source.path)
     found = []
-    for place, frame in enumerate(frames):
-        name, matrix = Path(str(frame.get("file_path"))).stem, frame.get("transform_matrix")
+    for number, frame in zip(numbers_of_names([str(f.get("file_path")) for f in frames]), frames, strict=True):
+        matrix = frame.get("transform_matrix")
         rows = matrix if isinstance(matrix, list) else []
         values = _numbers(source.path, [value for row in rows if isinstance(row, list) for value in row])
-        number = float(name) if name.isdecimal() and len(name) < 16 else float(place)
-        found.append((number, *_rows_of(source.path, values)))
+        found.append((float(number), *_rows_of(source.path, values)))
     return Table(np.array(sorted(found)), lambda row: (source.path, None))
 
 

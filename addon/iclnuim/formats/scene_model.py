@@ -110,14 +110,19 @@ def write_obj(path: Path, model: SceneModel) -> None:
     """
     path = Path(path)
     files = _file_names(model)
-    folder = path.with_name(f"{path.stem}_textures")
+    materials_file, folder = obj_parts(path)
     make_folder(folder)
     for look, name in zip(model.looks, files, strict=True):
         plain = np.full((2, 2, 3), np.rint(np.array(look.colour) * 255), np.uint8)
         write_png(folder / f"{name}.png", plain if look.texture is None else look.texture)
     materials = [f"newmtl {n}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {folder.name}/{n}.png\n" for n in files]
-    atomic_write_text(path.with_suffix(".mtl"), "\n".join(materials))
+    atomic_write_text(materials_file, "\n".join(materials))
     atomic_write_text(path, _obj(model, files, path.stem))
+
+
+def obj_parts(path: Path) -> tuple[Path, Path]:
+    """The file of the materials and the folder of the textures that write_obj writes next to an OBJ file."""
+    return path.with_suffix(".mtl"), path.with_name(f"{path.stem}_textures")
 
 
 def _file_names(model: SceneModel) -> list[str]:

@@ -56,7 +56,7 @@ class TrajectoryFormat:
     right. inverse: the file's poses are world to camera. rows: reads the columns of a file whose lines are not simple rows.
 
     Writing: line: a printf format of all columns in order; "" if the format is only read. given: stamps or frame numbers (None if the format
-    has none), and poses to write. header: may contain {unit}. goes_to: description of the written file. endings, word: file names that
+    has none), and poses to write. header: may contain {unit} or {symbol} of the positions. goes_to: description of the written file. endings, word: file names that
     select this format: endings, or a word in the name of a file that ends in `texts`.
     """
 
@@ -115,8 +115,12 @@ class TrajectoryFormat:
             lines = [self.line % tuple(row) for row in rows]
         else:
             lines = [self.line % (stamp, *row) for stamp, row in zip(stamps, rows, strict=True)]
-        unit = {1.0: "metres", 0.01: "centimetres"}.get(options.unit_m, f"units of {options.unit_m:g} m")
-        return self.header.format(unit=unit) + self.parted.join(lines)
+        return self._header(options.unit_m) + self.parted.join(lines)
+
+    def _header(self, unit_m: float) -> str:
+        """The header for positions in a unit of so many metres."""
+        long, short = _UNITS.get(unit_m, (f"units of {unit_m:g} m", f"{unit_m:g} m"))
+        return self.header.format(unit=long, symbol=short)
 
 
 def read_trajectory(
@@ -290,6 +294,10 @@ def _euroc_rows(source: Source) -> Table:
     if parts.size:
         stamp = f"{table.values[parts[0], 0]:.12g}"
         raise table.error(parts[0], "stamps in whole nanoseconds, as in EuRoC", stamp, _NO_COMMAS)
+    steps = np.diff(table.values[:, 0])
+    if steps.size and abs(usual := float(np.median(steps))) < trajectory_file.SHORTEST_STEP_NS:
+        found = f"stamps {usual:.12g} apart, as of frame numbers or seconds"
+        raise table.error(0, "stamps in nanoseconds, as in EuRoC", found, _NO_COMMAS)
     return table
 
 
@@ -332,13 +340,16 @@ def _counted(source: Source, table: Table, trajectory: Trajectory) -> str:
     return counted + _unit_warning(source, table, trajectory)
 
 
-TUM_HEADER = (
-    "# timestamp tx ty tz qx qy qz qw; seconds, metres, right-handed, camera (x right, y down, z forward) to world\n"
+#: Names and symbols of units in metres, for headers.
+_UNITS = {1.0: ("metres", "m"), 0.01: ("centimetres", "cm"), 0.001: ("millimetres", "mm")}
+_TUM_HEADER = (
+    "# timestamp tx ty tz qx qy qz qw; seconds, {unit}, right-handed, camera (x right, y down, z forward) to world\n"
 )
+TUM_HEADER = _TUM_HEADER.format(unit="metres")
 _EUROC_ROW = "8 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz"
 #: A table of TUM's columns with commas has another order of the quaternion, and other stamps.
 _NO_COMMAS = "blanks instead of commas, for a TUM file"
-_EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+_EUROC_HEADER = "#timestamp [ns],p_RS_R_x [{symbol}],p_RS_R_y [{symbol}],p_RS_R_z [{symbol}],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
 _POV_HEADER = (
     "# frame r00 r01 r02 tx r10 r11 r12 ty r20 r21 r22 tz ; T_pov_cam, LEFT-handed POV-Ray world (y up), "
     "camera x right y up z forward, {unit}\n"
@@ -436,7 +447,7 @@ _ALL = (
         sentence=f"VSLAM-LAB: stamps in nanoseconds, right-handed camera-to-world poses in {OWN_WORLD}",
         line="%d,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n",
         given=_given_ns,
-        header="ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw\n",
+        header="ts (ns),tx ({symbol}),ty ({symbol}),tz ({symbol}),qx,qy,qz,qw\n",
         goes_to="VSLAM-LAB: nanoseconds, right-handed camera-to-world poses, world unchanged",
         word="vslam",
         texts=(".csv", ".txt"),
@@ -526,7 +537,7 @@ _ALL = (
         how=_tum_stamps,
         line="%s %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
         given=lambda t, options: (map(trajectory_file.stamp_text, t.stamps_s.tolist()), t.T_world_camera),
-        header=TUM_HEADER,
+        header=_TUM_HEADER,
         goes_to="TUM: seconds, right-handed camera-to-world poses, world unchanged",
         endings=(".tum", ".txt"),
     ),

@@ -31,6 +31,8 @@ FAR_M = 50.0
 STAMP_SLACK = 0.01
 #: Stamps whose median step is longer are nanoseconds (10,000 frames per second), not seconds (one frame per day).
 LONGEST_STEP_S = 1e5
+#: Whole numbers whose median step is shorter (10,000 frames per second) are no nanoseconds.
+SHORTEST_STEP_NS = 1e5
 
 
 @dataclass(frozen=True)

@@ -226,6 +226,9 @@ def fuse_sequence(
 
     Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than max_blocks.
     """
+    if not isinstance(trajectory, Trajectory):
+        hint = "iclnuim.read_trajectory(file).trajectory"
+        raise InputError("a Trajectory", found=type(trajectory).__name__, hint=hint)
     settings, sequence = settings or FuseSettings(), Sequence(folder, camera=camera)
     chosen = [sequence.pairs[i] for i in frame_slice(settings.frames, len(sequence))]
     posed, poses = _posed(chosen, trajectory, settings.max_difference_s)

@@ -25,8 +25,8 @@ GLTF_ENDINGS = (".gltf", ".glb")
 MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", *GLTF_ENDINGS)
 #: Distances for which the share of the vertices within is reported.
 WITHIN_M = (0.001, 0.005, 0.01, 0.05)
-#: Units, in metres, that reconstructions have by mistake -> value of the unit setting.
-OTHER_UNITS_M = {unit_m: name for name, unit_m in UNITS_M.items() if name != "m"} | {0.1: "0.1", 1000.0: "1000"}
+#: Units, in metres, that reconstructions have by mistake.
+OTHER_UNITS_M = (*(unit_m for name, unit_m in UNITS_M.items() if name != "m"), 1000.0)
 #: Smallest and largest unit of a reconstruction.
 _UNITS_M = (1e-6, 1e6)
 #: A mean distance below this share of the model's size is not checked further.
@@ -45,6 +45,14 @@ _AXIS_ROTATIONS = np.array(
 )
 #: Number of vertices that the checks use.
 _SAMPLE = 5000
+
+
+def _unit(unit_m: float) -> tuple[str, str]:
+    """The name of a unit in metres, and the value of the unit setting for it."""
+    for setting, known_m in UNITS_M.items():
+        if np.isclose(known_m, unit_m, rtol=1e-9):
+            return unit_name(known_m), setting
+    return unit_name(unit_m), f"{unit_m:g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +107,9 @@ class TrueSurface:
         """(n,) distances in metres from points (n, 3) in the model's world to the nearest triangle."""
         return self._distance.distance(points_m)
 
-    def error(self, points: np.ndarray, T_model_mesh: SE3 | None = None) -> SurfaceError:
+    def error(self, points: np.ndarray, T_model_mesh: SE3 | None = None, unit_m: float = 1.0) -> SurfaceError:
         """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit, handedness or world frame seems to be wrong.
+        `unit_m`: the unit from which they were converted to metres, for these warnings.
 
         Raises InputError for another shape, if there are no vertices, or if some are NaN or infinite.
         """
@@ -112,7 +121,7 @@ class TrueSurface:
             raise InputError("vertices (n, 3) that are finite", found=found)
         T = SE3.identity() if T_model_mesh is None else T_model_mesh
         distances_m = self.distance(T.apply(points))
-        return SurfaceError(distances_m, T, self._warnings(points, T, float(distances_m.mean())))
+        return SurfaceError(distances_m, T, self._warnings(points, T, float(distances_m.mean()), unit_m))
 
     def aligned(self, points: np.ndarray, T_model_mesh: SE3, rounds: int = 30) -> SE3:
         """T_model_mesh after point-to-plane ICP on 50 000 vertices; inliers are within three medians (at least 0.5 mm).
@@ -140,13 +149,13 @@ class TrueSurface:
     def _mean_m(self, moved: np.ndarray) -> float:
         return float(self.distance(moved).mean())
 
-    def _warnings(self, points: np.ndarray, T: SE3, mean_m: float) -> tuple[str, ...]:
+    def _warnings(self, points: np.ndarray, T: SE3, mean_m: float, unit_m: float) -> tuple[str, ...]:
         low, high = _extent(self._corners)
         size_m = float(np.linalg.norm(high - low))
         if mean_m <= _SMALL_MEAN * size_m:
             return ()
         some = points[:: max(1, len(points) // _SAMPLE)]
-        if found := self._unit_warning(some, T, size_m):
+        if found := self._unit_warning(some, T, size_m, unit_m):
             return (found,)
         moved = T.apply(some)
         fitted_m = self._fitted_mean_m(moved)
@@ -158,20 +167,22 @@ class TrueSurface:
             )
         return (found,) if found else ()
 
-    def _unit_warning(self, points: np.ndarray, T: SE3, size_m: float) -> str:
-        """Warning if the size is not valid for the model or a part of it in metres, with the unit that fits or gives a similar size."""
+    def _unit_warning(self, points: np.ndarray, T: SE3, size_m: float, unit_m: float) -> str:
+        """Warning if the size is not valid for the model or a part of it in metres, with the unit that fits or gives a similar size. `unit_m`: the
+        unit that the points were in, as far as is known.
+        """
         ratio = float(np.linalg.norm(np.subtract(*_extent(points)))) / size_m
         if _MIN_RATIO < ratio < _MAX_RATIO:
             return ""
         given_m = self._mean_m(T.apply(points))
-        possible = [unit_m for unit_m in OTHER_UNITS_M if _MIN_RATIO < ratio * unit_m < _MAX_RATIO]
-        means_m = {unit_m: self._mean_m(T.apply(points * unit_m)) for unit_m in possible}
+        possible = [factor for factor in OTHER_UNITS_M if _MIN_RATIO < ratio * factor < _MAX_RATIO]
+        means_m = {factor: self._mean_m(T.apply(points * factor)) for factor in possible}
         best = min(possible, key=means_m.__getitem__, default=1.0)
         if best in means_m and means_m[best] < 0.05 * size_m:
             better = f"its mean distance is then {1e3 * means_m[best]:.3g} mm instead of {1e3 * given_m:.3g} mm"
-            name = unit_name(best)
-            return f"the reconstruction seems to be in {name}, not in metres: {better}; set its unit to {OTHER_UNITS_M[best]}"
-        similar = [OTHER_UNITS_M[unit_m] for unit_m in possible if ratio * unit_m > 0.5]
+            name, setting = _unit(best * unit_m)
+            return f"the reconstruction seems to be in {name}, not in {_unit(unit_m)[0]}: {better}; set its unit to {setting}"
+        similar = [_unit(factor * unit_m)[1] for factor in possible if ratio * factor > 0.5]
         advice = f"set its unit to {similar[0]}" if similar else "check its unit"
         return f"the reconstruction is {ratio:.3g} times as large as the model, which is in metres; {advice}"
 
@@ -335,8 +346,14 @@ def _read_plain(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with output.blender_output_in(Path(os.devnull)):
             points, triangles = igl.read_triangle_mesh(str(path))
     except RuntimeError as error:
-        raise InputError("a complete mesh", path=path, found=str(error).splitlines()[0]) from None
-    return points, triangles.reshape(-1, 3).astype(np.int64)
+        raise InputError("a complete mesh", path=path, found=str(error).splitlines()[0], hint="a .ply") from None
+    triangles = triangles.reshape(-1, 3).astype(np.int64)
+    if (
+        path.suffix.lower() == ".stl"
+    ):  # each triangle has corners of its own: means over vertices would depend on the format
+        points, merged = np.unique(points, axis=0, return_inverse=True)
+        triangles = merged.reshape(-1)[triangles]
+    return points, triangles
 
 
 def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -346,6 +363,8 @@ def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise WorkError(f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply") from None
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(path)
+    if not len(mesh.vertices):
+        raise InputError("a glTF file from which Open3D reads a mesh", path=path, found="none", hint="a .ply")
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
 
 

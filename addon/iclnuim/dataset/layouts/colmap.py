@@ -156,5 +156,6 @@ FORMAT = SequenceFormat(
     _write,
     Reader(_found, _rows, _camera, _truth),
     stamps="numbers",
+    depth_stamps=False,
     every_pose=True,
 )

@@ -8,7 +8,7 @@ from ...formats.files import atomic_write_text, data_lines, read_text
 from ...formats.trajectory_file import stamp_text_of_ns
 from ...geometry.camera import PinholeCamera
 from ..depth_units import UNITS_PER_METRE, check_units
-from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, write_truth
+from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, is_distorted, write_truth
 
 _ROOT, _TRUTH = Path("mav0"), Path("mav0/state_groundtruth_estimate0/data.csv")
 
@@ -68,7 +68,7 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
         per_metre = check_units(float(units[1]) if units else UNITS_PER_METRE)
     except ValueError:
         raise InputError("depth_units_per_metre as a number", path=file, found=units and units[1]) from None
-    return SequenceCamera(PinholeCamera(width, height, fx, fy, cx, cy), per_metre)
+    return SequenceCamera(PinholeCamera(width, height, fx, fy, cx, cy), per_metre, distorted=is_distorted(text))
 
 
 def _truth(folder: Path) -> Path | None:
@@ -82,4 +82,5 @@ FORMAT = SequenceFormat(
     _write,
     Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, _truth),
     stamps="ns",
+    depth_stamps=False,
 )

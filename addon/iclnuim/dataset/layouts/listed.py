@@ -10,11 +10,12 @@ from ...evaluation.associate import associate
 from ...formats.associations import (
     Associations,
     read_associations,
-    read_image_list,
+    read_image_lists,
     write_associations,
     write_image_list,
 )
 from ...formats.files import is_file, read_text, write_json
+from ...formats.trajectory_file import LARGEST_FRAME, SHORTEST_STEP_NS, stamp_text_of_ns
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
     CAMERA,
@@ -80,7 +81,7 @@ def _listed(folder: Path) -> list[Row]:
         pairs = read_associations(files[0])
         rgb, depth, indices = pairs.rgb, pairs.depth, [(i, i) for i in range(len(pairs))]
     else:
-        rgb, depth = read_image_list(files[0]), read_image_list(files[1])
+        rgb, depth = read_image_lists(*files)
         both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
         indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
         if not indices and len(rgb) and len(depth) and found(folder):
@@ -99,26 +100,61 @@ def _listed(folder: Path) -> list[Row]:
 def _images(folder: Path, kind: str) -> dict[str, Path]:
     """The images in rgb/ or depth/ by their names without ending. Colour may be JPEG; if an image is there in both formats, the PNG is used."""
     endings = (".jpeg", ".jpg", ".png") if kind == RGB else (".png",)
-    return {path.stem: path for ending in endings for path in (folder / kind).glob(f"*{ending}")}
+    paths = [path for path in (folder / kind).glob("*") if path.suffix.lower() in endings]
+    return {path.stem: path for path in sorted(paths, key=lambda path: endings.index(path.suffix.lower()))}
 
 
 def _by_stamp(folder: Path) -> list[Row]:
     """The pairs of images that are all named by stamps in seconds, with decimals; the stamps of a pair may differ."""
-    rgb, depth = (sorted(_images(folder, kind).values()) for kind in (RGB, DEPTH))
+    rgb, depth = (list(_images(folder, kind).values()) for kind in (RGB, DEPTH))
     if not rgb or not depth or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth):
         return []
-    stamps_s = [np.array([float(path.stem) for path in paths]) for paths in (rgb, depth)]
+    return paired_by_stamp(rgb, depth)
+
+
+def paired_by_stamp(rgb: list[Path], depth: list[Path]) -> list[Row]:
+    """The pairs of images whose names are stamps in seconds; the stamps of a pair may differ. Raises InputError for other names."""
+    rgb, depth = (sorted(images, key=_stamp_s) for images in (rgb, depth))
+    stamps_s = [np.array([_stamp_s(path) for path in images]) for images in (rgb, depth)]
     both = associate(stamps_s[0], stamps_s[1])
     pairs = ((rgb[i], depth[j]) for i, j in zip(both.first, both.second, strict=True))
-    return sorted(Row(float(one.stem), one, other, (one.stem, other.stem)) for one, other in pairs)
+    return [Row(_stamp_s(one), one, other, (one.stem, other.stem)) for one, other in pairs]
+
+
+def _stamp_s(image: Path) -> float:
+    text = image.stem
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError("images named by their stamps in seconds", path=image, found=text) from None
 
 
 def _by_name(folder: Path) -> list[Row]:
-    depths = _images(folder, DEPTH)
-    images = sorted(path for stem, path in _images(folder, RGB).items() if stem in depths)
-    numbered = all(path.stem.isdigit() for path in images)
-    stamps_s = stamps_of_frames([int(path.stem) if numbered else i for i, path in enumerate(images)]).tolist()
-    return sorted(Row(stamp_s, path, depths[path.stem]) for stamp_s, path in zip(stamps_s, images, strict=True))
+    """The pairs of equal names. If all names end in a number and are otherwise equal, it is the number of the frame, or its stamp in nanoseconds."""
+    depths, colours = _images(folder, DEPTH), _images(folder, RGB)
+    stems = sorted((stem for stem in colours if stem in depths), key=_parts)
+    split = [re.fullmatch(r"(.*?)(\d*)", stem, re.ASCII | re.DOTALL) for stem in stems]
+    numbers = [int(name[2]) for name in split if name and name[2]]
+    if len(numbers) < len(stems) or len({name[1] for name in split if name}) > 1:
+        stamps_s = stamps_of_frames(range(len(stems))).tolist()
+        return [Row(stamp_s, colours[stem], depths[stem]) for stamp_s, stem in zip(stamps_s, stems, strict=True)]
+    if max(numbers, default=0) <= LARGEST_FRAME:
+        named = zip(stamps_of_frames(numbers).tolist(), stems, numbers, strict=True)
+        return [Row(stamp_s, colours[stem], depths[stem], number=number) for stamp_s, stem, number in named]
+    if len(numbers) > 1 and np.median(np.diff(numbers)) < SHORTEST_STEP_NS:
+        expected = "images named by frame numbers, stamps in nanoseconds, or stamps in seconds with decimals"
+        hint = "rgb.txt and depth.txt with the stamps of the images"
+        raise InputError(expected, path=colours[stems[0]], found="another unit of time", hint=hint)
+    texts = [stamp_text_of_ns(number) for number in numbers]
+    return [
+        Row(number / 1e9, colours[stem], depths[stem], (text, text))
+        for number, stem, text in zip(numbers, stems, texts, strict=True)
+    ]
+
+
+def _parts(stem: str) -> list[tuple[int, str]]:
+    """A key that sorts names by the numbers in them: frame_9 before frame_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", stem, flags=re.ASCII)]
 
 
 def camera(folder: Path, image: Path) -> SequenceCamera | None:

@@ -9,13 +9,17 @@ import numpy as np
 
 from ...errors import InputError
 from ...formats.files import read_json, write_json
+from ...formats.pose_folders import numbers_of_names
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
-from ..depth_units import UNITS_PER_METRE, check_units
+from ..depth_units import check_units
 from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 FILE = Path("transforms.json")
+#: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data parser).
+_NERFSTUDIO_UNITS = 1000.0
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
@@ -42,8 +46,15 @@ def _check(contents: Contents) -> None:
         raise InputError("at least two poses for the format nerf", found="fewer", hint="the format tum")
 
 
+def _remarks(contents: Contents) -> list[str]:
+    units = contents.depth_units_per_metre
+    if units == _NERFSTUDIO_UNITS:
+        return []
+    return [f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {1 / units:.6g}"]
+
+
 def _rows(folder: Path) -> list[Row]:
-    found: list[Row] = []
+    images: list[tuple[str, str]] = []
     frames = read_json(folder / FILE).get("frames")
     if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
         raise InputError("a list of frames", path=folder / FILE)
@@ -51,20 +62,29 @@ def _rows(folder: Path) -> list[Row]:
         image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
         if not isinstance(image, str) or not isinstance(depth, str):
             raise InputError("frames with file_path and depth_file_path", path=folder / FILE, found=f"frame {place}")
-        number = int(Path(image).stem) if Path(image).stem.isdigit() else place
-        found.append(Row(float(stamps_of_frames(number)), folder / image, folder / depth))
-    return found
+        images.append((image, depth))
+    numbers = numbers_of_names([image for image, _ in images])
+    stamps_s = stamps_of_frames(numbers).tolist()
+    return sorted(
+        Row(stamp_s, folder / image, folder / depth, number=number)
+        for stamp_s, (image, depth), number in zip(stamps_s, images, numbers, strict=True)
+    )
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:
     content = read_json(folder / FILE)
     try:
         w, h, fx, fy, cx, cy = (float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
-        units = 1 / float(content.get("integer_depth_scale", 1 / UNITS_PER_METRE))
+        units = 1 / float(
+            content.get("integer_depth_scale", content.get("depth_unit_scale_factor", 1 / _NERFSTUDIO_UNITS))
+        )
         size = int(w), int(h)
+        distorted = any(float(content.get(key, 0)) for key in _DISTORTION)
     except (KeyError, TypeError, ValueError, OverflowError, ZeroDivisionError):
-        raise InputError("numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale", path=folder / FILE) from None
-    return SequenceCamera(PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units))
+        raise InputError(
+            "numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale and of the distortion", path=folder / FILE
+        ) from None
+    return SequenceCamera(PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units), distorted=distorted)
 
 
 FORMAT = SequenceFormat(
@@ -74,6 +94,8 @@ FORMAT = SequenceFormat(
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
     _check,
+    remarks=_remarks,
     stamps="numbers",
+    depth_stamps=False,
     every_pose=True,
 )

@@ -68,6 +68,7 @@ FORMAT = SequenceFormat(
         lambda folder: folder / _TRAJECTORY,
     ),
     stamps="rows",
+    depth_stamps=False,
     fixed_units=UNITS,
     every_pose=True,
 )

@@ -74,6 +74,7 @@ FORMAT = SequenceFormat(
         lambda folder: _top(folder) / "pose",
     ),
     stamps="numbers",
+    depth_stamps=False,
     fixed_units=UNITS,
     every_pose=True,
 )

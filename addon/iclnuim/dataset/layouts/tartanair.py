@@ -58,6 +58,7 @@ FORMAT = SequenceFormat(
         lambda folder: folder / _POSES,
     ),
     stamps="rows",
+    depth_stamps=False,
     every_pose=True,
     fixed_camera=PUBLISHED,
 )

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from ...errors import InputError
 from ...formats.files import atomic_write_text
 from .. import slam_settings
 from ..depth_units import UNITS_PER_METRE
@@ -29,19 +28,11 @@ FORMAT = SequenceFormat(
 
 
 def _by_stamp(folder: Path) -> list[Row]:
-    """The pairs of the lists, else of both folders in the order of their stamps."""
+    """The pairs of the lists, else of images with near stamps."""
     if listed.found(folder):
         return listed.rows(folder)
-    images = [sorted((folder / f"{kind}_sync").glob("*.png"), key=_stamp_s) for kind in (RGB, DEPTH)]
-    return [Row(_stamp_s(a), a, b, (a.stem, b.stem)) for a, b in zip(*images, strict=False)]
-
-
-def _stamp_s(image: Path) -> float:
-    text = image.stem
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError("images named by their stamps in seconds", path=image, found=text) from None
+    rgb, depth = (list((folder / f"{kind}_sync").glob("*.png")) for kind in (RGB, DEPTH))
+    return listed.paired_by_stamp(rgb, depth)
 
 
 RTABMAP = SequenceFormat(
@@ -52,4 +43,5 @@ RTABMAP = SequenceFormat(
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
     fixed_units=UNITS_PER_METRE,
     zero_stamp=False,
+    depth_stamps=False,
 )

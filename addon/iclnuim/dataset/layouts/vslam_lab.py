@@ -18,6 +18,7 @@ from ..layout import (
     Row,
     SequenceCamera,
     SequenceFormat,
+    is_distorted,
     numbers_in,
     pinhole_of,
     write_truth,
@@ -81,12 +82,13 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     file = folder / _CAMERA
     if not file.is_file():
         return None
-    values = dict(re.findall(r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?", read_text(file)))
+    text = read_text(file)
+    values = dict(re.findall(r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?", text))
     pairs = [values.get(name, "").split(",") for name in ("focal_length", "principal_point")]
     fx, fy, cx, cy = numbers_in(file, [*pairs[0], *pairs[1]], 4, "focal_length: [fx, fy], principal_point: [cx, cy]")
     units = values.get("depth_factor", str(UNITS_PER_METRE)).strip(" ,")
     (per_metre,) = numbers_in(file, [units], 1, "depth_factor as a number")
-    return SequenceCamera(pinhole_of(image, fx, fy, cx, cy), check_units(per_metre))
+    return SequenceCamera(pinhole_of(image, fx, fy, cx, cy), check_units(per_metre), distorted=is_distorted(text))
 
 
 FORMAT = SequenceFormat(
