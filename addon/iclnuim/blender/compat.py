@@ -126,7 +126,10 @@ def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
     """
     cycles: Any = sys.modules.get("cycles.engine")
     original = getattr(cycles, "render", None)
-    if not wanted or original is None or "get_result" not in bpy.types.RenderEngine.bl_rna.functions:
+    accessible = (
+        "get_result" in bpy.types.RenderEngine.bl_rna.functions and "rect" in bpy.types.RenderPass.bl_rna.properties
+    )
+    if not wanted or original is None or not accessible:
         yield None
         return
     passes: dict[str, np.ndarray] = {}
