@@ -169,6 +169,13 @@ def worker_command() -> list[str]:
     return [blender, *_BLENDER]
 
 
+#: Settings of glibc's allocator for workers: large pages, as every ray reads from a few hundred megabytes, and buffers of a frame stay allocated for
+#: the next. Frames do not change (docs/light.md). Ignored where there is no glibc; the user's own value has precedence.
+_ALLOCATOR = {
+    "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432:glibc.malloc.trim_threshold=4294967296"
+}
+
+
 class WorkerClient(subprocess.Popen[bytes]):
     """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client, event). The last event is Exited.
 
@@ -200,7 +207,7 @@ class WorkerClient(subprocess.Popen[bytes]):
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=errors,
-                    env={**os.environ, **(environment or {})},
+                    env={**_ALLOCATOR, **os.environ, **(environment or {})},
                     creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
                     # a separate process group: only the parent receives Ctrl-C, and the kernel ends a stopped child whose parent has exited
                     process_group=0,

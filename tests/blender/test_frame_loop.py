@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -280,3 +281,25 @@ def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_o
     code, printed, _ = command_here("check-depth", "--json", shifted)
     assert code == 3 and any(line.startswith("within 0.1 mm: ") for line in json.loads(printed)["failed"])
     assert "failed: within 0.1 mm: " in command_here("check-depth", shifted)[1]
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"antialias": True, "ground_truth": True}, {"exposure_s": 0.02, "readout_s": 0.02}]
+)
+def test_passes_taken_in_memory_give_the_bytes_of_passes_in_files(
+    render_here, cornered_room, tmp_path, monkeypatch, settings
+):
+    from contextlib import nullcontext
+
+    from iclnuim.blender import frames as loop
+
+    written = []
+    original = loop.render
+    monkeypatch.setattr(loop, "render", lambda *a, **k: written.append(original(*a, **k)) or written[-1])
+    render_here(tmp_path / "memory", "3", **settings)
+    assert written and all(isinstance(raw, dict) for raw in written)
+    written.clear()
+    monkeypatch.setattr(loop, "passes_in_memory", lambda wanted: nullcontext(None))  # as in a Blender without access
+    render_here(tmp_path / "file", "3", **settings)
+    assert written and all(isinstance(raw, Path) for raw in written)
+    assert frames(tmp_path / "memory") == frames(tmp_path / "file")

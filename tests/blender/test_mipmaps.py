@@ -197,7 +197,7 @@ def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
         plane(material, repeats=3.0)
     assert [made.name for made in mipmaps.filter_textures(PinholeCamera())] == [f"{image.name} mipmaps"]
     assert texture.image.name == f"{image.name} mipmaps"
-    assert all("UV per metre " in mesh.attributes for mesh in bpy.data.meshes)
+    assert all("mipmap footprint 64 x 64 REPEAT " in mesh.attributes for mesh in bpy.data.meshes)
 
 
 def test_a_mesh_without_faces_has_no_density(empty):
@@ -251,6 +251,55 @@ def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(render_here,
             assert filtered == pytest.approx(0.5, abs=0.02)
         else:
             assert plain.std() > 0.1 and filtered == pytest.approx(plain, abs=2e-3)
+
+
+def frames_of_tiles(render_here, folder, patterned, repeats, offset, extension, mapping_in_the_shader):
+    """A frame of a plane whose texture is turned, repeated and moved, with positions in the texture as attributes or computed by nodes."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    values = np.random.default_rng(3).random((48, TEXELS, 3))  # not square
+    image = new_image(values)
+    image.pack()
+    material, texture = textured(image, extension=extension)
+    thing = plane(material, repeats=1.0)
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    uv = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2 @ turn * repeats + offset
+    thing.data.uv_layers[0].data.foreach_set("uv", uv.astype(np.float32).ravel())
+    if mapping_in_the_shader:
+        thing.modifiers.new("a modifier without effect", "EDGE_SPLIT").use_edge_angle = False
+    file = folder / "scene.blend"
+    folder.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    render_here(folder / "run", "0", scene=file, trajectory=patterned[1], camera="64x64,64,64,31.7,31.3", samples=1)
+    whole = [n.operation for n in bpy.data.materials["material"].node_tree.nodes if n.type == "VECT_MATH"]
+    channels = read_exr(folder / "run/exr/000000.exr")
+    return np.stack([channels[c] for c in "RGB"], -1).astype(float), whole
+
+
+@pytest.mark.parametrize(
+    ("repeats", "offset", "extension", "nodes"),
+    [
+        (0.7, (0.5, 0.5), "REPEAT", ["MULTIPLY"]),
+        (0.7, (-6.5, 3.5), "REPEAT", ["MULTIPLY"]),
+        (5.0, (0.3, -0.2), "REPEAT", ["WRAP", "MULTIPLY"]),
+        (12.0, (0.3, -0.2), "REPEAT", ["WRAP", "MULTIPLY"]),
+        (0.7, (0.5, 0.5), "EXTEND", ["MULTIPLY"]),
+    ],
+)
+def test_positions_are_the_same_as_attributes_and_by_nodes(
+    render_here, tmp_path, patterned, repeats, offset, extension, nodes
+):
+    (frame, used), (expected, used_else) = (
+        frames_of_tiles(render_here, tmp_path / str(by_nodes), patterned, repeats, offset, extension, by_nodes)
+        for by_nodes in (False, True)
+    )
+    assert used == nodes and len(used_else) > 2
+    assert expected.std() > 0.02
+    assert frame == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_face_beyond_the_borders_of_a_texture_without_repetition_is_placed_by_nodes(render_here, tmp_path, patterned):
+    frame, used = frames_of_tiles(render_here, tmp_path / "out", patterned, 3.0, (0.5, 0.5), "EXTEND", False)
+    assert "MINIMUM" in used and frame.std() > 0.03
 
 
 def test_baked_light_shows_the_filtered_textures_too(render_here, patterned, tmp_path, monkeypatch):

@@ -4,11 +4,13 @@ Each function checks for the feature, not for the version.
 """
 
 import io
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ..errors import InputError, WorkError
 
@@ -113,6 +115,47 @@ def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
     layer = action.layers[0] if len(action.layers) else action.layers.new("Layer")
     strip = layer.strips[0] if len(layer.strips) else layer.strips.new(type="KEYFRAME")
     return strip.channelbag(slot, ensure=True).fcurves
+
+
+@contextmanager
+def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
+    """Yields a dictionary that gets the channels (h, w) of the render in the `with` block, top row first, named as in Blender's multilayer EXR; None
+    if they are not wanted, or if this version does not allow it.
+
+    The Python part of Cycles is intercepted: once the render has ended, passes are no longer accessible from Python.
+    """
+    cycles: Any = sys.modules.get("cycles.engine")
+    original = getattr(cycles, "render", None)
+    accessible = (
+        "get_result" in bpy.types.RenderEngine.bl_rna.functions and "rect" in bpy.types.RenderPass.bl_rna.properties
+    )
+    if not wanted or original is None or not accessible:
+        yield None
+        return
+    passes: dict[str, np.ndarray] = {}
+
+    def render(engine: Any, depsgraph: Any) -> None:
+        original(engine, depsgraph)
+        passes.update(_channels(engine.get_result()))
+
+    cycles.render = render
+    try:
+        yield passes
+    finally:
+        cycles.render = original
+
+
+def _channels(result: Any) -> dict[str, np.ndarray]:
+    """The channels of all passes of a RenderResult."""
+    channels: dict[str, np.ndarray] = {}
+    for layer in result.layers:
+        for found in layer.passes:
+            values = np.empty(result.resolution_y * result.resolution_x * found.channels, np.float32)
+            found.rect.foreach_get(values)
+            image = values.reshape(result.resolution_y, result.resolution_x, -1)[::-1]
+            names = found.channel_id or "RGBA"
+            channels |= {f"{layer.name}.{found.name}.{names[k]}": image[..., k] for k in range(found.channels)}
+    return channels
 
 
 def has_denoiser() -> bool:

@@ -1,10 +1,12 @@
-"""Rendering of one frame to arrays, through Blender's multilayer EXR: scene-linear RGB, exact planar Z, motion blur and rolling shutter.
+"""Rendering of one frame to arrays: scene-linear RGB, exact planar Z, motion blur and rolling shutter. Passes are taken from Cycles in memory where
+possible, otherwise from Blender's multilayer EXR, with the same values.
 
 For motion blur and rolling shutter, many cheap renders at poses inside the exposure are averaged in linear light, band by band.
 """
 
 import math
 from pathlib import Path
+from typing import TypeAlias
 
 import bpy
 import numpy as np
@@ -14,8 +16,10 @@ from ..formats import exr
 from ..geometry.trajectory import Trajectory, sample
 from ..job import RenderJob
 from ..sensor.exposure import Band, motion_px, plan
-from .compat import temporarily
+from .compat import passes_in_memory, temporarily
 
+#: All channels of a frame by name, such as `ViewLayer.Combined.R`, or an EXR file with them.
+Raw: TypeAlias = dict[str, np.ndarray] | Path
 #: Blender writes 1e10 where a ray hits nothing.
 _BACKGROUND = 1e9
 #: Radiance that is rounded to 0 in 8 bits of sRGB.
@@ -24,30 +28,37 @@ _BLACK = 0.5 / 255 / 12.92
 _TOO_NEAR_M = 0.05
 
 
-def render(number: float, raw_file: Path) -> None:
+def render(number: float, raw_file: Path, in_memory: bool = False) -> Raw:
     """Render frame `number` of the open scene, which may be between two frames, to `raw_file`, an EXR written by Blender.
 
-    Raises WorkError if Blender fails.
+    Returns that file, or with `in_memory`, if this Blender allows it, the channels, without writing a file. Raises WorkError if Blender fails.
     """
     scene = bpy.context.scene
     scene.frame_set(math.floor(number), subframe=number % 1)
     scene.render.filepath = str(raw_file)
-    try:
-        result = bpy.ops.render.render(write_still=True)
-    except RuntimeError as error:
-        raise WorkError(f"frame {number}: Blender: {' '.join(str(error).split())}") from None
-    if result != {"FINISHED"} or not raw_file.is_file():
+    with passes_in_memory(in_memory) as passes:
+        try:
+            result = bpy.ops.render.render(write_still=passes is None)
+        except RuntimeError as error:
+            raise WorkError(f"frame {number}: Blender: {' '.join(str(error).split())}") from None
+    if result != {"FINISHED"} or (not raw_file.is_file() if passes is None else not passes):
         raise WorkError(f"frame {number}: Blender ended with {result} and wrote no frame")
+    return raw_file if passes is None else passes
 
 
-def read(raw_file: Path, raw_depth_file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read (h, w, 3) scene-linear RGB from `raw_file` and (h, w) planar Z in metres, 0 for background, from `raw_depth_file` (often the same).
+def channels_of(raw: Raw) -> dict[str, np.ndarray]:
+    """All channels of a frame. Raises InputError for a file that is not a whole EXR."""
+    return raw if isinstance(raw, dict) else exr.read_exr(raw)
+
+
+def read(raw: Raw, raw_depth: Raw) -> tuple[np.ndarray, np.ndarray]:
+    """(h, w, 3) scene-linear RGB of `raw` and (h, w) planar Z in metres, 0 for background, of `raw_depth` (often the same).
 
     Raises WorkError for a truncated file: Blender does not report a full disk.
     """
     try:
-        channels = exr.read_exr(raw_file)
-        with_depth = channels if raw_depth_file == raw_file else exr.read_exr(raw_depth_file)
+        channels = channels_of(raw)
+        with_depth = channels if raw_depth is raw else channels_of(raw_depth)
     except InputError as error:
         raise WorkError(f"cannot write a whole frame; the disk may be full: {error}") from None
     rgb = np.stack([channel_ending(channels, f"Combined.{c}") for c in "RGB"], -1)
@@ -111,6 +122,6 @@ def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np
         # pose i is keyed at frame i of Blender's timeline
         place = np.interp(trajectory.stamps_s[number] + offset, trajectory.stamps_s, np.arange(len(trajectory)))
         with temporarily(cycles, seed=(seed + 7919 * k) % (1 << 31)):
-            render(float(place), raw_file)
-        total = total + read(raw_file, raw_file)[0].astype(np.float64)
+            raw = render(float(place), raw_file, in_memory=True)
+        total = total + read(raw, raw)[0].astype(np.float64)
     return (total / len(band.offsets_s)).astype(np.float32)

@@ -5,18 +5,16 @@ gloss bends them at grazing angles; so every material also outputs the shading n
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ..dataset.ground_truth import INSTANCE, NORMAL
 from ..errors import InputError
-from ..formats import exr
 from ..geometry.points import upright_box
 from ..geometry.se3 import SE3
 from . import surfaces
-from .frames import channel_ending
+from .frames import Raw, channel_ending, channels_of
 from .surfaces import SURFACE_TYPES, Part
 
 SCHEMA_VERSION = 1
@@ -113,9 +111,9 @@ def add_passes() -> None:
             material.node_tree.links.new(geometry.outputs["Normal"], output.inputs["Color"])
 
 
-def read(raw_file: Path, T_world_camera: SE3) -> dict[str, np.ndarray]:
-    """Read the ground-truth channels of Blender's one-sample frame: instance, and unit normals in the cv camera's frame, (h, w) float32 each."""
-    channels = exr.read_exr(raw_file)
+def read(raw: Raw, T_world_camera: SE3) -> dict[str, np.ndarray]:
+    """The ground-truth channels of Blender's one-sample frame: instance, and unit normals in the cv camera's frame, (h, w) float32 each."""
+    channels = channels_of(raw)
     index = channel_ending(channels, "IndexOB.X", "Object Index.X")  # the name changed with Blender 5.0
     normal = np.stack([channel_ending(channels, f"{_AOV}.{c}") for c in "RGB"], -1).astype(float)
     bare = np.linalg.norm(normal, axis=-1) < 0.5  # materials without nodes have no AOV

@@ -6,7 +6,11 @@ from the length of the ray and from how densely the texture covers each face. Fo
 at a grazing angle along both directions.
 
 Image: side by side, from left to right, levels 0, 1, ..., each with margins. Level k is smaller by s = 2^-k, and begins at 2 (1 - s) times
-the width of level 0, so a position in it is linear in s: 1 + s (p - 1) in units of the image's width, if p is the position in level 0.
+the width of level 0, so a position in it is linear in s: 1 + s (p - 1) in units of the image's width, if p is the position in level 0. The image
+is repeated, so s (p - 1) is the same position.
+
+Cycles takes time for each node and for each constant of a node. Therefore p - 1 and the pixel's width at a distance of 1 are attributes of the
+meshes wherever possible, and the repetition of a texture is left out if each face lies within one repeat.
 """
 
 import math
@@ -31,6 +35,10 @@ MAX_TEXELS = 4096 * 4096
 _BAND = 16
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
 _DENSITY = "UV per metre "
+#: Prefixes of attributes that depend on a texture, too: positions p - 1, and the footprint of a pixel at a distance of 1 m.
+_POSITION, _FOOTPRINT = "mipmap position ", "mipmap footprint "
+#: A face lies within one repeat of a texture if it does so up to this share of the repeat. The margins are wider.
+_OVER = 1e-4
 #: Light of all 8-bit sRGB values, and sRGB values of 16-bit light.
 _LINEAR = light_from_srgb(np.linspace(0, 1, 256)).astype(np.float32)
 _SRGB = srgb_from_light(np.linspace(0, 1, 65536)).astype(np.float32)
@@ -38,12 +46,22 @@ _SRGB = srgb_from_light(np.linspace(0, 1, 65536)).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An Image Texture node, its material, the UV map that it reads (empty: the active one), and the scale of the mapping between them."""
+    """An Image Texture node, its material, the UV map that it reads (empty: the active one), and the scale of the mapping between them.
+
+    mapped: whether there is a mapping.
+    """
 
     node: Node
     material: Material
     uv_map: str
     scale: float
+    mapped: bool = False
+
+    @property
+    def name(self) -> str:
+        """A name of its UV map and size, on which the attributes with positions and footprints depend."""
+        width, height = self.node.image.size
+        return f"{width} x {height} {self.node.extension} {self.uv_map}"
 
 
 def filter_textures(camera: PinholeCamera) -> list[Image]:
@@ -54,15 +72,16 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
     """
     made: dict[tuple[Image, str], Image] = {}
     found = [t for material in bpy.data.materials if material.library is None for t in textures_of(material)]
-    _measure_density(bpy.data.objects, found)
     pixel = 1 / math.sqrt(camera.fx * camera.fy)
+    whole = _place(bpy.data.objects, found, pixel)
+    _measure_density(bpy.data.objects, [texture for texture in found if texture.node not in whole])
     for texture in {
         texture.node: texture for texture in found
     }.values():  # a node of a group is found in several materials
         key = texture.node.image, texture.node.extension
         if key not in made:
             made[key] = with_mipmaps(*key)
-        _read_levels(texture, made[key], pixel)
+        _read_levels(texture, made[key], pixel, whole.get(texture.node))
     for image, _ in made:
         if not image.is_dirty:  # it can be read from its file again
             image.buffers_free()
@@ -93,27 +112,40 @@ def _can_be_filtered(node: Node) -> bool:
     return plain and unmoved and axes and used and small
 
 
-def _uv_map(socket: NodeSocket) -> tuple[str, float] | None:
-    """The name of the UV map that an input reads, and the scale of the mapping nodes between them; None if it reads something else."""
+def _uv_map(socket: NodeSocket) -> tuple[str, float, bool] | None:
+    """The name of the UV map that an input reads, the scale of the mapping nodes between them, and whether there are any; None if it reads
+    something else.
+    """
     if not socket.is_linked:
-        return "", 1.0
+        return "", 1.0, False
     link = socket.links[0]
     node = link.from_node
     if node.type == "UVMAP" and not node.from_instancer:
-        return node.uv_map, 1.0
+        return node.uv_map, 1.0, False
     if node.type == "TEX_COORD" and link.from_socket.name == "UV" and not node.from_instancer:
-        return "", 1.0
+        return "", 1.0, False
     if node.type == "REROUTE":
         return _uv_map(node.inputs[0])
     if node.type == "MAPPING" and node.vector_type in ("POINT", "TEXTURE") and not node.inputs["Scale"].is_linked:
         x, y, _ = node.inputs["Scale"].default_value
         source, scale = _uv_map(node.inputs["Vector"]), math.sqrt(abs(x * y))
         if source is not None and node.inputs["Vector"].is_linked and scale > 0:
-            return source[0], source[1] * (scale if node.vector_type == "POINT" else 1 / scale)
+            return source[0], source[1] * (scale if node.vector_type == "POINT" else 1 / scale), True
     return None
 
 
-# Density of textures on surfaces
+# Attributes of surfaces
+
+
+def _largest(objects: Iterable[Object]) -> dict[Mesh, Object]:
+    """The meshes of the objects, each with its largest object."""
+    largest: dict[Mesh, Object] = {}
+    for thing in objects:
+        if thing.type == "MESH" and thing.data.library is None:
+            user = largest.setdefault(thing.data, thing)
+            if abs(thing.matrix_world.determinant()) > abs(user.matrix_world.determinant()):
+                largest[thing.data] = thing
+    return largest
 
 
 def _measure_density(objects: Iterable[Object], found: list[Texture]) -> None:
@@ -121,27 +153,81 @@ def _measure_density(objects: Iterable[Object], found: list[Texture]) -> None:
     wanted: dict[Material, set[str]] = {}
     for texture in found:
         wanted.setdefault(texture.material, set()).add(texture.uv_map)
-    largest: dict[Mesh, Object] = {}
-    for thing in objects:
-        if thing.type == "MESH" and thing.data.library is None:
-            user = largest.setdefault(thing.data, thing)
-            if abs(thing.matrix_world.determinant()) > abs(user.matrix_world.determinant()):
-                largest[thing.data] = thing
-    for mesh, thing in largest.items():
+    for mesh, thing in _largest(objects).items():
         shown = {slot.material for slot in thing.material_slots} | set(mesh.materials)
         for name in set().union(*(wanted.get(material, set()) for material in shown)):
-            _add_density(thing, name)
+            layer = _layer(mesh, name)
+            if layer is not None:
+                _set_attribute(mesh, _DENSITY + name, "FLOAT", "FACE", density(thing, layer))
 
 
-def _add_density(thing: Object, uv_map: str) -> None:
-    mesh = thing.data
-    layer = mesh.uv_layers.get(uv_map) if uv_map else next((x for x in mesh.uv_layers if x.active_render), None)
-    if layer is None:
-        return
-    values = density(thing, layer)
-    name = _DENSITY + uv_map
-    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "FLOAT", "FACE")
-    attribute.data.foreach_set("value", values)
+def _layer(mesh: Mesh, uv_map: str) -> bpy.types.MeshUVLoopLayer | None:
+    return mesh.uv_layers.get(uv_map) if uv_map else next((x for x in mesh.uv_layers if x.active_render), None)
+
+
+def _set_attribute(mesh: Mesh, name: str, kind: str, domain: str, values: np.ndarray) -> None:
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
+    attribute.data.foreach_set("vector" if kind == "FLOAT_VECTOR" else "value", values.astype(np.float32).ravel())
+
+
+def _place(objects: Iterable[Object], found: list[Texture], pixel: float) -> dict[Node, bool]:
+    """Add attributes with positions and footprints to the meshes that use the textures, where these do not depend on mappings or modifiers.
+
+    Returns whether each face lies within one repeat, for the nodes whose textures are placed on all surfaces with the material.
+    """
+    objects = list(objects)
+    if any(modifier.type == "NODES" for thing in objects for modifier in thing.modifiers):
+        return {}  # they may assign materials to new surfaces
+    largest = _largest(objects)
+    users: dict[Material, list[Object]] = {texture.material: [] for texture in found}
+    for thing in objects:
+        for material in {slot.material for slot in thing.material_slots} & users.keys():
+            users[material].append(thing)
+    whole: dict[Node, bool] = {}
+    left = {t.node for t in found if t.mapped or not all(_is_plain(thing, t.uv_map) for thing in users[t.material])}
+    for texture in found:
+        for thing in users[texture.material] if texture.node not in left else ():
+            layer = _layer(thing.data, texture.uv_map)
+            texels = math.sqrt(math.prod(texture.node.image.size)) * pixel
+            footprints = density(largest[thing.data], layer) * (texels / 2**LEVELS)
+            fits = _add_positions(thing, layer, texture)  # from here on the layer has moved
+            if texture.node.extension != "REPEAT" and not fits:
+                left.add(texture.node)
+                break
+            _set_attribute(thing.data, _FOOTPRINT + texture.name, "FLOAT", "FACE", footprints)
+            whole[texture.node] = whole.get(texture.node, True) and fits
+    return {node: fits for node, fits in whole.items() if node not in left}
+
+
+def _is_plain(thing: Object, uv_map: str) -> bool:
+    """Whether the object is a mesh that is rendered as it is, with the UV map."""
+    return (
+        thing.type == "MESH"
+        and thing.data.library is None
+        and not thing.modifiers
+        and _layer(thing.data, uv_map) is not None
+    )
+
+
+def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Texture) -> bool:
+    """Add the positions in level 0 (p - 1) of the texture's image to the corners of a mesh; those of a face are shifted by whole repeats to the first
+    one. Returns whether each face with the material lies within one repeat."""
+    mesh, size = thing.data, np.array(texture.node.image.size)
+    if not len(mesh.polygons):
+        return True
+    uv, starts = array_of(layer.data, "uv", 2).astype(float), array_of(mesh.polygons, "loop_start", 1, np.int32)
+    low, high = np.minimum.reduceat(uv, starts), np.maximum.reduceat(uv, starts)
+    shift = np.floor(low + _OVER) if texture.node.extension == "REPEAT" else np.zeros_like(low)
+    before, total = np.array([(margins(n)[0], n + sum(margins(n))) for n in size]).T
+    total = total * (2, 1)
+    uv -= shift.repeat(array_of(mesh.polygons, "loop_total", 1, np.int32), axis=0)
+    positions = np.zeros((len(uv), 3))
+    positions[:, :2] = (uv * size + before) / total - (1, 0)
+    _set_attribute(mesh, _POSITION + texture.name, "FLOAT_VECTOR", "CORNER", positions)
+    slots = [k for k, slot in enumerate(thing.material_slots) if slot.material == texture.material]
+    index = array_of(mesh.polygons, "material_index", 1, np.int32).clip(0, len(thing.material_slots) - 1)
+    inside = ((low - shift >= -_OVER) & (high - shift <= 1 + _OVER)).all(1)
+    return bool(inside[np.isin(index, slots)].all())
 
 
 def density(thing: Object, layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
@@ -227,31 +313,43 @@ def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asa
 # Shaders
 
 
-def _read_levels(texture: Texture, levels: Image, pixel: float) -> None:
-    """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit."""
+def _read_levels(texture: Texture, levels: Image, pixel: float, whole: bool | None) -> None:
+    """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit.
+
+    whole: None if positions are to be computed from the UV map; otherwise they are attributes, and each face lies within one repeat or not.
+    """
     node = texture.node
     tree: NodeTree = node.id_data
     width, height = node.image.size
-    texels = texture.scale * math.sqrt(width * height) * pixel
-    attribute = tree.nodes.new("ShaderNodeAttribute")
-    attribute.attribute_name = _DENSITY + texture.uv_map
-    ray = tree.nodes.new("ShaderNodeLightPath").outputs["Ray Length"]
-    footprint = calculate(
-        tree, "MULTIPLY", attribute.outputs["Fac"], calculate(tree, "MULTIPLY", ray, texels / 2**LEVELS)
-    )
-    smaller = _steps(tree, footprint)
-    source = _uv_source(tree, texture)
-    if node.extension == "REPEAT":
-        source = vectors(tree, "FRACTION", source)
-    else:
-        source = vectors(tree, "MINIMUM", vectors(tree, "MAXIMUM", source, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
     columns, rows = levels.size
     (left, _), (top, _) = margins(width), margins(height)
-    first = vectors(
-        tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns - 1, top / rows, 0.0)
-    )
-    tree.links.new(vectors(tree, "MULTIPLY_ADD", first, smaller, (1.0, 0.0, 0.0)), node.inputs["Vector"])
-    node.image, node.extension = levels, "EXTEND"
+    ray = tree.nodes.new("ShaderNodeLightPath").outputs["Ray Length"]
+    if whole is not None:
+        footprint = calculate(tree, "MULTIPLY", _attribute(tree, _FOOTPRINT + texture.name).outputs["Fac"], ray)
+        first = _attribute(tree, _POSITION + texture.name).outputs["Vector"]
+        if not whole:
+            low = left / columns - 1, top / rows, 0.0
+            first = vectors(tree, "WRAP", first, (low[0] + width / columns, low[1] + height / rows, 0.0), low)
+    else:
+        texels = texture.scale * math.sqrt(width * height) * pixel
+        per_metre = _attribute(tree, _DENSITY + texture.uv_map).outputs["Fac"]
+        footprint = calculate(tree, "MULTIPLY", per_metre, calculate(tree, "MULTIPLY", ray, texels / 2**LEVELS))
+        source = _uv_source(tree, texture)
+        if node.extension == "REPEAT":
+            source = vectors(tree, "FRACTION", source)
+        else:
+            source = vectors(tree, "MINIMUM", vectors(tree, "MAXIMUM", source, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
+        first = vectors(
+            tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns - 1, top / rows, 0.0)
+        )
+    tree.links.new(vectors(tree, "MULTIPLY", first, _steps(tree, footprint)), node.inputs["Vector"])
+    node.image, node.extension = levels, "REPEAT"
+
+
+def _attribute(tree: NodeTree, name: str) -> Node:
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_name = name
+    return node
 
 
 def _steps(tree: NodeTree, footprint: NodeSocket) -> NodeSocket:

@@ -173,9 +173,9 @@ class Session:
     def _close(
         self,
         number: int,
-        raw: Path,
-        raw_depth: Path,
-        raw_behind: Path | None,
+        raw: frames.Raw,
+        raw_depth: frames.Raw,
+        raw_behind: frames.Raw | None,
         blurred: np.ndarray | None,
         cycles_seconds: float,
     ) -> None:
@@ -246,28 +246,25 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
         emit(events.Note(text))
 
 
-def _render(job: RenderJob, number: int, name: Path) -> tuple[Path, Path, Path | None]:
-    """Render a frame. Returns Blender's raw files with RGB and with Z, usually the same file, and with Z behind glass if the job needs it. The
-    caller alternates names while another frame is being written.
+def _render(job: RenderJob, number: int, name: Path) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
+    """Render a frame. Returns Blender's frames with RGB and with Z, usually the same, and with Z behind glass if the job needs it. They may be files:
+    the caller alternates names while another frame is being written.
 
     A separate render with one sample gives Z if the filter is wide or the scene has volumes, else Z is that of the first sample. It also gives
     normals, which otherwise are a mean over the samples.
     """
-    raw, raw_behind = name.with_suffix(".exr"), None
-    raw_depth, scene = raw, bpy.context.scene
-    frames.render(number, raw)
+    scene, raw_behind = bpy.context.scene, None
+    raw = raw_depth = frames.render(number, name.with_suffix(".exr"), in_memory=True)
     # one narrow ray per pixel, so that Z has the same bits as without antialiasing
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
     volumes = preflight.volume_names(scene) or compat.volume_outputs()  # including volumes made by Geometry Nodes
     if job.antialias or volumes or (job.ground_truth and job.samples != 1):
-        raw_depth = name.with_name(f"{name.name}-depth.exr")
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
-            frames.render(number, raw_depth)
+            raw_depth = frames.render(number, name.with_name(f"{name.name}-depth.exr"), in_memory=True)
     if job.glass != "surface":
-        raw_behind = name.with_name(f"{name.name}-behind.exr")
         through = compat.temporarily(scene.view_layers[0], pass_alpha_threshold=0.5)
         with through, compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
-            frames.render(number, raw_behind)
+            raw_behind = frames.render(number, name.with_name(f"{name.name}-behind.exr"), in_memory=True)
     return raw, raw_depth, raw_behind
 
 
