@@ -93,7 +93,9 @@ def test_status_counts_them(tmp_path):
     views = held_out.views_plan(plan)
     open_run(views.raw, {"job": views.job.to_dict()}, read_trajectory(views.job.trajectory).trajectory)
     views.write_record()
-    (views.out / "clean").mkdir()
+    for kind in ("rgb", "depth"):
+        (views.out / "clean" / kind).mkdir(parents=True)
+        (views.out / "clean" / kind / "000002.png").touch()
     (views.out / "clean/frames.jsonl").write_text('{"frame": 2}\n')
     found = status.state(tmp_path, None)["held_out"]
     assert (found["finished"], found["frames"], found["missing_frames"]) == (1, 4, [0, 1, 3])
