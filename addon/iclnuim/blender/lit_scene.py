@@ -47,6 +47,7 @@ _BLACK = (0.0, 0.0, 0.0, 1.0)
 _H = (1.019, 0.207, -0.801)
 _A = (0.108, -0.681, -8.445, 6.591)
 _B = (6.599, -8.765, 6.947)
+_A_MINUS_B = tuple(np.polynomial.polynomial.polysub(_A, _B).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,17 +254,18 @@ def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool, l
         elif node.type in {*_DIFFUSE, "BSDF_TRANSLUCENT"}:
             light = light or _light_sockets(tree, image, two_sided)
             side = light[node.type == "BSDF_TRANSLUCENT"]
-            shine = _shine(tree, vectors(tree, "MULTIPLY", node.inputs["Color"], side), limit)
+            shine = _shine(tree, vectors(tree, "MULTIPLY", node.inputs["Color"], side), 1.0, limit)
             redirect(node.outputs[0], shine)
             tree.nodes.remove(node)
 
 
-def _shine(tree: NodeTree, colour: NodeSocket, limit: float | None) -> NodeSocket:
-    """Emission of the colour. For all rays except camera rays it is at most `limit` in each channel."""
+def _shine(tree: NodeTree, colour: NodeSocket, share: Source, limit: float | None) -> NodeSocket:
+    """Emission of the colour times the share. For all rays except camera rays it is at most `limit` in each channel."""
     if limit is not None:
+        colour, share = scaled(tree, colour, share), 1.0
         seen = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
         colour = _blend(tree, seen, vectors(tree, "MINIMUM", colour, (limit,) * 3), colour)
-    return add_node(tree, "Emission", colour)
+    return add_node(tree, "Emission", colour, share)
 
 
 def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple[NodeSocket, NodeSocket]:
@@ -301,9 +303,9 @@ def _reflects(principled: Node) -> bool:
 
 def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
     """Principled = its unchanged gloss, metal and glass, plus the light map times its diffuse share."""
-    colour = scaled(tree, vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node))
+    colour, share = vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node)
     targets = [link.to_socket for link in node.outputs[0].links]
-    both = add_node(tree, "AddShader", _shine(tree, colour, limit), _without_diffuse(tree, node))
+    both = add_node(tree, "AddShader", _shine(tree, colour, share, limit), _without_diffuse(tree, node))
     for target in targets:
         tree.links.new(both, target)
 
@@ -319,7 +321,7 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: fl
     share = product(
         tree, one_minus(tree, constant_or_input(node, "Transmission Weight")), constant_or_input(node, "Alpha")
     )
-    shine = _shine(tree, scaled(tree, vectors(tree, "MULTIPLY", sent, light), share), limit)
+    shine = _shine(tree, vectors(tree, "MULTIPLY", sent, light), share, limit)
     for name in ("Metallic", "Subsurface Weight"):
         set_constant(node.inputs[name], 0.0)
     set_constant(node.inputs["Base Color"], _BLACK)
@@ -357,11 +359,10 @@ def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) ->
     facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
     if normal.is_linked:
         feed(tree, normal, facing.inputs["Normal"])
-    cosine = calculate(tree, "SUBTRACT", 1.0, facing.outputs["Facing"])
-    exponent = calculate(tree, "MULTIPLY", polynomial(tree, tuple(-b for b in _B), roughness), cosine)
-    exponent = calculate(tree, "ADD", exponent, polynomial(tree, _A, roughness))
-    rim = product(tree, 1.0 - f0, calculate(tree, "EXPONENT", exponent))
-    return calculate(tree, "ADD", product(tree, f0, polynomial(tree, _H, roughness)), rim)
+    # a - b cos = (a - b) + b facing
+    slope, start = polynomial(tree, _B, roughness), polynomial(tree, _A_MINUS_B, roughness)
+    rim = calculate(tree, "EXPONENT", calculate(tree, "MULTIPLY_ADD", facing.outputs["Facing"], slope, start))
+    return calculate(tree, "MULTIPLY_ADD", rim, 1.0 - f0, product(tree, f0, polynomial(tree, _H, roughness)))
 
 
 def _f0(ior: NodeSocket) -> float:
