@@ -105,7 +105,7 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("reference", metavar="GT", help="ground truth, in any format that `iclnuim trajectory info` reads")
     add("estimate", metavar="EST", help="estimated trajectory")
-    add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, gt.freiburg, kitti ...")
+    add("--from", dest="format", metavar="FORMAT", help="format of EST: tum, tum-ids, tum-inverse, kitti ...")
     add("--reference-from", metavar="FORMAT", help="format of GT; default: by name and content, as for EST")
     help = "frame rate of files that number their frames instead of giving stamps; default: 30"
     add("--file-rate", type=float, default=30.0, metavar="HZ", help=help)

@@ -54,7 +54,7 @@ NAMES = {
     for name, known in FORMATS.items()
     if known.line
 } | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt", "colmap": "images.txt", "scannet": "pose/1.txt"}
-NAMES |= {"nerf": "transforms.json"}
+NAMES |= {"nerf": "transforms.json", "tum-inverse": "inverse.txt", "tum-wxyz": "wxyz.txt"}
 #: Read beside whole files of the same folder.
 FOLDERS = {"pov-cameras": "scene_0000.txt", "scannet": "0.txt"}
 #: By default a fifth of the damaged files.
@@ -179,6 +179,11 @@ def content_of(format: str) -> bytes:
         return json.dumps({"frames": frames}, indent=1).encode()
     if format == "tum-ids":
         return trajectory_text(WALK, "gt.freiburg").encode()
+    if format == "tum-inverse":
+        return trajectory_text(Trajectory(WALK.stamps_s, WALK.T_world_camera.inverse()), "tum").encode()
+    if format == "tum-wxyz":
+        fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
+        return "".join(" ".join(q[:4] + q[7:] + q[4:7]) + "\n" for q in fields).encode()
     return trajectory_text(WALK, format).encode()
 
 

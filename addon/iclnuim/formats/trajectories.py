@@ -547,6 +547,23 @@ _ALL = (
         hint="{from} tum",
         sentence=f"TUM with frame numbers: stamps 1 + number/{{rate}} s, right-handed poses in {OWN_WORLD}",
     ),
+    TrajectoryFormat(  # as written by systems that estimate the world's pose in the camera; only used by name
+        name="tum-inverse",
+        sniff=lambda source: False,
+        rows=_tum_rows,
+        inverse=True,
+        sentence="TUM with world-to-camera poses, which are inverted: stamps in {how}",
+        how=_tum_stamps,
+    ),
+    TrajectoryFormat(  # only used by name
+        name="tum-wxyz",
+        sniff=lambda source: False,
+        expected="8 columns: timestamp tx ty tz qw qx qy qz",
+        columns=((1, 2, 3), (5, 6, 7, 4)),
+        rows=_tum_rows,
+        sentence="TUM with the quaternion's scalar first: stamps in {how}",
+        how=_tum_stamps,
+    ),
 )
 #: name -> format, in the order in which their `sniff` functions are called
 FORMATS = {format.name: format for format in _ALL}

@@ -15,6 +15,8 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
                           translation error with the offset, and that of the same poses without it
     unit                  {scale, rmse_m, given_rmse_m} if the estimate's positions, multiplied by a scale far from 1, fit much better, else
                           null: translation error with the scale corrected, and without
+    reading               {kind, rmse_m, given_rmse_m, rotation_rmse_deg, given_rotation_rmse_deg} if the estimate fits much better with
+                          its poses inverted (kind inverse) or its quaternions read with the scalar first (wxyz), else null
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment; settings
@@ -39,6 +41,7 @@ from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, re
 from ..evaluation.time_offset import best_offset
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.trajectory import Trajectory
+from .other_reading import OtherReading
 
 Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
@@ -149,6 +152,7 @@ class Report:
     result: AbsoluteError | RelativeError
     better_offset: BetterOffset | None
     other_unit: OtherUnit | None
+    other_reading: OtherReading | None
 
     @classmethod
     def of(cls, reference: Source, estimate: Source, settings: Settings) -> "Report":
@@ -158,12 +162,17 @@ class Report:
             result = _measured(*both, settings)
             mirrored = result.mirror.mirrored
             unit = OtherUnit.of(*both, settings, result)
-            better = None if mirrored or unit else BetterOffset.of(*both, settings, result.translation_m.rmse)
+            other = None
+            if not (mirrored or unit):
+                other = OtherReading.of(both[1], result, lambda estimate: _measured(both[0], estimate, settings))
+            offset = None
+            if not (mirrored or unit or other):
+                offset = BetterOffset.of(*both, settings, result.translation_m.rmse)
         except InputError as error:
             if error.path is not None:
                 raise
             raise error.at(estimate.path) from None
-        return cls(reference, estimate, settings, result, better, unit)
+        return cls(reference, estimate, settings, result, offset, unit, other)
 
     @property
     def warnings(self) -> list[str]:
@@ -186,6 +195,8 @@ class Report:
             found.append(f"another time offset fits much better: {errors}; try an offset of {better.offset_s:.9g} s")
         if self.other_unit:
             found.append(self.other_unit.sentence)
+        elif self.other_reading:
+            found.append(self.other_reading.sentence(self.estimate.loaded.read_as.format))
         elif isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
             lengths_m = self.result.alignment.extents_m[1], self.result.alignment.residual_rms_m
             extent, error = (f"{1000 * length:.3g} mm" for length in lengths_m)
@@ -237,6 +248,7 @@ class Report:
             "mirror": {"mirrored": mirror.mirrored, **rms_m},
             "time_offset": asdict(self.better_offset) if self.better_offset else None,
             "unit": asdict(self.other_unit) if self.other_unit else None,
+            "reading": asdict(self.other_reading) if self.other_reading else None,
             "warnings": self.warnings,
         }
 
