@@ -47,7 +47,7 @@ def skirting(
     along = (b - a) / np.linalg.norm(b - a)
     into = np.array([-along[1], along[0]])
     profile = [
-        (thick, 0.001),
+        (thick, -0.002),  # below the floor: outside would be seen through any gap
         (thick, height - 0.022),
         (thick - 0.003, height - 0.014),
         (thick - 0.010, height - 0.004),
@@ -89,12 +89,18 @@ def door(width: float, height: float, detail: float) -> Mesh:
 
 
 def casing(width: float, height: float, board: float, thick: float) -> Mesh:
-    """Boards round a doorway: outer width and height, in the x-z plane from z = 0, back at y = 0."""
+    """Boards round a doorway: outer width and height, in the x-z plane from z = 0, back at y = 0. A box behind the wall closes the doorway:
+    outside would be seen through the gap round the leaf.
+    """
     upright = rounded_box((board, thick, height - board), 0.004).moved(0, -thick / 2, (height - board) / 2)
     top = rounded_box((width, thick, board), 0.004).moved(0, -thick / 2, height - board / 2)
     left = upright.moved(-width / 2 + board / 2)
     parts = [left, upright.moved(width / 2 - board / 2), top]
-    return join([p.without(lambda n: n[:, 1] > 0.99) for p in parts])
+    w, deep, below = width - 0.02, 0.04, 0.01
+    sides = frame(w, height, [(0.0, 0.0), (0.0, -deep)])
+    back = plane((-w / 2, deep, -height / 2), (w, 0, 0), (0, 0, height), 1.0)
+    closed = join([sides, back]).moved(z=height / 2 - below)
+    return join([*(p.without(lambda n: n[:, 1] > 0.99) for p in parts), closed])
 
 
 def picture(width: float, height: float, mat: float) -> Mesh:

@@ -303,6 +303,17 @@ def test_a_guess_that_is_ten_degrees_off_is_found_to_be_wrong_by_small_images(na
         assert np.abs((after(2).inverse() @ found.T_reference_camera).log()).max() < 1e-3
 
 
+@pytest.mark.parametrize("off_deg", [10, 20])
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_a_guess_that_is_far_off_is_corrected_from_a_far_keyframe(name, off_deg):
+    """The parallax between the two views is as large as the error of the guess."""
+    method = odometer(name)
+    reference, current = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 20))
+    for axis in (*np.eye(3), *-np.eye(3)):
+        found = method.align(reference, current, after(20) @ SE3.exp(np.r_[0, 0, 0, np.radians(off_deg) * axis]))
+        assert np.abs((after(20).inverse() @ found.T_reference_camera).log()).max() < 2e-3
+
+
 @pytest.mark.parametrize("jump, noise", [(10, 0.0), (14, 0.001)])
 @pytest.mark.parametrize("name", ["icp_rgbd", "rgbd", "dvo"])
 def test_a_sudden_motion_along_a_wall_is_found_by_its_image(name, jump, noise):

@@ -17,6 +17,7 @@ for real-time robust direct visual odometry from RGB-D data", IROS 2013), estima
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -41,7 +42,10 @@ MIN_CORRELATION = 0.25
 #: MIN_FIT: minimum correlation of the coarsest images at the guess (clean frames have 0.94 and more; a guess with an error of
 #: some 5 degrees has at most 0.9). ITERATIONS_FACTOR: multiplies the iterations where they do not fit at the guess: even a rotation
 #: estimated from the images has an error of a few degrees.
-MIN_FIT, ITERATIONS_FACTOR = 0.9, 4
+#: MIN_VISIBLE: a correlation over a smaller share of the pixels does not tell (a wrong guess has up to 0.4, clean and noisy frames 0.5 and more).
+MIN_FIT, ITERATIONS_FACTOR, MIN_VISIBLE = 0.9, 4, 0.5
+#: Maximum number of registrations from one start.
+ROUNDS = 5
 #: A correlation of fewer pixels is not significant.
 MIN_PIXELS = 30
 #: Tiles of the image (columns, rows).
@@ -253,14 +257,45 @@ def photometric_passes(
     return passes, term
 
 
-def estimate_rotation(reference: Level, current: Level, guess: SE3) -> SE3:
-    """The guess with a rotation estimated from the half-size images alone; the guess itself if the estimation fails.
+def with_rotation(reference: Level, current: Level, guess: SE3, fit: Callable[[SE3], float]) -> SE3:
+    """The guess, or with a rotation estimated from half-size images the pose with the largest `fit`.
+
+    A first estimate is from the images alone. Then the reference is registered as it would be seen from the best pose so far, by the depth of the
+    current frame, as long as this improves the fit: otherwise the parallax of a far keyframe is taken for a rotation, and a large
+    rotation is found only in part.
+    """
+    alone = _register(reference.grey, current.grey, reference.camera)
+    starts = [guess, *([] if alone is None else [SE3(alone, guess.translation)])]
+    found = []
+    for T in starts:
+        found.append((fit(T), T))
+        for _ in range(ROUNDS):
+            turned = _register(_seen_from(reference, current, T), current.grey, reference.camera)
+            if turned is None:
+                break
+            T = SE3(T.rotation @ turned, T.translation)
+            found.append((fit(T), T))
+            if found[-1][0] <= found[-2][0]:
+                break
+    return max(found, key=lambda one: one[0])[1]
+
+
+def _seen_from(reference: Level, current: Level, T_reference_current: SE3) -> np.ndarray:
+    """(h, w) grey values of the reference at the points of the current frame; the mean where there are none."""
+    camera, depth_z_m = current.camera, current.depth_z_m
+    place = camera.project(T_reference_current.apply(camera.unproject(depth_z_m)))
+    place[~(depth_z_m > 0)] = np.nan
+    u, v = np.moveaxis(np.nan_to_num(place, nan=-1e4).astype(np.float32), -1, 0)
+    return np.asarray(cv2.remap(reference.grey, u, v, cv2.INTER_LINEAR, borderValue=[float(reference.grey.mean())]))
+
+
+def _register(one: np.ndarray, other: np.ndarray, camera: PinholeCamera) -> np.ndarray | None:
+    """(3, 3) R_one_other from the half-size images alone; None if it cannot be estimated. camera: of the images.
 
     Phase correlation gives an image shift; the maximum of the correlation over shift and in-plane rotation refines it
     (G. Evangelidis, E. Psarakis, "Parametric image alignment using enhanced correlation coefficient maximization", PAMI 2008).
     """
-    one, other = (kernels.halve_grey(level.grey) for level in (reference, current))
-    camera = reference.camera.halved()
+    one, other, camera = kernels.halve_grey(one), kernels.halve_grey(other), camera.halved()
     shift, _ = cv2.phaseCorrelate(one, other, cv2.createHanningWindow(one.shape[::-1], cv2.CV_32F))
     warp = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float32)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-4)
@@ -268,10 +303,10 @@ def estimate_rotation(reference: Level, current: Level, guess: SE3) -> SE3:
         mask = np.full(other.shape, 255, np.uint8)
         warp = np.asarray(cv2.findTransformECC(one, other, warp, cv2.MOTION_EUCLIDEAN, criteria, mask, 5)[1])
     except cv2.error:
-        return guess
+        return None
     centre = np.array([camera.cx, camera.cy])
     x, y = (warp[:, :2] @ centre + warp[:, 2] - centre) / (camera.fx, camera.fy)
-    return SE3(so3.exp(np.array([y, -x, -math.atan2(warp[1, 0], warp[0, 0])])), guess.translation)
+    return so3.exp(np.array([y, -x, -math.atan2(warp[1, 0], warp[0, 0])]))
 
 
 class Start(NamedTuple):
@@ -306,19 +341,20 @@ def initialise(
     schedule: list[tuple[int, int]],
     guess: SE3,
 ) -> Start:
-    """If the coarsest images do not fit at the guess, there may have been a sudden motion. A rotation is then estimated from these
-    images; if they fit better there, it replaces that of the guess. All levels get more iterations. Without tiles only the result is checked.
+    """If the coarsest images do not fit at the guess, or few pixels are visible, there may have been a sudden motion. A rotation is then estimated
+    from these images; if they fit better there, it replaces that of the guess. All levels get more iterations. Without tiles only the result is checked.
     """
     n = schedule[0][0]
     term = PhotometricTerm(reference[n], current[n], settings, n)
     if not settings.tiles:
         return Start(guess, schedule, afterwards=term)
     correlation, visible = term.fit(guess)
-    if correlation >= MIN_FIT:
+    if correlation >= MIN_FIT and visible >= MIN_VISIBLE:
         return Start(guess, schedule)
-    rotated = estimate_rotation(reference[n], current[n], guess)
-    better = math.prod(term.fit(rotated)) > correlation * visible
-    return Start(rotated if better else guess, [(m, ITERATIONS_FACTOR * count) for m, count in schedule], term)
+    start = with_rotation(reference[n], current[n], guess, lambda T: math.prod(term.fit(T)))
+    if start is guess and correlation >= MIN_FIT:
+        return Start(guess, schedule)
+    return Start(start, [(m, ITERATIONS_FACTOR * count) for m, count in schedule], term)
 
 
 class Rgbd(PyramidOdometer):
