@@ -44,8 +44,9 @@ MIN_CORRELATION = 0.25
 #: estimated from the images has an error of a few degrees.
 #: MIN_VISIBLE: a correlation over a smaller share of the pixels does not tell (a wrong guess has up to 0.4, clean and noisy frames 0.5 and more).
 MIN_FIT, ITERATIONS_FACTOR, MIN_VISIBLE = 0.9, 4, 0.5
-#: Maximum number of registrations from one start.
-ROUNDS = 5
+#: Maximum number of registrations from one start, and by which factor the fit of a pose has to be larger than that of the guess: on noisy frames
+#: poses with up to 1.15 times the fit of a good guess are farther from the truth than it; a wrong guess has less than half.
+ROUNDS, CLEARLY = 5, 1.5
 #: A correlation of fewer pixels is not significant.
 MIN_PIXELS = 30
 #: Tiles of the image (columns, rows).
@@ -258,7 +259,7 @@ def photometric_passes(
 
 
 def with_rotation(reference: Level, current: Level, guess: SE3, fit: Callable[[SE3], float]) -> SE3:
-    """The guess, or with a rotation estimated from half-size images the pose with the largest `fit`.
+    """The guess, or, if its `fit` is clearly larger, the best pose with a rotation estimated from half-size images.
 
     A first estimate is from the images alone. Then the reference is registered as it would be seen from the best pose so far, by the depth of the
     current frame, as long as this improves the fit: otherwise the parallax of a far keyframe is taken for a rotation, and a large
@@ -277,7 +278,8 @@ def with_rotation(reference: Level, current: Level, guess: SE3, fit: Callable[[S
             found.append((fit(T), T))
             if found[-1][0] <= found[-2][0]:
                 break
-    return max(found, key=lambda one: one[0])[1]
+    most, best = max(found, key=lambda one: one[0])
+    return best if most > CLEARLY * found[0][0] else guess
 
 
 def _seen_from(reference: Level, current: Level, T_reference_current: SE3) -> np.ndarray:
