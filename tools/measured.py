@@ -52,7 +52,7 @@ _CURVES = {
     "pixels": (_FOUR, 240, 1.0),
     "resolution": (_FOUR, 240, 640.0),
     "keyframe": (_FOUR, 120, 0.02),
-    "rate": (f"{_CLEAN_TWO} --values 15,30,60,120", 60, 30.0),
+    "rate": (f"{_CLEAN_TWO} --values 15,30,60,120,240", 60, 30.0),
     "realtime": (_FOUR, 120, 1.0),
 }
 _DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --first 120 --plot docs/pictures/detail_odometry.png"
