@@ -40,9 +40,9 @@ MIN_CONTRAST = 1.0
 #: up to 0.2), the official frames 0.99.
 MIN_CORRELATION = 0.25
 #: MIN_FIT: minimum correlation of the coarsest images at the guess (clean frames have 0.94 and more; a guess with an error of
-#: some 5 degrees has at most 0.9). ITERATIONS_FACTOR: multiplies the iterations where they do not fit at the guess: even a rotation
+#: some 5 degrees mostly has less). ITERATIONS_FACTOR: multiplies the iterations where they do not fit at the guess: even a rotation
 #: estimated from the images has an error of a few degrees.
-#: MIN_VISIBLE: a correlation over a smaller share of the pixels does not tell (a wrong guess has up to 0.4, clean and noisy frames 0.5 and more).
+#: MIN_VISIBLE: a correlation over a smaller share of the pixels does not tell: a wrong guess that passes has up to 0.4, most good ones more than 0.5.
 MIN_FIT, ITERATIONS_FACTOR, MIN_VISIBLE = 0.9, 4, 0.5
 #: Maximum number of registrations from one start, and by which factor the fit of a pose has to be larger than that of the guess: on noisy frames
 #: poses with up to 1.15 times the fit of a good guess are farther from the truth than it; a wrong guess has less than half.

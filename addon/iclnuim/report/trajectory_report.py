@@ -30,6 +30,7 @@ ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_d
 
 import os
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -160,14 +161,11 @@ class Report:
         both = reference.loaded.trajectory, estimate.loaded.trajectory
         try:
             result = _measured(*both, settings)
-            mirrored = result.mirror.mirrored
             unit = OtherUnit.of(*both, settings, result)
-            other = None
-            if not (mirrored or unit):
-                other = OtherReading.of(both[1], result, lambda estimate: _measured(both[0], estimate, settings))
-            offset = None
-            if not (mirrored or unit or other):
-                offset = BetterOffset.of(*both, settings, result.translation_m.rmse)
+            explained = result.mirror.mirrored or unit
+            measure = partial(_measured, both[0], settings=settings)
+            other = None if explained else OtherReading.of(both[1], result, measure)
+            offset = None if explained or other else BetterOffset.of(*both, settings, result.translation_m.rmse)
         except InputError as error:
             if error.path is not None:
                 raise
