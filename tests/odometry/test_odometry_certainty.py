@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
@@ -364,6 +365,12 @@ def test_a_kept_frame_is_left_for_one_from_half_way_when_the_camera_has_gone_awa
         kept.append(reference.renew(None, i, SE3(np.eye(3), [0.006 * i, 0, 0])))
     assert [view for view, _ in kept] == [0, 0, 0, 0, 2, 2, 4, 4, 6]
     assert all(T.translation[0] == 0.006 * view for view, T in kept)
+
+
+@pytest.mark.parametrize("distance", [(0.0, 10.0), (0.2, 0.0), (-1.0, 10.0), (float("nan"), 10.0)])
+def test_a_keyframe_distance_that_is_not_positive_is_refused(distance):
+    with pytest.raises(InputError, match="above 0 m and 0 degrees"):
+        KeyframeReference(*distance)
 
 
 def test_a_reported_pose_becomes_no_keyframe_while_there_is_a_good_one():

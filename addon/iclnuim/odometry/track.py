@@ -55,10 +55,13 @@ class KeyframeReference(Reference):
 
     The next keyframe is a frame from half that distance on, not the last one. The baseline is then never too small to separate a
     glass pane from the scene behind it by parallax. Errors of a keyframe stay. So it is a frame with the status OK, if there is one: the one
-    that adds the smallest variance per distance from the keyframe before, or the first one if variances are unknown.
+    that adds the smallest variance per distance from the keyframe before, or the first one if variances are unknown. Raises InputError unless both
+    distances are positive.
     """
 
     def __init__(self, max_m: float = 0.2, max_deg: float = 10.0) -> None:
+        if not (max_m > 0 and max_deg > 0):
+            raise InputError("a keyframe distance above 0 m and 0 degrees", found=f"{max_m:g} m, {max_deg:g} degrees")
         self.max_m, self.max_deg = max_m, max_deg
         self.keyframe: View | None = None
         self.candidate: View | None = None
