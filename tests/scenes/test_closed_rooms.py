@@ -21,10 +21,12 @@ def round_the_door(m, room):
     """Points (n, 3) along the edges of the leaf, in the plane of the wall."""
     x0, x1, top = m.DOOR
     top += m.Z0 if room == "office" else 0.0
-    side, head = (0.095, 0.095) if room == "living_room" else (0.055, 0.055)
+    inset = 0.095 if room == "living_room" else 0.055  # of the leaf within the outer edge of its casing
     z, x = np.linspace(m.Z0, top, 200), np.linspace(x0, x1, 200)
-    upright = [np.stack(np.broadcast_arrays(edge + d, m.Y1, z), -1) for edge in (x0 + side, x1 - side) for d in GAPS_M]
-    level = [np.stack(np.broadcast_arrays(x, m.Y1, top - head + d), -1) for d in GAPS_M]
+    upright = [
+        np.stack(np.broadcast_arrays(edge + d, m.Y1, z), -1) for edge in (x0 + inset, x1 - inset) for d in GAPS_M
+    ]
+    level = [np.stack(np.broadcast_arrays(x, m.Y1, top - inset + d), -1) for d in GAPS_M]
     below = [np.stack(np.broadcast_arrays(x, m.Y1, m.Z0 + d), -1) for d in GAPS_M]
     return np.concatenate([*upright, *level, *below])
 

@@ -344,7 +344,7 @@ def initialise(
     guess: SE3,
 ) -> Start:
     """If the coarsest images do not fit at the guess, or few pixels are visible, there may have been a sudden motion. A rotation is then estimated
-    from these images; if they fit better there, it replaces that of the guess. All levels get more iterations. Without tiles only the result is checked.
+    from these images; if they fit clearly better there, it replaces that of the guess. All levels get more iterations. Without tiles only the result is checked.
     """
     n = schedule[0][0]
     term = PhotometricTerm(reference[n], current[n], settings, n)

@@ -11,8 +11,8 @@ from ..evaluation.relative_error import RelativeError
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 
-#: An inverted estimate has an error above the first length, and less than this share of it as it should be.
-_WORTH_M, _WORTH_SHARE = 1e-4, 0.5
+#: Another reading, unit or time offset is only reported if the error is above WORTH_M, and is reduced below WORTH_SHARE of it.
+WORTH_M, WORTH_SHARE = 1e-4, 0.5
 #: Rotations read in the wrong order are wrong by more than this, and in the right one by less than this share of it. Another convention of the
 #: camera's axes is wrong in every order.
 _WORTH_DEG, _TURN_SHARE = 1.0, 0.25
@@ -47,7 +47,7 @@ class OtherReading:
         return None
 
     def _inverted_fits(self) -> bool:
-        closer = self.given_rmse_m > _WORTH_M and self.rmse_m < _WORTH_SHARE * self.given_rmse_m
+        closer = self.given_rmse_m > WORTH_M and self.rmse_m < WORTH_SHARE * self.given_rmse_m
         return closer and self.rotation_rmse_deg <= self.given_rotation_rmse_deg
 
     def _reordered_fits(self) -> bool:

@@ -42,7 +42,7 @@ from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, re
 from ..evaluation.time_offset import best_offset
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.trajectory import Trajectory
-from .other_reading import OtherReading
+from .other_reading import WORTH_M, WORTH_SHARE, OtherReading
 
 Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
@@ -60,10 +60,6 @@ class Source:
         return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.read_as.sentence}
 
 
-#: Another offset is only reported if the error is above _WORTH_M, and the offset reduces it below _WORTH_SHARE of it.
-_WORTH_M, _WORTH_SHARE = 1e-4, 0.5
-
-
 @dataclass(frozen=True)
 class BetterOffset:
     """An offset in seconds that, added to the estimate's stamps, greatly reduces the error; RMSE in metres of the same poses with and without it."""
@@ -77,7 +73,7 @@ class BetterOffset:
         cls, reference: Trajectory, estimate: Trajectory, settings: Settings, rmse_m: float
     ) -> "BetterOffset | None":
         """The better offset; None if no constant offset has a much smaller error than `rmse_m`, measured with the same settings."""
-        found = best_offset(reference, estimate) if rmse_m > _WORTH_M else None
+        found = best_offset(reference, estimate) if rmse_m > WORTH_M else None
         if found is None:
             return None
         shifted = replace(settings, association=replace(settings.association, offset_s=found[0]))
@@ -86,7 +82,7 @@ class BetterOffset:
             with_it, without = (_measured(reference, same, s).translation_m.rmse for s in (shifted, settings))
         except InputError:
             return None
-        return cls(found[0], with_it, without) if with_it < _WORTH_SHARE * min(rmse_m, without) else None
+        return cls(found[0], with_it, without) if with_it < WORTH_SHARE * min(rmse_m, without) else None
 
 
 #: Other scales than these are no drift of an odometer in metres, but another unit of length, or none.
@@ -127,7 +123,7 @@ class OtherUnit:
             return None
         given_m = given.translation_m.rmse
         metres = _METRES[0] <= scale <= _METRES[1]
-        return None if metres or rmse_m >= _WORTH_SHARE * given_m else cls(scale, rmse_m, given_m)
+        return None if metres or rmse_m >= WORTH_SHARE * given_m else cls(scale, rmse_m, given_m)
 
     @property
     def sentence(self) -> str:
