@@ -116,7 +116,7 @@ def test_what_is_kept_is_not_measured_again_and_becomes_the_table(tmp_path, monk
     page.write_text("before\n<!-- measured: farm-splits -->\nold\n<!-- end of farm-splits -->\nafter\n")
     monkeypatch.setattr(measured, "TOP", tmp_path)
     split = {"light": "baked", "workers": 2, "threads": 2, "frames_an_hour": 27460.2, "busy_share": 0.914}
-    monkeypatch.setattr(measured, "output_of", lambda command, keep: {"splits": [split]})
+    monkeypatch.setattr(measured, "output_of", lambda command, keep, programs: {"splits": [split]})
     assert measured.main(["--only", "farm-splits"]) == 0
     assert page.read_text().splitlines()[3] == "| --- | --- | --- | --- | --- |"
     assert "\n| 2 x 2 | 27,460 | 91% |  |  |\n<!-- end of farm-splits -->\nafter\n" in page.read_text()
@@ -135,3 +135,19 @@ def test_steps_of_a_curve_are_relative_to_the_default_step_as_geometric_means():
     assert rows[2:] == ["| 1 | 1.00, 1.00 |", "| 2 | 2.00, 1.00 |", "| 4 | fails on 1 |"]
     points[-2]["tracked"] = 10
     assert measured._curve(1.0)([{"points": points}]).splitlines()[-1] == "| 4 | 0.71, 1.00 (75%) |"
+
+
+def test_programs_of_systems_are_passed_to_the_commands_that_use_them():
+    """Commands without a system get no option; a system that has the name of an odometer is not confused with it."""
+    programs = ["orbslam3=/opt/orb/bin/python", "dvo=/opt/dvo_tum"]
+    options = measured._program_options
+    assert options("run orbslam3 --runs 3 out/kt2/clean", programs) == ["--program", "/opt/orb/bin/python"]
+    assert options("run rtabmap out/kt2/clean", programs) == options("odometry dvo out/kt2/clean", programs) == []
+    stress = options("stress out/kt2/clean --system orbslam3", programs)
+    assert stress == ["--set", "orbslam3.program=/opt/orb/bin/python"]
+
+
+def test_a_command_that_fails_ends_the_measurement_in_a_line(capfd):
+    with pytest.raises(SystemExit, match="measured: iclnuim evaluate ended with exit code 2"):
+        measured.output_of("evaluate no/such/file no/such/other", None)
+    assert "Traceback" not in capfd.readouterr().err

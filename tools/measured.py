@@ -3,6 +3,7 @@
     python tools/measured.py --list                    pages, marks, commands
     python tools/measured.py --only light              one mark, or those of a page: docs/odometry
     python tools/measured.py --only farm --keep out/measured    also store the output of the commands; stored output is not measured again
+    python tools/measured.py --only docs/odometry --program orbslam3=/opt/orb/bin/python    a system that is not found on PATH
 
 In a page, a table is between `<!-- measured: MARK -->` and `<!-- end of MARK -->`. The script writes the text between these marks, and the
 pictures that the pages show. Commands run in the top folder of the checkout; sequences are those that `iclnuim make all` writes to out/.
@@ -486,18 +487,31 @@ def replaced(page: str, measured: Measured, text: str) -> str:
     return before + begin + text + end + after
 
 
-def output_of(command: str, keep: Path | None) -> Any:
-    """The output of the command with --json: stored output if there is any, else measured now."""
+def output_of(command: str, keep: Path | None, programs: Sequence[str] = ()) -> Any:
+    """The output of the command with --json: stored output if there is any, else measured now. programs: SYSTEM=PATH each."""
     kept = keep / f"{re.sub('[^A-Za-z0-9]+', '_', command)[:150]}.json" if keep else None
     if kept and kept.is_file():
         return json.loads(kept.read_text())
     print(f"iclnuim {command} --json", file=sys.stderr, flush=True)
-    words = [sys.executable, "-m", "iclnuim", *shlex.split(command), "--json"]
-    done = subprocess.run(words, cwd=TOP, stdout=subprocess.PIPE, text=True, check=True)
+    words = [sys.executable, "-m", "iclnuim", *shlex.split(command), *_program_options(command, programs), "--json"]
+    done = subprocess.run(words, cwd=TOP, stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        sys.exit(f"measured: iclnuim {command.split()[0]} ended with exit code {done.returncode}")
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(done.stdout)
     return json.loads(done.stdout)
+
+
+def _program_options(command: str, programs: Sequence[str]) -> list[str]:
+    """The options that name the programs of a command's systems."""
+    words, options = command.split(), []
+    for system, _, program in (one.partition("=") for one in programs):
+        if words[:2] == ["run", system]:
+            options += ["--program", program]
+        elif words[0] == "stress" and system in words:
+            options += ["--set", f"{system}.program={program}"]
+    return options
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -506,6 +520,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", metavar="TEXT", default="", help="only tables whose page or mark begins with TEXT")
     help = "store the output of the commands in FOLDER; a command with stored output is not run again"
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help=help)
+    help = "the program of a system of `iclnuim run` that is not found on PATH; may be given several times"
+    parser.add_argument("--program", metavar="SYSTEM=PATH", action="append", default=[], help=help)
     args = parser.parse_args(arguments)
     chosen = [m for m in MEASURED if m.mark.startswith(args.only) or m.page.startswith(args.only)]
     if not chosen:
@@ -517,7 +533,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             continue
         for command in measured.commands:
             if command not in outputs:
-                outputs[command] = output_of(command, args.keep)
+                outputs[command] = output_of(command, args.keep, args.program)
         page = TOP / measured.page
         text = measured.text([outputs[command] for command in measured.commands])
         page.write_text(replaced(page.read_text(), measured, text))

@@ -31,6 +31,7 @@ from iclnuim.shipped import source_commit, versions
 from ..systems.experiment import Experiment
 from ..systems.staging import StagedSequence
 from ..systems.system import System
+from . import code_version
 from .cell import Cell, Poses, cell, diagnostics, track_all
 from .plan import SEVERITIES, Plan
 from .segment import Segment
@@ -230,6 +231,10 @@ class Matrix:
             "method": name,
             "preset": self.preset if name in ODOMETERS else None,
             "version": _version(name),
+            "code": {
+                "frames": code_version.perturbing(),
+                "method": code_version.tracking() if name in ODOMETERS else None,
+            },
             "options": {k: v for k, v in system.options.items() if k != "program"} if system else None,
             "runs": self._runs(system) if system else 1,
         }

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
+from iclnuim.geometry import so3
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
@@ -13,10 +14,10 @@ from iclnuim.odometry import icp, kernels  # noqa: E402
 from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information, spread_information  # noqa: E402
 from iclnuim.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
 from iclnuim.odometry.icp import Icp  # noqa: E402
-from iclnuim.odometry.photometric import Dvo, PhotometricTerm, Tiles  # noqa: E402
+from iclnuim.odometry.photometric import Dvo, PhotometricTerm, Rgbd, Tiles  # noqa: E402
 from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
 from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
-from iclnuim.odometry.solver import MAX_SIGMA_M, Limits, Pass, Stop, System, solve  # noqa: E402
+from iclnuim.odometry.solver import MAX_SIGMA_M, Level, Limits, Pass, Stop, System, solve  # noqa: E402
 from iclnuim.odometry.track import EntropyReference, KeyframeReference, Reference, Tracker, track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
@@ -190,6 +191,23 @@ def test_blocks_of_tiles_add_up_to_the_equations_of_the_motion():
         blocks = System.of_sums(np.pad(term.tiles.block_sums().sum(axis=0), (0, 7)))
         np.testing.assert_allclose(blocks.A, system.A, rtol=1e-9, atol=1e-9 * np.abs(system.A).max())
         np.testing.assert_allclose(blocks.b, system.b, rtol=1e-9, atol=1e-9 * np.abs(system.b).max())
+
+
+@pytest.mark.parametrize(("outliers", "status"), [(60, Status.OK), (130, Status.DEGENERATE)])
+def test_an_image_whose_greater_part_depth_contradicts_is_reported(outliers, status):
+    """Of 192 equal tiles, `outliers` have a certain factor of 1.6 instead of 1."""
+    term = PhotometricTerm(*(2 * [blank()]), Rgbd.PRESETS["best"], 0, tiles=Tiles())
+    term.tiles.factor[:outliers], term.tiles.scale_ambiguity = 1.6, 0.0
+    sums = np.zeros((192, 42))
+    sums[:, [0, 6, 11, 28]], sums[:, 40] = 1.0, 1e9
+    term.tiles.eliminated(sums, firm=True)
+    assert term.tiles.inlier_share() == pytest.approx(1 - outliers / 192, abs=0.01)
+    assert term.checked(Result(SE3.identity())).status is status
+    assert term.checked(Result(SE3.identity(), Status.FAILED)).status is Status.FAILED
+
+
+def blank():
+    return Level(np.zeros((48, 64), np.float32), np.ones((48, 64), np.float32), CAMERA)
 
 
 def beside_the_camera(i):
@@ -453,6 +471,30 @@ def test_after_an_uncertain_pose_frames_are_reported_until_an_alignment_converge
     assert reasons([0, 1e-3, 0.03, 0.03, 1e-3, 1e-3], unconverged=(1, 3, 4, 5)) == ["", "", "", after, after, ""]
     assert reasons([0, 1e-3, 0.03, 1e-3], unconverged=(1,)) == [""] * 4
     assert reasons([0, 1e-3, 0.01, 1e-3], unconverged=(1, 2, 3)) == [""] * 4
+
+
+def test_an_unconverged_pose_far_from_its_prediction_is_reported():
+    def reasons(places_m, angles_deg, unconverged):
+        class Placed:
+            name, reference = "placed", "frame"
+
+            def prepare(self, frame, camera):
+                return int(frame.stamp_s)
+
+            def align(self, one, other, guess):
+                axis = np.array([0, 0, np.radians(angles_deg[other] - angles_deg[one])])
+                T = SE3(so3.exp(axis), [places_m[other] - places_m[one], 0, 0])
+                return Result(T, converged=other not in unconverged, largest_sigma_m=1e-3)
+
+        tracker = Tracker(Placed(), CAMERA)
+        frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(places_m))]
+        return [tracker.add(i, frame).result.reason for i, frame in enumerate(frames)]
+
+    far, still = "track: not converged, and far from the prediction", [0.0] * 4
+    assert reasons([0, 0.03, 0.06, 0.09], still, unconverged=(2, 3)) == [""] * 4  # as predicted
+    assert reasons([0, 0.01, 0.045, 0.08], still, unconverged=(2, 3)) == ["", "", far, ""]
+    assert reasons([0, 0.01, 0.045, 0.08], still, unconverged=()) == [""] * 4
+    assert reasons(still, [0, 0.2, 1.6, 3.0], unconverged=(2, 3)) == ["", "", far, ""]
 
 
 def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():

@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 
 import pytest
 from iclnuim.headless.commands.stress import _segment, _systems
+from iclnuim.headless.stress import code_version
 from iclnuim.headless.stress.plan import read_plan
 
 SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "1")
@@ -59,6 +60,36 @@ def test_cells_of_another_version_of_a_package_are_made_again(command_here, fold
     assert command_here(*words, "--methods", "icp")[0] == 0
     again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
     assert again and again == {file for file in stamps if "/icp" in file}
+
+
+def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monkeypatch):
+    """Other code of our odometers: only their cells; other code that perturbs frames: all cells."""
+    out = tmp_path / "out"
+    words = ("stress", folder, "-o", out, "--only", "holes", "--severities", "5", *SMALL, "--quiet")
+    words += ("--methods", "icp")
+    assert command_here(*words)[0] == 0
+    for name, expected in (("tracking", "/icp"), ("perturbing", "")):
+        stamps = {file: os.stat(out / file).st_mtime_ns for file in cells(out)}
+        monkeypatch.setattr(code_version, name, lambda: "other")
+        assert command_here(*words)[0] == 0
+        again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
+        assert again and again == {file for file in stamps if expected in file}
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ('"""Other words."""\n\nLIMIT = (\n    3\n)\n\n\ndef f():  # a comment\n    return LIMIT\n', True),
+        ("LIMIT = 4\n\n\ndef f():\n    return LIMIT\n", False),
+        ("LIMIT = 3\n\n\ndef f():\n    return -LIMIT\n", False),
+    ],
+)
+def test_the_hash_of_code_ignores_comments_and_layout(tmp_path, text, same):
+    one, other = tmp_path / "a/limits.py", tmp_path / "b/limits.py"
+    for file, content in ((one, 'LIMIT = 3\n\n\ndef f():\n    """The limit."""\n    return LIMIT\n'), (other, text)):
+        file.parent.mkdir()
+        file.write_text(content)
+    assert (code_version.code_sha256([one]) == code_version.code_sha256([other])) == same
 
 
 def test_cells_of_a_file_are_reported_without_being_measured(command_here, folder, tmp_path, monkeypatch):

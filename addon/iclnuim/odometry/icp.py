@@ -291,7 +291,7 @@ class IcpRgbd(Icp):
                     return alone, coarsest.first_m
         if result.status is not Status.FAILED and finest.unrelated():
             return self.alone._align_from(reference, current, guess)
-        return start.checked(result), coarsest.first_m
+        return start.checked(finest.checked(result)), coarsest.first_m
 
     def _outweighs(
         self, alone: Result, reference: list[Level], current: list[Level], schedule: list[tuple[int, int]]

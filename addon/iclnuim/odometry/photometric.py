@@ -31,7 +31,7 @@ from ..geometry.se3 import SE3
 from . import certainty, kernels
 from .depth_term import FIRM, LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .protocol import Frame, Result, Status, failure
-from .solver import Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, small_twist, solve
+from .solver import SYMMETRIC, Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, small_twist, solve
 
 NONE = np.empty(0)
 #: An image with a smaller standard deviation (grey levels) is black, white or covered.
@@ -49,8 +49,12 @@ MIN_FIT, ITERATIONS_FACTOR, MIN_VISIBLE = 0.9, 4, 0.5
 ROUNDS, CLEARLY = 5, 1.5
 #: A correlation of fewer pixels is not significant.
 MIN_PIXELS = 30
+#: If tiles whose depth is an outlier hold the majority of the image's information, the inliers may be the parts with wrong depth.
+MIN_INLIER_SHARE = 0.5
 #: Tiles of the image (columns, rows).
 ACROSS, DOWN = 16, 12
+#: Rows of A that are about the translation.
+TRANSLATION = np.arange(3)
 #: Row and column of each element of the upper triangle of A (21,).
 UPPER = np.triu_indices(6)
 #: Number of pixels of a tile that share one error.
@@ -103,6 +107,7 @@ class Tiles:
         self.scale_ambiguity = 1.0  # scale_ambiguity() of the motion
         self._equations: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._eliminated: tuple[np.ndarray, ...] = ()
+        self._weights = np.ones(ACROSS * DOWN)
         self._T, self._error = SE3.identity(), 0.0
 
     def update(self, T: SE3) -> None:
@@ -133,10 +138,15 @@ class Tiles:
         self._equations = slopes, tile_information, tile_rhs
         scales = weights + (1.0 - weights) * self.scale_ambiguity
         share = slopes * (scales / tile_information)[:, None]
-        self._eliminated = sums, scales, share, slopes, tile_rhs
+        self._eliminated, self._weights = (sums, scales, share, slopes, tile_rhs), weights
         system = System.of_sums(scales @ sums[:, :34])
         self._error, count = system.error, float(weights @ sums[:, 29])
         return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ tile_rhs, count=count)
+
+    def inlier_share(self) -> float:
+        """Share, 0..1, of the information about the translation that is in tiles whose depth is an inlier, in the last equations."""
+        information = self._eliminated[0][:, SYMMETRIC[TRANSLATION, TRANSLATION]].sum(axis=1)
+        return float(self._weights @ information / max(information.sum(), 1e-30))
 
     def block_sums(self) -> np.ndarray:
         """A (upper triangle) and b of the last equations, by block of the image (certainty.ACROSS * certainty.DOWN, 27)."""
@@ -230,6 +240,12 @@ class PhotometricTerm:
         """
         found = self.correlation()
         return "" if not found < MIN_CORRELATION else f"image: unrelated to the reference, correlation {found:.2f}"
+
+    def checked(self, result: Result) -> Result:
+        """The result; DEGENERATE if depth contradicts the greater part of the image (MIN_INLIER_SHARE) at the last call."""
+        if not self.tiles or result.status is not Status.OK or (share := self.tiles.inlier_share()) >= MIN_INLIER_SHARE:
+            return result
+        return replace(result, status=Status.DEGENERATE, reason=f"depth: contradicts {1 - share:.0%} of the image")
 
 
 def photometric_passes(
@@ -392,6 +408,7 @@ class Rgbd(PyramidOdometer):
         result = solve(passes, start.guess, self.settings.limits)
         if result.status is not Status.FAILED and (reason := finest.unrelated()):
             return failure(reason)
+        result = finest.checked(result)
         return start.checked(depth.checked(result) if depth else result)
 
 

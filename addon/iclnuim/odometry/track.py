@@ -181,7 +181,8 @@ class Tracker:
     Each alignment starts from a constant-velocity prediction, except after a lost frame, or from that of a SequentialOdometer. A frame that repeats the one before is not
     aligned: it keeps the pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was a DEGENERATE outlier:
     the motion between the two is wrong. So is a frame that has not converged after a pose with a standard deviation of more than
-    WRONG_M: it started from a motion that is not known. Raises InputError for an unknown policy.
+    WRONG_M: it started from a motion that is not known; and one that has not converged and is farther from its prediction than what
+    counts as wrong. Raises InputError for an unknown policy.
     """
 
     def __init__(
@@ -234,7 +235,7 @@ class Tracker:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
         guess = self.T_view_camera @ self._expected(stamp_s, previous, current)
         result = self.odometer.align(self.view, current, guess)
-        if result.status is Status.OK and (doubt := self._doubt(stamp_s, frame, result)):
+        if result.status is Status.OK and (doubt := self._doubt(stamp_s, frame, guess, result)):
             result = replace(result, status=Status.DEGENERATE, reason=doubt)
         return current, result
 
@@ -249,7 +250,7 @@ class Tracker:
             return self.sequential.initial_motion(previous, current)
         return SE3.identity() if self.losses else self._predicted(stamp_s)
 
-    def _doubt(self, stamp_s: float, frame: Frame, result: Result) -> str:
+    def _doubt(self, stamp_s: float, frame: Frame, guess: SE3, result: Result) -> str:
         """The reason why a pose that its odometer reports as OK is DEGENERATE; empty if there is none."""
         if frame.flat():  # such depth fits every motion that keeps its distance
             return "depth: the same value in all pixels"
@@ -261,6 +262,8 @@ class Tracker:
             return "track: the pose before was an outlier"
         if self.uncertain and not result.converged:
             return "track: not converged, and the pose before was uncertain"
+        if not result.converged and _apart(guess, result.T_reference_camera):
+            return "track: not converged, and far from the prediction"
         return ""
 
     def _after_outlier(self, stamp_s: float, T_world_camera: SE3) -> bool:
@@ -308,6 +311,11 @@ class Tracker:
     def _set_view(self, view: tuple[Any, SE3], pose: SE3) -> None:
         self.view, self.T_world_view = view
         self.T_view_camera = self.T_world_view.inverse() @ pose
+
+
+def _apart(T_one: SE3, T_other: SE3) -> bool:
+    """Whether two poses of a camera differ by more than what counts as wrong."""
+    return bool(np.linalg.norm(T_one.translation - T_other.translation) > WRONG_M) or rotated(T_one, T_other, WRONG_DEG)
 
 
 def _rigid(T: SE3) -> SE3:
