@@ -61,11 +61,11 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     h, t = SKIRT_TOP, SKIRT_THICK
     runs = [
         skirting((X0, Y1), (X0, Y0), h, t, (True, True)),
-        skirting((X0, Y0), (WINDOW[0] - 0.002, Y0), h, t, (True, False)),
-        skirting((WINDOW[1] + 0.002, Y0), (X1, Y0), h, t, (False, True)),
+        skirting((X0, Y0), (WINDOW[0] - 0.002, Y0), h, t, (True, False), capped=True),
+        skirting((WINDOW[1] + 0.002, Y0), (X1, Y0), h, t, (False, True), capped=True),
         skirting((X1, Y0), (X1, Y1), h, t, (True, True)),
-        skirting((X1, Y1), (DOOR[1], Y1), h, t, (True, False)),
-        skirting((DOOR[0], Y1), (X0, Y1), h, t, (False, True)),
+        skirting((X1, Y1), (DOOR[1], Y1), h, t, (True, False), capped=True),
+        skirting((DOOR[0], Y1), (X0, Y1), h, t, (False, True), capped=True),
     ]
     stage.add("skirting", "moulding", join(runs).moved(z=Z0), "white paint")
     x0, x1, top = DOOR

@@ -38,10 +38,16 @@ def plane(
 
 
 def skirting(
-    start: tuple[float, float], end: tuple[float, float], height: float, thick: float, cut: tuple[bool, bool]
+    start: tuple[float, float],
+    end: tuple[float, float],
+    height: float,
+    thick: float,
+    cut: tuple[bool, bool],
+    capped: bool = False,
 ) -> Mesh:
     """A skirting board on the floor (z = 0) from start to end (x, y) with the room on its left; `cut`: mitred into an
-    inner corner.
+    inner corner. capped: close the other ends, where the board is thicker than what it meets: there is no wall behind it, and outside would be
+    seen past it.
     """
     a, b = np.array(start, float), np.array(end, float)
     along = (b - a) / np.linalg.norm(b - a)
@@ -58,7 +64,13 @@ def skirting(
     for out, z in profile:
         ends = [a + along * (out if cut[0] else 0), b - along * (out if cut[1] else 0)]
         rows.append([[*(p + into * out), z] for p in ends])
-    return grid(np.array(rows)).flipped().box_mapped(1.0)
+    parts = [grid(np.array(rows)).flipped()]
+    for place, is_cut, side in ((a, cut[0], 1), (b, cut[1], -1)):
+        if capped and not is_cut:
+            back = [[*(place + into * out * share), z] for out, z in profile[:-1] for share in (0.0, 1.0)]
+            cap = grid(np.array(back).reshape(-1, 2, 3))
+            parts.append(cap if side < 0 else cap.flipped())
+    return join(parts).box_mapped(1.0)
 
 
 def door(width: float, height: float, detail: float) -> Mesh:
