@@ -16,7 +16,7 @@ _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 def code_sha256(files: Iterable[Path]) -> str:
     """The hash of Python files, by name and syntax tree."""
-    return sha256("\n".join(f"{file.name} {_meaning(file.read_text())}" for file in sorted(files)).encode())
+    return sha256("\n".join(f"{file.name} {_meaning(file.read_bytes())}" for file in sorted(files)).encode())
 
 
 @functools.cache
@@ -36,7 +36,7 @@ def _files(package: ModuleType) -> list[Path]:
     return list(Path(package.__path__[0]).glob("*.py"))
 
 
-def _meaning(source: str) -> str:
+def _meaning(source: bytes) -> str:
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
