@@ -67,8 +67,7 @@ def skirting(
     parts = [grid(np.array(rows)).flipped()]
     for place, is_cut, side in ((a, cut[0], 1), (b, cut[1], -1)):
         if capped and not is_cut:
-            back = [[*(place + into * out * share), z] for out, z in profile[:-1] for share in (0.0, 1.0)]
-            cap = grid(np.array(back).reshape(-1, 2, 3))
+            cap = grid(np.array([[[*place, z], [*(place + into * out), z]] for out, z in profile[:-1]]))
             parts.append(cap if side < 0 else cap.flipped())
     return join(parts).box_mapped(1.0)
 

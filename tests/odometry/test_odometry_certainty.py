@@ -426,23 +426,31 @@ def test_a_single_outlier_becomes_no_keyframe():
     assert kept([0, 0.006, 0.5, 0.008], bad=()) == [0, 0, 2, 3]
 
 
+def reasons_of_tracked(count, result_of, lost=()):
+    """The reasons that a tracker reports for `count` frames, of which those in `lost` have no image, if an odometer aligns frame `other` with
+    frame `one` with result_of(one, other)."""
+
+    class Stub:
+        name, reference = "stub", "frame"
+
+        def prepare(self, frame, camera):
+            return int(frame.stamp_s)
+
+        def align(self, one, other, guess):
+            return result_of(one, other)
+
+    tracker = Tracker(Stub(), CAMERA)
+    frames = [replace(view(i, ROOM), stamp_s=i) for i in range(count)]
+    return [tracker.add(i, "no image" if i in lost else f).result.reason for i, f in enumerate(frames)]
+
+
 def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wrong():
     def states(places_m, bad, lost=()):
-        class Placed:
-            name, reference = "placed", "frame"
+        def result_of(one, other):
+            T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
+            return Result(T, Status.DEGENERATE if other in bad else Status.OK, reason="test" if other in bad else "")
 
-            def prepare(self, frame, camera):
-                return int(frame.stamp_s)
-
-            def align(self, one, other, guess):
-                T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
-                return Result(
-                    T, Status.DEGENERATE if other in bad else Status.OK, reason="test" if other in bad else ""
-                )
-
-        tracker = Tracker(Placed(), CAMERA)
-        frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(places_m))]
-        return [tracker.add(i, "no image" if i in lost else f).result.reason for i, f in enumerate(frames)]
+        return reasons_of_tracked(len(places_m), result_of, lost)
 
     outlier = "track: the pose before was an outlier"
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", outlier, ""]
@@ -454,18 +462,10 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
 
 def test_after_an_uncertain_pose_frames_are_reported_until_an_alignment_converges_or_is_certain():
     def reasons(sigmas_m, unconverged):
-        class Placed:
-            name, reference = "placed", "frame"
+        def result_of(one, other):
+            return Result(SE3.identity(), converged=other not in unconverged, largest_sigma_m=sigmas_m[other])
 
-            def prepare(self, frame, camera):
-                return int(frame.stamp_s)
-
-            def align(self, one, other, guess):
-                return Result(SE3.identity(), converged=other not in unconverged, largest_sigma_m=sigmas_m[other])
-
-        tracker = Tracker(Placed(), CAMERA)
-        frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(sigmas_m))]
-        return [tracker.add(i, frame).result.reason for i, frame in enumerate(frames)]
+        return reasons_of_tracked(len(sigmas_m), result_of)
 
     after = "track: not converged, and the pose before was uncertain"
     assert reasons([0, 1e-3, 0.03, 0.03, 1e-3, 1e-3], unconverged=(1, 3, 4, 5)) == ["", "", "", after, after, ""]
@@ -475,20 +475,12 @@ def test_after_an_uncertain_pose_frames_are_reported_until_an_alignment_converge
 
 def test_an_unconverged_pose_far_from_its_prediction_is_reported():
     def reasons(places_m, angles_deg, unconverged):
-        class Placed:
-            name, reference = "placed", "frame"
+        def result_of(one, other):
+            axis = np.array([0, 0, np.radians(angles_deg[other] - angles_deg[one])])
+            T = SE3(so3.exp(axis), [places_m[other] - places_m[one], 0, 0])
+            return Result(T, converged=other not in unconverged, largest_sigma_m=1e-3)
 
-            def prepare(self, frame, camera):
-                return int(frame.stamp_s)
-
-            def align(self, one, other, guess):
-                axis = np.array([0, 0, np.radians(angles_deg[other] - angles_deg[one])])
-                T = SE3(so3.exp(axis), [places_m[other] - places_m[one], 0, 0])
-                return Result(T, converged=other not in unconverged, largest_sigma_m=1e-3)
-
-        tracker = Tracker(Placed(), CAMERA)
-        frames = [replace(view(i, ROOM), stamp_s=i) for i in range(len(places_m))]
-        return [tracker.add(i, frame).result.reason for i, frame in enumerate(frames)]
+        return reasons_of_tracked(len(places_m), result_of)
 
     far, still = "track: not converged, and far from the prediction", [0.0] * 4
     assert reasons([0, 0.03, 0.06, 0.09], still, unconverged=(2, 3)) == [""] * 4  # as predicted

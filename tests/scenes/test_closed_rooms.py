@@ -40,7 +40,7 @@ def under_the_skirting(m):
 
 def past_the_skirting(m, room):
     """Points (n, 3) on the lines where the skirting meets the casing of the door, up to its height, before and behind its front."""
-    height = 0.145 if room == "living_room" else 0.06
+    height = m.SKIRT_TOP if room == "living_room" else 0.06
     z = m.Z0 + np.linspace(0.002, height - 0.03, 40)
     places = [(x, m.Y1 - 0.0255 + d) for x in m.DOOR[:2] for d in np.linspace(0.0, 0.02, 9)]
     return np.concatenate([np.stack(np.broadcast_arrays(x, y, z), -1) for x, y in places])

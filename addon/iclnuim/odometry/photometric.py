@@ -53,8 +53,6 @@ MIN_PIXELS = 30
 MIN_INLIER_SHARE = 0.5
 #: Tiles of the image (columns, rows).
 ACROSS, DOWN = 16, 12
-#: Rows of A that are about the translation.
-TRANSLATION = np.arange(3)
 #: Row and column of each element of the upper triangle of A (21,).
 UPPER = np.triu_indices(6)
 #: Number of pixels of a tile that share one error.
@@ -107,7 +105,6 @@ class Tiles:
         self.scale_ambiguity = 1.0  # scale_ambiguity() of the motion
         self._equations: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._eliminated: tuple[np.ndarray, ...] = ()
-        self._weights = np.ones(ACROSS * DOWN)
         self._T, self._error = SE3.identity(), 0.0
 
     def update(self, T: SE3) -> None:
@@ -138,19 +135,20 @@ class Tiles:
         self._equations = slopes, tile_information, tile_rhs
         scales = weights + (1.0 - weights) * self.scale_ambiguity
         share = slopes * (scales / tile_information)[:, None]
-        self._eliminated, self._weights = (sums, scales, share, slopes, tile_rhs), weights
+        self._eliminated = sums, weights, scales, share, slopes, tile_rhs
         system = System.of_sums(scales @ sums[:, :34])
         self._error, count = system.error, float(weights @ sums[:, 29])
         return replace(system, A=system.A - share.T @ slopes, b=system.b - share.T @ tile_rhs, count=count)
 
     def inlier_share(self) -> float:
         """Share, 0..1, of the information about the translation that is in tiles whose depth is an inlier, in the last equations."""
-        information = self._eliminated[0][:, SYMMETRIC[TRANSLATION, TRANSLATION]].sum(axis=1)
-        return float(self._weights @ information / max(information.sum(), 1e-30))
+        sums, weights, *_ = self._eliminated
+        information = sums[:, SYMMETRIC.diagonal()[:3]].sum(axis=1)
+        return float(weights @ information / max(information.sum(), 1e-30))
 
     def block_sums(self) -> np.ndarray:
         """A (upper triangle) and b of the last equations, by block of the image (certainty.ACROSS * certainty.DOWN, 27)."""
-        (sums, scales, share, slopes, tile_rhs), (row, column) = self._eliminated, UPPER
+        (sums, _, scales, share, slopes, tile_rhs), (row, column) = self._eliminated, UPPER
         tiles = scales[:, None] * sums[:, :27]
         tiles[:, :21] -= share[:, row] * slopes[:, column]
         tiles[:, 21:] -= share * tile_rhs[:, None]

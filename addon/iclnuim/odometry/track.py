@@ -262,7 +262,7 @@ class Tracker:
             return "track: the pose before was an outlier"
         if self.uncertain and not result.converged:
             return "track: not converged, and the pose before was uncertain"
-        if not result.converged and _apart(guess, result.T_reference_camera):
+        if not result.converged and _apart(guess, result.T_reference_camera, WRONG_M, WRONG_DEG):
             return "track: not converged, and far from the prediction"
         return ""
 
@@ -272,8 +272,7 @@ class Tracker:
             return False
         (good_s, T_world_good), (doubtful_s, T_world_doubtful) = self.good, self.doubtful
         expected = T_world_good.interpolate(T_world_camera, (doubtful_s - good_s) / (stamp_s - good_s))
-        off_m = np.linalg.norm(expected.translation - T_world_doubtful.translation)
-        return bool(off_m > OUTLIER_M) or rotated(expected, T_world_doubtful, OUTLIER_DEG)
+        return _apart(expected, T_world_doubtful, OUTLIER_M, OUTLIER_DEG)
 
     def _predicted(self, stamp_s: float) -> SE3:
         """The last motion, for as long as the last pose is ago."""
@@ -313,9 +312,9 @@ class Tracker:
         self.T_view_camera = self.T_world_view.inverse() @ pose
 
 
-def _apart(T_one: SE3, T_other: SE3) -> bool:
-    """Whether two poses of a camera differ by more than what counts as wrong."""
-    return bool(np.linalg.norm(T_one.translation - T_other.translation) > WRONG_M) or rotated(T_one, T_other, WRONG_DEG)
+def _apart(T_one: SE3, T_other: SE3, max_m: float, max_deg: float) -> bool:
+    """Whether two poses differ by more than max_m, or by max_deg degrees or more."""
+    return bool(np.linalg.norm(T_one.translation - T_other.translation) > max_m) or rotated(T_one, T_other, max_deg)
 
 
 def _rigid(T: SE3) -> SE3:
