@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from . import paintings, textures
-from .materials import glossy, glow, image, matte, metal, pane, thin_cloth
+from .materials import glossy, glow, image, matte, pane, polished, thin_cloth
 
 
 def _sizes(detail: float) -> dict[str, int]:
@@ -101,9 +101,9 @@ def _pictures(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Mater
 
 def _plain(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "steel": metal("steel", (0.56, 0.55, 0.53)),
+        "steel": polished("steel", (0.22, 0.215, 0.205), 0.3),
         "trim": glossy("trim", (0.16, 0.16, 0.16)),
-        "brass": metal("brass", (0.62, 0.45, 0.22)),
+        "brass": polished("brass", (0.42, 0.27, 0.08), 0.2),
         "dark metal": glossy("dark metal", (0.03, 0.03, 0.032)),
         "lens": glow("lens", (1.0, 0.93, 0.80), 9.0),
         "bulb": glow("bulb", (1.0, 0.78, 0.50), 8.0),

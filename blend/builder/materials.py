@@ -1,5 +1,5 @@
-"""Blender materials of the few kinds that light baking supports: diffuse under a Fresnel or constant gloss, metal,
-pane, thin cloth, emission.
+"""Blender materials of the few kinds that light baking supports: diffuse under a Fresnel or constant gloss, pane,
+thin cloth, emission.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ def _shader(
     return node.outputs[0]
 
 
-def _mirror(tree: bpy.types.NodeTree, colour: Colour = (1.0, 1.0, 1.0)) -> bpy.types.NodeSocket:
+def _mirror(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
     """All gloss of the rooms is a perfect mirror: it has no noise at one ray per pixel, unlike a rough surface."""
-    return _shader(tree, "ShaderNodeBsdfGlossy", colour, 0.0)
+    return _shader(tree, "ShaderNodeBsdfGlossy", (1.0, 1.0, 1.0), 0.0)
 
 
 def _mix(
@@ -113,15 +113,13 @@ def glossy(name: str, colour: Colour, ior: float = 1.45) -> bpy.types.Material:
 
 
 def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
-    """Diffuse with a mirror reflection of the same share at every angle, like polished aluminium profiles."""
+    """Diffuse with a mirror reflection of the same share at every angle: metals.
+
+    On a thin pole one ray per pixel would see anything in a fully mirrored room: noise.
+    """
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
     return _finish(material, _mix(tree, below, _mirror(tree), share=share))
-
-
-def metal(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
-    material, tree = _new(name)
-    return _finish(material, _mirror(tree, colour))
 
 
 def pane(name: str) -> bpy.types.Material:

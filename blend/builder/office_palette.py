@@ -10,7 +10,7 @@ import numpy as np
 
 from . import office_textures as tex
 from . import paintings, textures
-from .materials import glossy, glow, image, matte, metal, polished
+from .materials import glossy, glow, image, matte, polished
 from .office_storage import BINDER_CELLS, BOOK_CELLS
 
 
@@ -99,8 +99,8 @@ def _plain() -> dict[str, bpy.types.Material]:
         "dark": matte("dark", (0.035, 0.033, 0.030)),
         "screen": glossy("screen", (0.008, 0.009, 0.010), 1.5),
         "steel paint": glossy("steel paint", (0.19, 0.194, 0.19)),
-        "steel": metal("steel", (0.66, 0.66, 0.64)),
-        "chrome": metal("chrome", (0.82, 0.82, 0.80)),
+        "steel": polished("steel", (0.12, 0.12, 0.115), 0.3),
+        "chrome": polished("chrome", (0.25, 0.25, 0.24), 0.5),
         "blue board": matte("blue board", (0.040, 0.075, 0.135)),
         "blue plastic": glossy("blue plastic", (0.05, 0.17, 0.25)),
         "red plastic": glossy("red plastic", (0.26, 0.05, 0.04)),

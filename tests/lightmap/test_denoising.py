@@ -57,6 +57,25 @@ def test_rare_bright_paths_leave_no_specks_and_no_light_is_lost():
     assert luminance(out).max() < 3 * mean
 
 
+def test_a_speck_in_both_halves_becomes_like_its_neighbours_also_at_the_corner_of_a_chart():
+    chart, normals, usable = flat_room(2)
+    truth = np.where(chart[..., None] == 0, 0.3, 0.6).repeat(3, -1)
+    a, b = halves(truth, 0.005)
+    for half in (a, b):
+        half[40, 20] = half[0, 47] = half[95, 95] = 3.0
+        half[70, 70] = 0.0
+    out = denoise(a, b, chart, normals, usable)
+    assert np.abs(luminance(out) / luminance(truth) - 1).max() < 0.03
+
+
+def test_a_beam_one_texel_wide_stays():
+    chart, normals, usable = flat_room()
+    truth = np.full((SIZE, SIZE, 3), 0.3)
+    truth[:, 50] = 2.0
+    out = denoise(*halves(truth, 0.005), chart, normals, usable)
+    assert np.abs(luminance(out)[:, 50] / 2.0 - 1).max() < 0.03
+
+
 def test_a_mask_grows_by_steps_within_its_chart():
     chart, *_ = flat_room(2)
     chart[:10] = -1

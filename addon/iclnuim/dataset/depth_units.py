@@ -16,8 +16,10 @@ KINDS = ("background", "nan", "infinite", "negative", "beyond_range", *_AFTER_NO
 def depth16_from_metres(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:
     """(h, w) planar metres -> uint16, rounded. Values outside 0..65535 units become 0 and never wrap around."""
     with np.errstate(invalid="ignore", over="ignore"):
-        units = np.rint(depth_z_m * np.float32(units_per_metre))
-        return np.where((units > 0) & (units <= LARGEST_UNIT), units, 0).astype(np.uint16)
+        units = depth_z_m * np.float32(units_per_metre)
+        np.rint(units, out=units)
+        units[~((units > 0) & (units <= LARGEST_UNIT))] = 0
+        return units.astype(np.uint16)
 
 
 def metres_from_depth16(units: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:

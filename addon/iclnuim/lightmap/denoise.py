@@ -15,6 +15,8 @@ _KERNEL = {-1: 0.25, 0: 0.5, 1: 0.25}
 _NORMAL_POWER = 32
 #: A texel is a firefly (a rare bright path in one half) if its halves differ by more than this factor times the median of its neighbours.
 _ODD = 6.0
+#: Neighbours of a texel at the corner of a chart.
+_CORNER = 3
 _NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
 
@@ -30,7 +32,25 @@ def denoise(
     for level in range(_LEVELS):
         smoothed = [_wavelet(halves[k], halves[1 - k], spread[k], chart, facing, mask, 1 << level) for k in (0, 1)]
         halves, spread = zip(*smoothed, strict=True)
-    return (halves[0] + halves[1]) / 2
+    return _within_neighbours((halves[0] + halves[1]) / 2, chart, mask)
+
+
+def _within_neighbours(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """`light` (h, w, 3) with each usable texel limited to the range of its neighbours, by channel (conservative smoothing).
+
+    A texel that is brighter or darker than all around it is a firefly that both halves found, or a point with another view than theirs. At
+    the corner of a chart it has three neighbours; with fewer it is kept.
+    """
+    lowest, highest = np.full_like(light, np.inf), np.full_like(light, -np.inf)
+    count = np.zeros(usable.shape, np.uint8)
+    for dy, dx in _NEIGHBOURS:
+        same = shifted(usable, dy, dx, False) & (shifted(chart, dy, dx, -2) == chart)
+        beside = shifted(light, dy, dx, 0)
+        np.minimum(lowest, beside, out=lowest, where=same[..., None])
+        np.maximum(highest, beside, out=highest, where=same[..., None])
+        count += same
+    limited = usable & (count >= _CORNER)
+    return np.where(limited[..., None], np.clip(light, lowest, highest), light)
 
 
 def luminance(light: np.ndarray) -> np.ndarray:

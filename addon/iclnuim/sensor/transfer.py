@@ -7,6 +7,9 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.se3 import read_only
 
+#: Pixels' values that are looked up at once.
+_PIECE = 1 << 15
+
 
 def srgb8(light: np.ndarray) -> np.ndarray:
     """Scene-linear light, 1 = white, any shape -> uint8 of the same shape, rounded to the nearest.
@@ -16,7 +19,7 @@ def srgb8(light: np.ndarray) -> np.ndarray:
     """
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(light, np.float16)
-    return _srgb8_of_half().take(half.view(np.uint16), mode="clip")
+    return _looked_up(_srgb8_of_half(), half.view(np.uint16))
 
 
 def srgb8_in_place(light: np.ndarray) -> np.ndarray:
@@ -45,6 +48,16 @@ def srgb_from_light(light: np.ndarray) -> np.ndarray:
 def light_from_srgb(value: np.ndarray) -> np.ndarray:
     """The inverse of the sRGB transfer function, 0..1 -> 0..1, float64."""
     return np.where(value <= 0.04045, value / 12.92, np.power((value + 0.055) / 1.055, 2.4))
+
+
+def _looked_up(table: np.ndarray, codes: np.ndarray) -> np.ndarray:
+    """The entries of a table for codes of any shape, in pieces whose indices of 8 bytes stay in the processor's cache."""
+    values = np.empty(codes.shape, table.dtype)
+    codes, flat = codes.ravel(), values.ravel()
+    for start in range(0, len(codes), _PIECE):
+        piece = slice(start, start + _PIECE)
+        table.take(codes[piece], mode="clip", out=flat[piece])
+    return values
 
 
 @functools.cache
