@@ -70,11 +70,10 @@ def pixels_of(image):
 def levels_of(image, size):
     """The levels of a texture of size x size texels, without their margins."""
     pixels, before = pixels_of(image), mipmaps.margins(size)[0]
-    start, found = 0, []
+    found = []
     for k in range(mipmaps.LEVELS):
-        margin, side = before // 2**k, size // 2**k
+        margin, side, start = before // 2**k, size // 2**k, image.size[0] // 2 // 2**k
         found.append(pixels[margin : margin + side, start + margin : start + margin + side, :3])
-        start += image.size[0] // 2 // 2**k
     return found
 
 
@@ -92,7 +91,8 @@ def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there
     ramp = np.broadcast_to(np.linspace(0, 1, TEXELS)[None, :, None], (TEXELS, TEXELS, 3))
     before, after = mipmaps.margins(TEXELS)
     for extension, outside in (("REPEAT", (ramp[0, -1, 0], ramp[0, 0, 0])), ("EXTEND", (0.0, 1.0))):
-        row = pixels_of(mipmaps.with_mipmaps(new_image(ramp), extension))[before, :, 0]
+        pixels = pixels_of(mipmaps.with_mipmaps(new_image(ramp), extension))
+        row = pixels[before, pixels.shape[1] // 2 :, 0]
         left, right = row[before - 1], row[before + TEXELS]
         assert (left, right) == pytest.approx(outside, abs=1 / 255)
     assert mipmaps.margins(682) == (32, 54) and (32 + 682 + 54) % 32 == 0

@@ -173,6 +173,6 @@ def test_the_pixels_of_a_file_are_read_once(tmp_path, channels, monkeypatch):
             read.append(len(data))
             return data
 
-    monkeypatch.setattr("builtins.open", lambda path, mode: Counted(path, mode))
+    monkeypatch.setattr("builtins.open", lambda path, mode, buffering: Counted(path, mode))
     assert exr_header(tmp_path / "f.exr", whole=True).width == 1000
     assert sum(read) < size / 10

@@ -5,11 +5,11 @@ A pixel reads the finest level whose texels are at least as wide as half of the 
 from the length of the ray and from how densely the texture covers each face. Foreshortening is not considered: it would blur surfaces seen
 at a grazing angle along both directions.
 
-Image: side by side, from left to right, levels 0, 1, ..., each with margins. Level k is smaller by s = 2^-k, and begins at 2 (1 - s) times
-the width of level 0, so a position in it is linear in s: 1 + s (p - 1) in units of the image's width, if p is the position in level 0. The image
-is repeated, so s (p - 1) is the same position.
+Image: side by side, from right to left, levels 0, 1, ..., each with margins. Level k is smaller by s = 2^-k, and begins at s times the width of
+level 0, so a position in it is s p in units of the image's width, if p is the position in level 0. No position is outside, so the image is not
+repeated: that would take Cycles a division for every coordinate.
 
-Cycles takes time for each node and for each constant of a node. Therefore p - 1 and the pixel's width at a distance of 1 are attributes of the
+Cycles takes time for each node and for each constant of a node. Therefore p and the pixel's width at a distance of 1 are attributes of the
 meshes wherever possible, and the repetition of a texture is left out if each face lies within one repeat.
 """
 
@@ -35,7 +35,7 @@ MAX_TEXELS = 4096 * 4096
 _BAND = 16
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
 _DENSITY = "UV per metre "
-#: Prefixes of attributes that depend on a texture, too: positions p - 1, and the footprint of a pixel at a distance of 1 m.
+#: Prefixes of attributes that depend on a texture, too: positions p, and the footprint of a pixel at a distance of 1 m.
 _POSITION, _FOOTPRINT = "mipmap position ", "mipmap footprint "
 #: A face lies within one repeat of a texture if it does so up to this share of the repeat. The margins are wider.
 _OVER = 1e-4
@@ -210,7 +210,7 @@ def _is_plain(thing: Object, uv_map: str) -> bool:
 
 
 def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Texture) -> bool:
-    """Add the positions in level 0 (p - 1) of the texture's image to the corners of a mesh; those of a face are shifted by whole repeats to the first
+    """Add the positions p in level 0 of the texture's image to the corners of a mesh; those of a face are shifted by whole repeats to the first
     one. Returns whether each face with the material lies within one repeat."""
     mesh, size = thing.data, np.array(texture.node.image.size)
     if not len(mesh.polygons):
@@ -222,7 +222,7 @@ def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Tex
     total = total * (2, 1)
     uv -= shift.repeat(array_of(mesh.polygons, "loop_total", 1, np.int32), axis=0)
     positions = np.zeros((len(uv), 3))
-    positions[:, :2] = (uv * size + before) / total - (1, 0)
+    positions[:, :2] = (uv * size + before) / total + (0.5, 0)
     _set_attribute(mesh, _POSITION + texture.name, "FLOAT_VECTOR", "CORNER", positions)
     slots = [k for k, slot in enumerate(thing.material_slots) if slot.material == texture.material]
     index = array_of(mesh.polygons, "material_index", 1, np.int32).clip(0, len(thing.material_slots) - 1)
@@ -259,17 +259,16 @@ def with_mipmaps(image: Image, extension: str) -> Image:
     encoded = not image.is_float and image.colorspace_settings.name == "sRGB"
     columns, rows = (sum(margins(size), size) for size in image.size)
     atlas = np.zeros((rows, 2 * columns, 4), np.float32)
-    level = atlas[:, :columns]
+    level = atlas[:, columns:]
     _fill(level, pixels.reshape(height, width, 4), extension)
     level[..., 3] = 1.0
-    start, light = columns, level[..., :3]
+    light = level[..., :3]
     for k in range(1, LEVELS):
         light = halved(light, _light if encoded and k == 1 else np.asarray)
         rows, columns = light.shape[:2]
-        part = atlas[:rows, start : start + columns]
+        part = atlas[:rows, columns : 2 * columns]
         part[..., :3] = _SRGB[(light * 65535 + 0.5).astype(np.uint16)] if encoded else light
         part[..., 3] = 1.0
-        start += columns
     made = bpy.data.images.new(f"{image.name} mipmaps", *atlas.shape[1::-1], float_buffer=image.is_float)
     made.colorspace_settings.name = image.colorspace_settings.name
     made.pixels.foreach_set(atlas.ravel())
@@ -328,7 +327,7 @@ def _read_levels(texture: Texture, levels: Image, pixel: float, whole: bool | No
         footprint = calculate(tree, "MULTIPLY", _attribute(tree, _FOOTPRINT + texture.name).outputs["Fac"], ray)
         first = _attribute(tree, _POSITION + texture.name).outputs["Vector"]
         if not whole:
-            low = left / columns - 1, top / rows, 0.0
+            low = left / columns + 0.5, top / rows, 0.0
             first = vectors(tree, "WRAP", first, (low[0] + width / columns, low[1] + height / rows, 0.0), low)
     else:
         texels = texture.scale * math.sqrt(width * height) * pixel
@@ -340,10 +339,10 @@ def _read_levels(texture: Texture, levels: Image, pixel: float, whole: bool | No
         else:
             source = vectors(tree, "MINIMUM", vectors(tree, "MAXIMUM", source, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
         first = vectors(
-            tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns - 1, top / rows, 0.0)
+            tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns + 0.5, top / rows, 0.0)
         )
     tree.links.new(vectors(tree, "MULTIPLY", first, _steps(tree, footprint)), node.inputs["Vector"])
-    node.image, node.extension = levels, "REPEAT"
+    node.image, node.extension = levels, "EXTEND"
 
 
 def _attribute(tree: NodeTree, name: str) -> Node:

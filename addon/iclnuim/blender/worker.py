@@ -75,7 +75,7 @@ class Session:
             emit(events.Note(f"this run was started on {processors}: {expected}"))
         self.work = _work_folder(self.run)
         self._output = output.blender_output_in(self.work / "blender.log", errors=False)
-        self._ready = False
+        self._ready = self._volumes = False
         self._mipmaps: list[bpy.types.Image] = []
 
     def __enter__(self) -> "Session":
@@ -92,6 +92,8 @@ class Session:
             table = self._build()
             if table is not None:
                 write_json(self.run.path / OBJECTS, table)
+            # including volumes made by Geometry Nodes
+            self._volumes = bool(preflight.volume_names(bpy.context.scene) or compat.volume_outputs())
             self._ready, self._opened = True, False
             self.emit(events.Ready())
 
@@ -132,7 +134,7 @@ class Session:
                 if should_stop():
                     break
                 begun = time.perf_counter()
-                raw, raw_depth, raw_behind = _render(job, number, self.work / str(rendered % 2))
+                raw, raw_depth, raw_behind = _render(job, number, self.work / str(rendered % 2), self._volumes)
                 blurred = None
                 if not job.exposure.instant:  # RGB with motion blur or rolling shutter; Z is still that of the stamp
                     depth_z_m, instant = frames.read(raw_depth, raw_depth)[1], self.work / "instant.exr"
@@ -246,18 +248,17 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
         emit(events.Note(text))
 
 
-def _render(job: RenderJob, number: int, name: Path) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
+def _render(job: RenderJob, number: int, name: Path, volumes: bool) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
     """Render a frame. Returns Blender's frames with RGB and with Z, usually the same, and with Z behind glass if the job needs it. They may be files:
     the caller alternates names while another frame is being written.
 
-    A separate render with one sample gives Z if the filter is wide or the scene has volumes, else Z is that of the first sample. It also gives
+    A separate render with one sample gives Z if the filter is wide or the scene has `volumes`, else Z is that of the first sample. It also gives
     normals, which otherwise are a mean over the samples.
     """
     scene, raw_behind = bpy.context.scene, None
     raw = raw_depth = frames.render(number, name.with_suffix(".exr"), in_memory=True)
     # one narrow ray per pixel, so that Z has the same bits as without antialiasing
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
-    volumes = preflight.volume_names(scene) or compat.volume_outputs()  # including volumes made by Geometry Nodes
     if job.antialias or volumes or (job.ground_truth and job.samples != 1):
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
             raw_depth = frames.render(number, name.with_name(f"{name.name}-depth.exr"), in_memory=True)

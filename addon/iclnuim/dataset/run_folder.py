@@ -94,7 +94,7 @@ class RunFolder:
     ) -> None:
         """Write (h, w, 3) scene-linear RGB and (h, w) planar metres, 0 where no surface is hit, and further channels unchanged, atomically."""
         half = np.clip(rgb, 0, 65504).astype(np.float16)
-        channels = {name: half[..., i] for i, name in enumerate("RGB")} | {"Z": depth_z_m.astype(np.float32)}
+        channels = {name: half[..., i] for i, name in enumerate("RGB")} | {"Z": np.asarray(depth_z_m, np.float32)}
         channels |= further or {}
         exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key}, compressed=False)
 

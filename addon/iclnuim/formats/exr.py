@@ -159,7 +159,7 @@ def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
     Raises InputError unless it is a flat EXR of half and float channels of one plausible size.
     """
     try:
-        with open(path, "rb") as file:
+        with open(path, "rb", buffering=0) as file:
             header, end, multipart = _parse(file.read(_LONGEST_HEADER))
             if whole:
                 _check_chunks(file, header, end, multipart)
@@ -274,6 +274,6 @@ def _check_chunks(file: BinaryIO, header: ExrHeader, table: int, multipart: bool
             if offset < table or offset + lead > end:
                 raise _cut()
             file.seek(offset + lead - 4)
-            if not 0 <= _Cursor(file.read(4), 0).int32() <= end - offset - lead:
+            if not 0 <= int.from_bytes(file.read(4), "little", signed=True) <= end - offset - lead:
                 raise _cut()
         table += 8 * count
