@@ -46,7 +46,9 @@ def bookcase(width: float, height: float, shelves: int) -> tuple[Mesh, list[floa
     levels = np.linspace(0.07, height - t / 2, shelves + 1)
     planks = [board((width - 2 * t - 0.0006, depth - 0.012, t), (0, 0.002, z), 0.002) for z in levels[:-1]]
     planks.append(board((width + 0.01, depth + 0.01, t), (0, 0, height + t / 2 + 0.0003), 0.003))
-    back = block((width - 2 * t - 0.0006, 0.006, height - 0.0025), (0, depth / 2 - 0.004, (height + 0.0025) / 2), 0.0005, 0.7)
+    back = block(
+        (width - 2 * t - 0.0006, 0.006, height - 0.0025), (0, depth / 2 - 0.004, (height + 0.0025) / 2), 0.0005, 0.7
+    )
     foot = board((width - 2 * t - 0.0006, 0.018, 0.058), (0, -depth / 2 + 0.03, 0.0295), 0.002)
     return join([*side, *planks, back, foot]), [float(z) + t / 2 for z in levels[:-1]] + [height + t + 0.0003]
 
