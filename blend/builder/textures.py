@@ -18,7 +18,7 @@ def plaster(rng: np.random.Generator, size: int, tone: Colour, strength: float =
     strokes = cloud(rng, shape, 1.1, 4, 160, (1.0, 0.45)) * smoothstep(-0.5, 1.5, cloud(rng, shape, 1.5, 2, 8))
     veins = np.exp(-((cloud(rng, shape, 1.5, 3, 60) / 0.10) ** 2))
     sand = cloud(rng, shape, 0.1, 60)
-    value = 0.020 * patches + 0.024 * strokes - 0.020 * veins + 0.011 * sand
+    value = 0.014 * patches + 0.024 * strokes - 0.020 * veins + 0.038 * sand
     warmth = 0.005 * cloud(rng, shape, 1.7, 1, 12)
     rgb = np.array(tone) * (1 + strength * value[..., None])
     return to_bytes(rgb + strength * warmth[..., None] * np.array([1.0, 0.2, -1.0]))
