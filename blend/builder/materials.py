@@ -69,7 +69,7 @@ def _shader(
 
 
 def _mirror(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
-    """All gloss of the rooms is a perfect mirror: it has no noise at one ray per pixel, unlike a rough surface."""
+    """All gloss of the rooms is a perfect mirror: it has no noise at one ray per pixel, unlike a rough surface (thin poles: see `polished`)."""
     return _shader(tree, "ShaderNodeBsdfGlossy", (1.0, 1.0, 1.0), 0.0)
 
 
@@ -115,7 +115,7 @@ def glossy(name: str, colour: Colour, ior: float = 1.45) -> bpy.types.Material:
 def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
     """Diffuse with a mirror reflection of the same share at every angle: metals.
 
-    On a thin pole one ray per pixel would see anything in a fully mirrored room: noise.
+    A thin pole that only mirrors shows another part of the room in each pixel, which is noise at one ray per pixel.
     """
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)

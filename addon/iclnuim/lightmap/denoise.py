@@ -44,7 +44,7 @@ def _within_neighbours(light: np.ndarray, chart: np.ndarray, usable: np.ndarray)
     lowest, highest = np.full_like(light, np.inf), np.full_like(light, -np.inf)
     count = np.zeros(usable.shape, np.uint8)
     for dy, dx in _NEIGHBOURS:
-        same = shifted(usable, dy, dx, False) & (shifted(chart, dy, dx, -2) == chart)
+        same = shifted(usable, dy, dx, False) & _same_chart(chart, dy, dx)
         beside = shifted(light, dy, dx, 0)
         np.minimum(lowest, beside, out=lowest, where=same[..., None])
         np.maximum(highest, beside, out=highest, where=same[..., None])
@@ -66,7 +66,7 @@ def _without_fireflies(
     """
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
-    around = [np.where(shifted(chart, dy, dx, -2) == chart, shifted(gap, dy, dx, 0), gap) for dy, dx in _NEIGHBOURS]
+    around = [np.where(_same_chart(chart, dy, dx), shifted(gap, dy, dx, 0), gap) for dy, dx in _NEIGHBOURS]
     usual = np.median(around, axis=0)
     odd = (usable & (gap > _ODD * usual + 0.1 * np.minimum(a, b)))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
@@ -84,7 +84,7 @@ def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndar
             total, count = _KERNEL[0] * light, _KERNEL[0] * share
             for sign in (-1, 1):
                 dy, dx = axis[0] * sign, axis[1] * sign
-                same = (shifted(chart, dy, dx, -2) == chart)[..., None] * share
+                same = _same_chart(chart, dy, dx)[..., None] * share
                 total += _KERNEL[1] * same * shifted(light, dy, dx, 0)
                 count += _KERNEL[1] * same * shifted(share, dy, dx, 0)
             light = total / np.maximum(count, 1e-6)
@@ -100,7 +100,7 @@ def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable:
             sums, counts = total.copy(), count.copy()
             for sign in (-1, 1):
                 dy, dx = axis[0] * step * sign, axis[1] * step * sign
-                same = shifted(chart, dy, dx, -2) == chart
+                same = _same_chart(chart, dy, dx)
                 sums += np.where(same, shifted(total, dy, dx, 0), 0)
                 counts += np.where(same, shifted(count, dy, dx, 0), 0)
             total, count = sums, counts
@@ -152,12 +152,17 @@ def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.nda
     return result
 
 
+def _same_chart(chart: np.ndarray, dy: int, dx: int) -> np.ndarray:
+    """(h, w) bool: whether the neighbour at (dy, dx) is in the same chart; chart (h, w), -1 outside."""
+    return shifted(chart, dy, dx, -2) == chart
+
+
 def next_to_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Flat indices of unknown texels that have a known neighbour in the same chart, and flat indices of the nearest such neighbour."""
     place = np.arange(known.size).reshape(known.shape)
     nearest = np.full(known.shape, -1)
     for dy, dx in sorted(_NEIGHBOURS, key=lambda step: abs(step[0]) + abs(step[1])):
-        usable = ~known & (nearest < 0) & shifted(known, dy, dx, False) & (shifted(chart, dy, dx, -2) == chart)
+        usable = ~known & (nearest < 0) & shifted(known, dy, dx, False) & _same_chart(chart, dy, dx)
         nearest[usable] = place[usable] + dy * known.shape[1] + dx
     rows = np.flatnonzero((nearest >= 0) & (chart >= 0))
     return rows, nearest.ravel()[rows]
@@ -165,7 +170,7 @@ def next_to_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.
 
 def grown(mask: np.ndarray, chart: np.ndarray, steps: int) -> np.ndarray:
     """(h, w) bool: the texels of `mask` (h, w), and those within `steps` neighbours of them in the same chart; chart (h, w), -1 outside."""
-    same = [(step, (chart >= 0) & (shifted(chart, *step, -2) == chart)) for step in _NEIGHBOURS]
+    same = [(step, (chart >= 0) & _same_chart(chart, *step)) for step in _NEIGHBOURS]
     for _ in range(steps):
         mask = np.logical_or.reduce([mask, *(alike & shifted(mask, *step, False) for step, alike in same)])
     return mask
@@ -209,6 +214,6 @@ def contrast(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> np.nd
     a, b = (np.sqrt(np.maximum(luminance(half), 0)) for half in (half_a, half_b))
     total = np.zeros(chart.shape)
     for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        same = (chart >= 0) & (shifted(chart, dy, dx, -2) == chart)
+        same = (chart >= 0) & _same_chart(chart, dy, dx)
         total += np.where(same, (shifted(a, dy, dx, 0) - a) * (shifted(b, dy, dx, 0) - b), 0)
     return total / 4
