@@ -275,9 +275,9 @@ def _surface(found: Sequence[Any]) -> str:
 
 
 def _references(found: Sequence[Any]) -> str:
-    """ATE in mm of the odometers with their own reference and with the model."""
+    """ATE in mm of the odometers with their default reference and with the model."""
     own, model = ({run["odometer"]: _mm(run) for run in one["runs"]} for one in found)
-    return table(("", "own reference", "model"), [(f"`{name}`", own[name], model[name]) for name in own])
+    return table(("", "default reference", "model"), [(f"`{name}`", own[name], model[name]) for name in own])
 
 
 def _offsets(found: Sequence[Any]) -> str:
