@@ -10,7 +10,7 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import is_stream
 
 #: Options whose value is written.
-_OUTPUTS = ("out", "csv", "plot", "rerun")
+_OUTPUTS = ("out", "csv", "plot", "rerun", "blend")
 #: Files of a sequence in its own folder, apart from its images: ground truth, lists, camera, recipe, journal, calibration.
 _SEQUENCE = re.compile(
     r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|calibration|orb_slam.*)\.(txt|json|jsonl|csv|yaml)|.*\.gt\.\w+"
@@ -72,15 +72,16 @@ def _inputs(args: argparse.Namespace) -> Iterator[Path]:
 def _is_read(path: Path, given: Path) -> bool:
     if given.is_file():
         return os.path.samefile(path, given)
-    if not path.resolve().is_relative_to(given.resolve()):
+    path, given = _real(path), _real(given)
+    if not path.is_relative_to(given):
         return False
-    image = path.suffix.lower() in _IMAGES and path.resolve().parent != given.resolve()
+    image = path.suffix.lower() in _IMAGES and path.parent != given
     return image or bool(_SEQUENCE.fullmatch(path.name))
 
 
 def _sequence_with(path: Path) -> Path | None:
     """The sequence that a file belongs to, whether or not the command reads it; None if there is none."""
-    path = path.resolve()
+    path = _real(path)
     return next((folder for folder in path.parents[:_DEPTH] if _has(folder, path)), None)
 
 
@@ -89,7 +90,7 @@ def _has(folder: Path, path: Path) -> bool:
     from iclnuim.dataset.frames import find_pairs, find_truth
 
     try:
-        images = {image.resolve() for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)}
+        images = {_real(image) for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)}
         truth = find_truth(folder)
     except InputError:
         images, truth = set(), None
@@ -98,4 +99,9 @@ def _has(folder: Path, path: Path) -> bool:
         return False
     image = path.suffix.lower() in _IMAGES and path.parent in places - {folder}
     listed = path.parent == folder and _SEQUENCE.fullmatch(path.name)
-    return path in images or image or bool(listed) or truth is not None and path == truth.resolve()
+    return path in images or image or bool(listed) or truth is not None and path == _real(truth)
+
+
+def _real(path: Path) -> Path:
+    """The path without symbolic links; those of a loop stay, where Path.resolve() raises RuntimeError."""
+    return Path(os.path.realpath(path))

@@ -113,7 +113,10 @@ def frames_from(
     """
 
     def checked(number: int) -> tuple[np.ndarray, np.ndarray]:
-        rgb, depth_z_m = load(number)
+        loaded = load(number)
+        if not isinstance(loaded, tuple) or len(loaded) != 2:
+            raise InputError(f"load({number}) to return RGB and depth", found=type(loaded).__name__)
+        rgb, depth_z_m = loaded
         rgb, depth_z_m = _floating(rgb, *_LINEAR_RGB), _floating(depth_z_m, *_METRES)
         if (rgb.shape, depth_z_m.shape) != ((*size, 3), size):
             expected = f"frame {number} of the camera's size: RGB {(*size, 3)} and depth {size}"

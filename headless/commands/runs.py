@@ -1,6 +1,7 @@
 """`iclnuim make`, `render`, `resume` and `task`: turn the options into a plan, and execute the plan on this machine or on Slurm."""
 
 import argparse
+import os
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -24,6 +25,7 @@ from ..farm.chunks import numbers_from, own_cores
 from ..farm.rendering import open_run, report, stop_on_signals
 from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
 from ..options import Console
+from ..outputs import refuse_existing
 from ..sequence_options import add_sensor_options, log_settings, sequence_options
 
 #: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They are the first frames, so that stamps begin at 1 s.
@@ -179,7 +181,17 @@ def _begin(args: argparse.Namespace, console: Console) -> int:
         _check_print_only(plans[0], args.print_only)
         return make_all(plans, lambda plan, whole: _execute(plan, whole, args.print_only, None), console)
     plan = with_farm_options(plan_from(args), args)
-    return _execute(plan, console, args.print_only, getattr(args, "blend", None))
+    return _execute(plan, console, args.print_only, _new_blend(getattr(args, "blend", None), plan, console))
+
+
+def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | None:
+    """The file to save the scene in. One that exists is kept, with a note, if the run has begun; otherwise raises InputError."""
+    if blend is None or not os.path.lexists(blend):
+        return blend
+    if not (plan.raw / "sequence.json").is_file():
+        refuse_existing(blend, "another name for {blend}")
+    console.note(f"{blend} exists already and is not changed; remove it to have the scene saved again")
+    return None
 
 
 def _resume(args: argparse.Namespace, console: Console) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 from statistics import fmean, median
 
 from iclnuim import shipped
+from iclnuim.dataset.run_folder import BYTES_PER_PIXEL, TRUTH_BYTES_PER_PIXEL
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import sha256, write_json
 from iclnuim.job import RenderJob, bake_core_s, shipped_light
@@ -20,8 +21,8 @@ MIN_FRAMES = 3
 #: Core-seconds to write a frame of both sequences, living room at 640 x 480 (docs/farm.md).
 PAIR_CORE_S = 0.1
 START_S = 15.0
-#: Bytes per pixel of a frame: of its EXR, and of its four images (clean and noisy, measured on kt2).
-EXR_BYTES, PAIR_BYTES = 10.0, 4.6
+#: Bytes per pixel of a frame's four images (clean and noisy, measured on kt2).
+PAIR_BYTES = 4.6
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     pixels = plan.job.camera.width * plan.job.camera.height
     pairs = len(plan.numbers) if plan.sequences is not None else 0
     bake_s = bake_core_s(plan.job) if plan.job.light != "path" and chunks and not shipped_light(plan.job) else 0.0
+    exr_bytes = BYTES_PER_PIXEL + (TRUTH_BYTES_PER_PIXEL if plan.job.ground_truth else 0)
     pairs_s = PAIR_CORE_S * pixels / (640 * 480) * pairs
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus
@@ -121,7 +123,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
         frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
-        gigabytes=pixels * (EXR_BYTES * frames + PAIR_BYTES * pairs) / 1e9,  # with all raw frames and the sequences
+        gigabytes=pixels * (exr_bytes * frames + PAIR_BYTES * pairs) / 1e9,  # with all raw frames and the sequences
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,

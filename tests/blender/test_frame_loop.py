@@ -7,11 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections import namedtuple
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from iclnuim.dataset.run_folder import read_run
+from iclnuim.errors import WorkError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
@@ -242,15 +245,19 @@ def test_an_output_that_is_a_file_or_holds_other_files_is_refused(render, tmp_pa
 
 
 def test_a_disk_too_small_is_said_before_rendering(whole_run, monkeypatch):
-    import shutil
-    from collections import namedtuple
-
-    from iclnuim.errors import WorkError
-
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 1000))
     with pytest.raises(WorkError, match=r"12 frames need up to .* GB"):
         read_run(whole_run).check_space(12)
+
+
+def test_ground_truth_counts_in_the_space_that_is_needed(whole_run, monkeypatch):
+    run, usage = read_run(whole_run), namedtuple("usage", "total used free")
+    pixels, job = run.camera.width * run.camera.height, run.recipe["job"]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 12 * pixels))
+    replace(run, recipe={**run.recipe, "job": {**job, "ground_truth": False}}).check_space(1)
+    with pytest.raises(WorkError, match="1 frames need up to"):
+        replace(run, recipe={**run.recipe, "job": {**job, "ground_truth": True}}).check_space(1)
 
 
 def test_the_script_refuses_an_unknown_choice_with_2(repository):

@@ -8,6 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
+from iclnuim.dataset import bags_and_logs
 from iclnuim.dataset.bags_and_logs import LogSettings, write_klg, write_rosbag
 from iclnuim.dataset.frames import run_frames
 from iclnuim.dataset.packing import pack
@@ -170,3 +171,17 @@ def test_logs_that_exist_stay_and_are_said_and_only_new_ones_are_listed(run, tmp
     again = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
     assert ([p.name for p in first], again) == (["clean.klg"], [])
     assert notes[0].endswith("is written") and "exists already and is not changed; remove it" in notes[1]
+
+
+def test_a_camera_that_is_not_of_the_log_stays_and_no_log_is_written(sequence, tmp_path):
+    (tmp_path / "s.cal").write_text("mine\n")
+    with pytest.raises(InputError, match=r"s\.cal: expected the camera of this log, or no file"):
+        write_klg(sequence, tmp_path / "s.klg")
+    assert (tmp_path / "s.cal").read_text() == "mine\n" and not (tmp_path / "s.klg").exists()
+
+
+def test_a_log_has_its_camera_even_if_the_work_was_stopped_in_between(sequence, tmp_path, monkeypatch):
+    monkeypatch.setattr(bags_and_logs, "atomic_write", lambda file, write: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_klg(sequence, tmp_path / "s.klg")
+    assert not (tmp_path / "s.klg").exists() and (tmp_path / "s.cal").exists()

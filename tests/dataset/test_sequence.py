@@ -11,6 +11,7 @@ from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_seq
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import read_associations
 from iclnuim.formats.exr import read_exr, write_exr
+from iclnuim.formats.files import locked
 from iclnuim.formats.png import read_rgb8, write_png
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
@@ -355,6 +356,7 @@ def test_a_sequence_compressed_by_another_library_goes_on(tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     ("images", "words"),
     [
+        (lambda n: None, r"load\(0\) to return RGB and depth, found NoneType"),
         (lambda n: grey(n, 51, np.uint8), "RGB with 1 = white, as floating-point numbers, found uint8"),
         (lambda n: (grey(n)[0], np.full(SIZE, 2000, np.uint16)), "depth in metres, as floating-point numbers"),
         (lambda n: (grey(n)[0][:20], grey(n)[1]), "frame 0 of the camera's size"),
@@ -378,3 +380,34 @@ def test_images_whose_input_has_changed_are_made_again_and_no_others(run, tmp_pa
     after = contents(tmp_path / "noisy")
     differ = [name for name in after if after[name] != before[name] and name.endswith(".png")]
     assert differ == ["rgb/000001.png"]
+
+
+def test_frames_that_another_process_finished_meanwhile_stay_in_the_sequence(run, tmp_path):
+    first, second = (SequenceWriter(run_frames(run.path, part), {tmp_path / "a": NOISY}) for part in (":2", "2:"))
+    first.write()
+    second.write()
+    assert contents(tmp_path / "a") == contents(fill(run, tmp_path / "whole"))
+
+
+def test_two_processes_do_not_write_one_sequence(run, tmp_path):
+    fill(run, tmp_path / "a", frames=":2")
+    with locked(tmp_path / "a"), pytest.raises(WorkError, match="another process is writing this folder"):
+        fill(run, tmp_path / "a")
+    assert not (tmp_path / "a/rgb/000002.png").exists()
+    assert contents(fill(run, tmp_path / "a")) == contents(fill(run, tmp_path / "whole"))
+
+
+def test_a_sequence_needs_a_format(run, tmp_path):
+    with pytest.raises(InputError, match="at least one format"):
+        fill(run, tmp_path / "a", formats=())
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("separator", ["\u0085", "\u2028", "\f", "\v", "\x1e"])
+def test_some_frames_keep_their_poses_whatever_a_comment_contains(run, tmp_path, separator):
+    fill(run, tmp_path / "a", SequenceSettings())
+    truth = tmp_path / "a/groundtruth.txt"
+    poses = [line for line in truth.read_text().splitlines() if not line.startswith("#")]
+    truth.write_text(f"# recorded{separator}by hand\n" + "\n".join(poses) + "\n")
+    write_sequence(image_frames(tmp_path / "a", "2:3"), tmp_path / "b")
+    assert (tmp_path / "b/groundtruth.txt").read_text() == f"# recorded{separator}by hand\n{poses[2]}\n"

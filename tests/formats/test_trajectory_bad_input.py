@@ -111,6 +111,15 @@ def test_the_message_names_file_line_and_what_stands_there(tmp_path, case):
         assert piece in message
 
 
+@pytest.mark.parametrize(
+    ("content", "place", "found"), [(CSV, ":1", "1,0,0,0,1,0,0,0"), ("# nothing\n", "", "comments alone")]
+)
+def test_vslam_lab_needs_the_names_of_its_columns(tmp_path, content, place, found):
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(InputError, match=rf"a\.csv{place}: expected .*found {found}"):
+        read_trajectory(tmp_path / "a.csv", "vslam-lab")
+
+
 def test_bytes_that_are_no_text_are_named_with_their_line(tmp_path):
     (tmp_path / "a.txt").write_bytes(TUM.encode() + b"\xff\xfe\n")
     with pytest.raises(InputError, match="a.txt:3: .*not UTF-8"):

@@ -219,3 +219,18 @@ def test_one_number_is_one_frame():
 def test_frames_that_cannot_be_understood_are_refused(text):
     with pytest.raises(InputError):
         frame_slice(text, 10)
+
+
+@pytest.mark.parametrize("wrong", [np.full((3, 3), np.nan), -np.eye(3), 2 * np.eye(3), np.zeros((3, 3))])
+def test_matrices_that_are_no_rotations_are_refused(walk, wrong):
+    rotations = walk.T_world_camera.rotation.copy()
+    rotations[7] = wrong
+    with pytest.raises(InputError, match="rotation matrices, found another matrix in pose 7"):
+        Trajectory(walk.stamps_s, SE3(rotations, walk.positions_m))
+
+
+def test_positions_that_are_not_finite_are_refused(walk):
+    positions_m = walk.positions_m.copy()
+    positions_m[3, 1] = np.inf
+    with pytest.raises(InputError, match="finite positions .* pose 3"):
+        Trajectory(walk.stamps_s, SE3(walk.T_world_camera.rotation, positions_m))

@@ -427,3 +427,22 @@ def test_a_ground_truth_of_another_time_is_noted(sequence, capsys):
     assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
     spans = "poses at 501.000..501.067 s, images at 1.000..1.033 s"
     assert f"no error is computed, as no image has a ground-truth pose: {spans}" in capsys.readouterr().err
+
+
+def test_a_blend_file_that_exists_is_not_replaced_by_the_scene(tmp_path, capsys):
+    (tmp_path / "mine.blend").write_bytes(b"mine")
+    assert (
+        main(["render", "kt2", "--frames", "0:1", "--blend", str(tmp_path / "mine.blend"), "-o", str(tmp_path / "a")])
+        == 2
+    )
+    assert "mine.blend: expected a new file name, found an existing file" in capsys.readouterr().err
+    assert (tmp_path / "mine.blend").read_bytes() == b"mine" and not (tmp_path / "a").exists()
+
+
+def test_a_sequence_with_a_loop_of_links_is_recognized(sequence, capsys):
+    for name in ("gt.txt", "est.txt"):
+        write_trajectory(sequence.parent / name, WALK, "tum")
+    (sequence / "rgb/1.png").unlink()
+    (sequence / "rgb/1.png").symlink_to("1.png")
+    assert main(["evaluate", "ate", "gt.txt", "est.txt", "--csv", "seq/groundtruth.txt"]) == 2
+    assert "found a file of the sequence" in capsys.readouterr().err

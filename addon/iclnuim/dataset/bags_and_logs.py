@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import InputError, WorkError
-from ..formats.files import atomic_write, atomic_write_text
+from ..formats.files import atomic_write, atomic_write_text, read_bytes
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
@@ -186,7 +186,7 @@ class _Bag:
 
 def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:
     """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera next to it. Returns the number of pairs. Raises
-    the errors of the readers.
+    the errors of the readers, and InputError if the camera's file exists with another content.
 
     Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32 bytes of colour, depth (16 bit,
     millimetres, zlib), colour (RGB, three bytes per pixel, not compressed: the programs detect this by its size). The camera is in a separate
@@ -206,6 +206,11 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
                 log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)) + depth + colour)
                 on_frame(pair.number)
 
+    calibration, line = file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"
+    if calibration.exists() and read_bytes(calibration) != line.encode():
+        raise InputError(
+            "the camera of this log, or no file", path=calibration, found="other text", hint="another {out}"
+        )
+    atomic_write_text(calibration, line)  # before the log, so that an interrupted log has none
     atomic_write(file, write)
-    atomic_write_text(file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n")
     return len(pairs)

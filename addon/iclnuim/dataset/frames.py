@@ -332,7 +332,8 @@ class _TruthOfSome:
         if len(lines) != len(self._loaded.trajectory):  # lines that repeat a stamp were left out
             return None
         dropped = set(lines).difference(lines[row] for row in rows)
-        kept = "".join(f"{line}\n" for k, line in enumerate(text.splitlines(), 1) if k not in dropped)
+        lines_of_text = text.removesuffix("\n").split("\n")  # as data_lines() counts them
+        kept = "".join(f"{line}\n" for k, line in enumerate(lines_of_text, 1) if k not in dropped)
         return self._loaded.read_as.format, kept.encode()
 
 

@@ -27,8 +27,8 @@ from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
 from .ground_truth import CHANNELS
 
-#: Bytes per pixel of a finished frame (half RGB, float Z, not compressed), for the check of disk space.
-BYTES_PER_PIXEL = 10
+#: Bytes per pixel of a finished frame (half RGB, float Z, not compressed), and of its ground truth (floats).
+BYTES_PER_PIXEL, TRUTH_BYTES_PER_PIXEL = 10, 4 * len(CHANNELS)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,8 @@ class RunFolder:
 
     def check_space(self, frames: int) -> None:
         """Raises WorkError if the disk has no space for this number of frames."""
-        need = frames * self.camera.width * self.camera.height * BYTES_PER_PIXEL
+        each = BYTES_PER_PIXEL + (TRUTH_BYTES_PER_PIXEL if self.recipe["job"].get("ground_truth") else 0)
+        need = frames * self.camera.width * self.camera.height * each
         free = shutil.disk_usage(self.path).free
         if need > free:
             message = f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free"

@@ -23,6 +23,7 @@ from ..errors import InputError, WorkError
 from ..formats.files import (
     atomic_write,
     atomic_write_text,
+    locked,
     make_folder,
     read_bytes,
     read_json,
@@ -158,6 +159,8 @@ class SequenceWriter:
         self, source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
     ) -> None:
         sequences, formats = {Path(out): settings for out, settings in sequences.items()}, tuple(dict.fromkeys(formats))
+        if not formats:
+            raise InputError("at least one format", found="none")
         chosen = [sequence_format(name) for name in formats]
         self.source = source
         self.targets = [_Target(source, out, settings, chosen) for out, settings in sequences.items()]
@@ -179,7 +182,7 @@ class SequenceWriter:
         """Make the missing frames, then lists and recipe of all frames. Returns [] if `should_stop()` was true after a frame.
 
         `on_frame(number)` is called after each frame. The first error stops the work; finished frames stay. Raises InputError for a frame that
-        cannot be read, WorkError for one that cannot be written.
+        cannot be read, WorkError for one that cannot be written, and if another process is writing one of the sequences.
         """
 
         def noted(entries: list[JournalEntry | None]) -> None:
@@ -187,10 +190,14 @@ class SequenceWriter:
             if should_stop():
                 pool.stop()
 
-        with FramePool(self.make, min(workers or cores(), len(self.missing) or 1), noted) as pool:
-            for number in self.missing:
-                pool.add(number)
-        return [] if pool.stopped else self.complete()
+        with contextlib.ExitStack() as locks:
+            for target in self.targets:
+                locks.enter_context(locked(target.out))
+                target.read_again()
+            with FramePool(self.make, min(workers or cores(), len(self.missing) or 1), noted) as pool:
+                for number in self.missing:
+                    pool.add(number)
+            return [] if pool.stopped else self.complete()
 
     def note(self, entries: list[JournalEntry | None]) -> int:
         """Append the entries of a frame to the journals. Returns the frame's number."""
@@ -335,6 +342,12 @@ class _Target(_Images):
             for leftover in folder.glob(".*.tmp.*"):
                 if writer_has_ended(leftover):
                     leftover.unlink(missing_ok=True)
+
+    def read_again(self) -> None:
+        """Read the journal again: another process may have added frames since construction."""
+        new = {n: entry for n, entry in read_entries(self.journal).items() if n not in self.entries}
+        self.entries |= new
+        self.finished |= {n for n in new if n in self.places and self.is_complete(n)}
 
     def note(self, entry: JournalEntry) -> None:
         """Append one line to the journal. Raises WorkError if it cannot be written."""

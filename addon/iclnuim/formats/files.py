@@ -14,6 +14,11 @@ from pathlib import Path
 
 from ..errors import InputError, WorkError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 #: Identifies this host in temporary names: process numbers are not unique on a shared file system.
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 
@@ -42,6 +47,32 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         raise not_written(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a folder that exists, until the end of the block or of the process. It leaves no file. Without effect where the
+    system or the file system has no such locks (Windows, some network file systems).
+
+    Raises WorkError if another process has locked the folder.
+    """
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise WorkError(
+            f"{folder}: another process is writing this folder", hint="waiting for it, or another folder"
+        ) from None
+    except OSError:
+        pass
+    try:
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:

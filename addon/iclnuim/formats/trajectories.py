@@ -272,8 +272,11 @@ def _square_rows(source: Source) -> Table:
 
 
 def _commented_first(source: Source) -> Source:
-    """The same source with its first line of data, which contains the names of the columns, made a comment."""
-    number = data_lines(source.text)[0][0]
+    """The same source with its first line of data, which contains the names of the columns, made a comment. Raises InputError without it."""
+    number, names = next(iter(data_lines(source.text)), (0, ""))
+    if not names.lower().startswith(_VSLAM_LAB_STAMP):
+        found = names or "comments alone"
+        raise InputError(f"the header {_VSLAM_LAB_STAMP}...", path=source.path, line=number or None, found=found)
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     lines[number - 1] = "#" + lines[number - 1]
     return source.with_text("\n".join(lines))
@@ -361,6 +364,7 @@ _ANCHORED, _POV = (axes.mirrored_y, ANCHORED_WORLD), (axes.world_cv_from_pov, OU
 _MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
 _MATRIX_ROW = "12 columns of a 3x4 matrix, or 13 with the frame number first"
 _SQUARE_ROW = "16 columns of a 4x4 matrix, row by row"
+_VSLAM_LAB_STAMP = "ts (ns),"
 _VSLAM_LAB = "8 columns separated by commas: ts (ns), tx, ty, tz, qx, qy, qz, qw"
 _TARTANAIR = "7 columns: tx ty tz qx qy qz qw"
 _BLOCKS = "blocks of 3 lines with 4 columns: r00 r01 r02 tx"
@@ -441,7 +445,7 @@ _ALL = (
     ),
     TrajectoryFormat(
         name="vslam-lab",
-        sniff=lambda source: bool(source.first_lines) and source.first_lines[0].lower().startswith("ts (ns),"),
+        sniff=lambda source: bool(source.first_lines) and source.first_lines[0].lower().startswith(_VSLAM_LAB_STAMP),
         rows=_vslam_lab_rows,
         ticks=1e9,
         sentence=f"VSLAM-LAB: stamps in nanoseconds, right-handed camera-to-world poses in {OWN_WORLD}",

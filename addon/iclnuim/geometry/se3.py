@@ -119,6 +119,14 @@ class SE3:
         twist = (self.inverse() @ other).log()
         return self @ SE3.exp(np.asarray(share, float)[..., None] * twist)
 
+    def is_rigid(self) -> np.ndarray:
+        """(...) whether all numbers are finite and the rotations are rotation matrices, to a thousandth."""
+        R = self.rotation
+        with np.errstate(invalid="ignore", over="ignore"):
+            orthonormal = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max((-1, -2)) < 1e-3
+            proper = np.einsum("...i,...i->...", np.cross(R[..., 0], R[..., 1]), R[..., 2]) > 0
+        return np.asarray(orthonormal & proper & np.isfinite(self.translation).all(-1))
+
     @property
     def shape(self) -> tuple[int, ...]:
         """The leading shape."""

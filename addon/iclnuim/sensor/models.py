@@ -44,9 +44,9 @@ def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
 
 
 def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseModel]]) -> Any:
-    if ":" in name:
+    if isinstance(name, str) and ":" in name:
         return _user_noise(kind, name, settings, _ARGUMENTS[kind])
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise InputError(f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name)
     return known[name].from_dict(settings)
 
