@@ -309,7 +309,8 @@ def _odometry_figure(results: list[dict]) -> "Figure":
         axes.grid(alpha=0.3)
     for axes in panels.flat[len(results) :]:
         axes.set_visible(False)
-    drawing.supxlabel("ms per frame: median, line to 95 % (triangles: whole process)", fontsize="medium")
+    systems = " (triangles: whole process)" if any("runs" in d for one in results for d in one["runs"]) else ""
+    drawing.supxlabel(f"ms per frame: median, line to 95 %{systems}", fontsize="medium")
     drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
     drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
     return drawing

@@ -71,8 +71,9 @@ def configure_task(parser: argparse.ArgumentParser) -> None:
         add_run_options(one, "make", "folder that all tasks of the run share, for clean/, noisy/ and raw/")
         which = "numbers of the frames, both ends included; default: those of --frames"
         one.add_argument("--numbers", metavar="A-B,C", help=which)
-        say = "print progress in lines that this render farm reads"
-        one.add_argument("--say", choices=("flamenco",), help=say)
+        farm = "print progress in lines that this render farm reads"
+        one.add_argument("--progress", choices=("flamenco",), help=farm)
+        options.renamed(one, "--say", "--progress", choices=("flamenco",))
 
 
 def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> None:
@@ -266,7 +267,9 @@ def _task(args: argparse.Namespace, console: Console) -> int:
             raise InputError(expected, setting="numbers", found=args.numbers)
         plan = replace(plan, numbers=numbers)
     progress = console.progress(len(plan.numbers), plan.job.sequence)
-    on_frame = _flamenco(args.action, console, plan) if args.say == "flamenco" else lambda number: progress.advance()
+    on_frame = (
+        _flamenco(args.action, console, plan) if args.progress == "flamenco" else lambda number: progress.advance()
+    )
     if args.action == "dataset":
         return tasks.run(args.action, plan, console, on_frame)
     with stop_on_signals() as stopped:

@@ -73,7 +73,7 @@ def test_every_task_is_a_command_line_that_the_command_takes(compiled):
     assert [s.action for s in stages] == ["light", *["frames"] * 4, "dataset"]
     for stage in stages:
         assert (stage.sequence, str(stage.out), stage.light, stage.samples) == ("kt1", "/shared/k t", "path", 16)
-        assert (stage.seed, stage.denoise, stage.scene, stage.say) == (3, False, "my room.blend", "flamenco")
+        assert (stage.seed, stage.denoise, stage.scene, stage.progress) == (3, False, "my room.blend", "flamenco")
     shared = [numbers_from(s.numbers) for s in stages if s.action == "frames"]
     wanted = sorted({3, *range(5, 10), *range(40, 61)})
     assert [n for numbers in shared for n in numbers] == wanted

@@ -59,7 +59,7 @@ function task(settings, name, stage, numbers) {
         exeArgs: "",
         argsBefore: ["task", stage],
         blendfile: settings.sequence,
-        args: [...jobOptions(settings), ...(numbers ? ["--numbers", numbers] : []), "--say", "flamenco"],
+        args: [...jobOptions(settings), ...(numbers ? ["--numbers", numbers] : []), "--progress", "flamenco"],
     }, numbers ? countOf(numbers) : 0));
     return one;
 }
