@@ -41,6 +41,15 @@ def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, 
     assert "settings of the noise model 'paper'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("kind", ["depth", "rgb"])
+@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", "{"], ids=["nested", "digits", "nan", "half"])
+def test_noise_settings_that_are_not_json_are_refused_in_one_line(kind, text, raw, tmp_path, capsys):
+    assert (
+        main(["dataset", str(raw), str(tmp_path / "out"), f"--{kind}-noise", "paper", f"--{kind}-settings", text]) == 2
+    )
+    assert "expected noise settings in JSON, found" in capsys.readouterr().err
+
+
 def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(raw, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["dataset", str(raw), str(out), "--depth-units", "1000", "--quiet"]) == 0
