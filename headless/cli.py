@@ -7,10 +7,11 @@ import argparse
 import importlib
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import pairwise
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from iclnuim import __version__
 from iclnuim.errors import IclnuimError, InputError
@@ -128,8 +129,22 @@ def command() -> NoReturn:
 class _Parser(argparse.ArgumentParser):
     """Reports an invalid command line in one line, without the usage."""
 
+    words: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        self.words = args or ()
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; try {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: {message}; try {self._joined(message) or f'{self.prog} --help'}\n")
+
+    def _joined(self, message: str) -> str:
+        """`--frames=-3:` if the option's value was taken for another option because it starts with a minus."""
+        if not message.endswith(": expected one argument"):
+            return ""
+        given = ((option, value) for option, value in pairwise(self.words) if option[:1] == "-" and option in message)
+        values = (f"{option}={value}" for option, value in given if value not in self._option_string_actions)
+        return next((text for text in values if "=--" not in text), "")
 
 
 def _refuse_empty(argv: list[str]) -> None:

@@ -1,7 +1,6 @@
 """Options for sequences: noise models, output formats, and the camera of a recorded sequence. Checks for required packages and for renamed words."""
 
 import argparse
-import json
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
@@ -14,7 +13,7 @@ from iclnuim.dataset.layout import DISTORTED, SequenceCamera
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.files import is_file
+from iclnuim.formats.files import content_of_json, is_file
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.odometry.registry import PACKAGES, odometer
 
@@ -67,10 +66,7 @@ def log_settings(args: argparse.Namespace) -> LogSettings:
 
 
 def _json(text: str | None) -> dict[str, Any] | None:
-    try:
-        return None if text is None else json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError("noise settings in JSON", found=f"{text} ({error.msg})") from None
+    return None if text is None else content_of_json(text, "noise settings in JSON")
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:

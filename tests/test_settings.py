@@ -42,6 +42,8 @@ class Example(Settings):
         ({"rate_hz": float("inf")}, "rate_hz: expected a number of 0 or more (Hz), found inf"),
         ({"sharp": 1}, "sharp: expected true or false, found 1"),
         ({"method": "affine"}, "method: expected one of se3, sim3, found affine"),
+        ({"method": []}, "method: expected one of se3, sim3, found []"),
+        ({"method": {"se3": 1}}, "method: expected one of se3, sim3, found {'se3': 1}"),
         ({"sigma": (1, 2)}, "sigma: expected 3 numbers, found (1, 2)"),
         ({"limit": 0}, "limit: expected a whole number of 1 or more, found 0"),
         ({"colour": 1}, "expected settings: size, rate_hz, sharp, smooth, method, sigma, limit, found colour"),

@@ -4,7 +4,8 @@ import copy
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 
 class IclnuimError(Exception):
@@ -69,6 +70,15 @@ class InputError(IclnuimError):
         moved = copy.copy(self)
         moved.path = path
         return moved
+
+
+@contextmanager
+def within(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Add `path` to an InputError of the block that has no path."""
+    try:
+        yield
+    except InputError as error:
+        raise error if error.path else error.at(path) from None
 
 
 class WorkError(IclnuimError):

@@ -83,7 +83,7 @@ class Setting:
     def _one(self, value: Any) -> Any:
         choices = self.choices
         if choices is not None and not (self.others and isinstance(value, str)):
-            if value not in choices:
+            if not isinstance(value, self.kind) or value not in choices:
                 raise InputError(f"one of {', '.join(choices)}", setting=self.name, found=value)
             return value
         if self.kind is bool or self.kind is str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.run_folder import read_run
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.job import RenderJob
@@ -44,11 +44,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     spread = np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)
     picked = sorted({numbers[i] for i in spread})
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
-    casters = _casters(RenderJob.from_dict(frames.recipe["job"]), frames.recipe, picked, console)
+    casters = _casters(frames.job, frames.recipe, picked, console)
     progress, errors, truths = console.progress(len(picked), "check-depth"), [], []
     for number, (caster, truth_caster) in zip(picked, casters, strict=True):
         channels = read_exr(frames.frame_file(number))
-        errors.append(compare_depth(channels["Z"], caster, frames.camera, poses[number]))
+        with within(frames.frame_file(number)):
+            errors.append(compare_depth(channels["Z"], caster, frames.camera, poses[number]))
         if truth_caster is not None:
             truths.append(truth_caster.compare(channels, frames.camera, poses[number]))
         progress.advance()

@@ -1,13 +1,14 @@
 """`iclnuim compare A B`: compares frames byte for byte, or within a tolerance if processors or Blender versions differ."""
 
 import argparse
+import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.frames import read_camera
 from iclnuim.dataset.ground_truth import KINDS, NORMAL, NORMAL_STEPS, NORMAL_ZERO
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json
 from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
@@ -51,17 +52,14 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     Keys: `different`: names of files that are in both folders and differ; `channels`: file -> channels that differ (none if only the
     header differs); `largest_share`: share of pixels beyond the tolerance in the worst file (0 if bytes were compared).
     """
-    recipes = _run_recipe(a), _run_recipe(b)
+    origins = _origin(a), _origin(b)
     images = ([p for p in d.glob("*/*") if p.suffix in (".exr", ".png") and p.name[0] != "."] for d in (a, b))
     files = [{str(p.relative_to(d)): p for p in found} for d, found in zip((a, b), images, strict=True)]
     both = sorted(files[0].keys() & files[1].keys())
     if not both:
         raise InputError("frames with the same numbers in both folders", path=b, found=f"none that {a} has too")
-    parts = {  # the bytes depend on these
-        "Blender": [r.get("blender", "unknown") for r in recipes],
-        "processor features": [" ".join(r.get("machine", {}).get("features", ["unknown"])) for r in recipes],
-    }
-    differences = [f"{name}: {one} and {other}" for name, (one, other) in parts.items() if one != other]
+    parts = zip(("Blender", "processor features"), *origins, strict=True)  # the bytes depend on these
+    differences = [f"{name}: {one} and {other}" for name, one, other in parts if one != other]
     why = "requested" if by_tolerance else "; ".join(differences)
     pngs = [next((file for file in found.values() if file.suffix == ".png"), None) for found in files]
     units = [read_camera(d, png).depth_units_per_metre if png else 1.0 for d, png in zip((a, b), pngs, strict=True)]
@@ -94,13 +92,26 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     }
 
 
-def _run_recipe(folder: Path) -> dict:
-    """The recipe of the run in this folder, or of the run from which the images of this sequence come."""
-    if (folder / "sequence.json").is_file():
-        return read_json(folder / "sequence.json")
-    if (folder / "recipe.json").is_file():
-        return read_json(folder / "recipe.json").get("source", {}).get("run", {})
+def _origin(folder: Path) -> tuple[str, str]:
+    """Blender's version and the processor's features in the recipe of the run in this folder, or of the run from which this sequence comes."""
+    for name, inside in (("sequence.json", ()), ("recipe.json", ("source", "run"))):
+        if (folder / name).is_file():
+            with within(folder / name):
+                run = _object_in(read_json(folder / name), *inside)
+                features = _object_in(run, "machine").get("features", ["unknown"])
+                if not isinstance(features, list):
+                    raise InputError("a list as features", found=json.dumps(features))
+                return str(run.get("blender", "unknown")), " ".join(map(str, features))
     raise InputError("a run (sequence.json) or a sequence (recipe.json)", path=folder, found="neither")
+
+
+def _object_in(content: dict, *keys: str) -> dict:
+    """The object under nested keys; {} where a key is absent. Raises InputError for another value."""
+    for key in keys:
+        content = content.get(key, {})
+        if not isinstance(content, dict):
+            raise InputError(f"a JSON object as {key}", found=json.dumps(content))
+    return content
 
 
 def _other_channels(a: Path, b: Path) -> list[str] | None:

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iclnuim.errors import InputError, named
+from iclnuim.errors import InputError, named, within
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, ErrorStatistics
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
@@ -180,7 +180,8 @@ def run_surface(args: argparse.Namespace, console: Console) -> None:
         console.note(f"note: {args.mesh}: {note}")
     given = _given_transform(args)
     picked = _fitted_transform(args, given, unit_m, console)
-    surface = TrueSurface(*read_model(args.model))
+    with within(args.model):
+        surface = TrueSurface(*read_model(args.model))
     T_model_mesh = surface.aligned(mesh.points, picked) if args.align == "icp" else picked
     error = surface.error(mesh.points, T_model_mesh, unit_m)
     if args.plot:
@@ -334,7 +335,8 @@ def _fitted_transform(args: argparse.Namespace, given: "SE3", unit_m: float, con
         raise InputError("--fit-poses with --poses and --truth, and without --pairs", found=args.fit_poses)
     if args.pairs:
         on_mesh, on_model = read_pairs(args.pairs)
-        T, rms_m = pairs_transform(on_mesh * unit_m, on_model)
+        with within(args.pairs):
+            T, rms_m = pairs_transform(on_mesh * unit_m, on_model)
         console.note(f"{len(on_mesh)} pairs, residual {1e3 * rms_m:.3f} mm RMS")
         return T
     if args.fit_poses == "origin":

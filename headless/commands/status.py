@@ -9,7 +9,6 @@ from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.dataset.sequence import complete_frames, read_entries
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
-from iclnuim.job import RenderJob
 
 from ..farm import held_out, slurm
 from ..farm.lock import OutputLock
@@ -54,7 +53,7 @@ def state(folder: Path, frames: str | None) -> dict:
     made: set[int] = set()
     if places:
         run = read_run(places[0])
-        raw, job = run.path, RenderJob.from_dict(run.recipe["job"])
+        raw, job = run.path, run.job
         numbers = plan.numbers if frames is None and plan else frame_slice(frames or "::", len(load_trajectory(job)))
         if raw.name == "raw":  # frames listed in the journals of both sequences in the folder above
             names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)

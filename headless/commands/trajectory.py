@@ -13,7 +13,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats import trajectories as files
-from iclnuim.formats.files import atomic_write_text, check_file, make_folder, read_json, read_text
+from iclnuim.formats.files import atomic_write_text, check_file, data_lines, make_folder, read_json, read_text
 from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
@@ -30,6 +30,8 @@ from ..outputs import refuse_existing
 
 #: The planner searches this far beyond the viewpoints for a way around obstacles.
 _DETOUR_M = 2.0
+#: Distance from the scene in which every viewpoint is accepted.
+_NEAR_M = 20.0
 NAMES = [*shipped.paper_sequences(), *shipped.HARD_SEQUENCES]
 #: Formats with stamps; the others number their frames.
 _WITH_STAMPS = ("tum", "euroc", "vslam-lab")
@@ -381,6 +383,7 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     else:
         waypoints = _waypoints(texts)
         places = np.array([w.position_m for w in waypoints])
+        _check_near(places, found.vertices)
         space = FreeSpace.between(places.min(0) - _DETOUR_M, places.max(0) + _DETOUR_M, clearance)
     made = plan(waypoints, space, Path(args.scene).name, settings)
     name = (args.out or Path()) / Path(args.scene).stem
@@ -403,11 +406,19 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)
 
 
+def _check_near(places: np.ndarray, vertices: np.ndarray) -> None:
+    """Raises InputError for a viewpoint farther from the scene than the scene is large, and than _NEAR_M."""
+    low, high = vertices.min(0), vertices.max(0)
+    limit_m = max(_NEAR_M, float(np.linalg.norm(high - low)))
+    for place in places:
+        if (beyond_m := float(np.linalg.norm(place - place.clip(low, high)))) > limit_m:
+            found = f"{','.join(f'{x:g}' for x in place)}, {beyond_m:.3g} m outside it"
+            raise InputError(f"viewpoints in the scene or at most {limit_m:.3g} m outside it", found=found)
+
+
 def _waypoints(texts: list[str]) -> list[Waypoint]:
     if len(texts) == 1 and Path(texts[0]).is_file():
-        lines = read_text(texts[0]).splitlines()
-        rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, 1)]
-        return [_waypoint(row, path=texts[0], line=k) for k, row in rows if row]
+        return [_waypoint(row, path=texts[0], line=k) for k, row in data_lines(read_text(texts[0]))]
     return [_waypoint(text) for text in texts]
 
 

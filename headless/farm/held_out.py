@@ -11,7 +11,6 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256, write_json
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.held_out import check_held_out, choose_held_out
 
@@ -41,7 +40,7 @@ def prepare(plan: RunPlan, console: Console) -> None:
 def views_plan(plan: RunPlan) -> RunPlan:
     """The plan for the run of the views, once the training frames exist: with the same light as these, no shutter, and no noisy sequence."""
     folder = plan.out / FOLDER
-    settled = RenderJob.from_dict(read_run(plan.raw).recipe["job"])
+    settled = read_run(plan.raw).job
     light = {name: getattr(settled, name) for name in ("light", "samples", "denoise")}
     poses, sequence = str((folder / POSES).resolve()), f"{plan.job.sequence}/{FOLDER}"
     job = replace(plan.job, sequence=sequence, trajectory=poses, exposure_s=0.0, readout_s=0.0, **light)

@@ -101,7 +101,7 @@ class LocalRun:
         try:
             self._wait(Started)
             self.run: RunFolder = read_run(self.plan.raw)
-            self.job = RenderJob.from_dict(self.run.recipe["job"])
+            self.job = self.run.job
         except BaseException:
             self.__exit__()
             raise

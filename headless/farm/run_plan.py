@@ -267,7 +267,7 @@ def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
         expected = "a run that has begun to render; version 0.1.0 only submitted this one"
         raise InputError(expected, path=raw, hint="running its command again")
     _find_modules_of(record)
-    options, job = record["options"], RenderJob.from_dict(read_run(raw).recipe["job"])
+    options, job = record["options"], read_run(raw).job
     frames = options["frames"] or ("::30" if options["quick"] else "::")
     given = {name.removeprefix("slurm_"): value for name, value in options.items() if name.startswith("slurm_")}
     slurm = read_settings(Path(options["slurm"])) if options["slurm"] else SlurmSettings()

@@ -34,7 +34,7 @@ def write_cells(cells: Cells, file: Path) -> None:
 
 def read_cells(file: Path) -> dict[tuple[Task, str], dict[str, Any]]:
     """Read the cells of a file by write_cells(). Raises InputError with the line of a bad row."""
-    rows = list(csv.reader(read_text(file).splitlines()))
+    rows = list(csv.reader(io.StringIO(read_text(file), newline="")))
     if rows[0] != _COLUMNS:
         raise InputError(f"the columns {','.join(_COLUMNS)}", path=file, line=1, found=",".join(rows[0]))
     found: dict[tuple[Task, str], dict[str, Any]] = {}

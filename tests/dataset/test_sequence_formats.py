@@ -323,6 +323,20 @@ def test_pairs_are_found_by_lists_by_stamps_or_by_name(run, tmp_path):
         find_pairs(tmp_path)
 
 
+@pytest.mark.parametrize("character", ["\x85", "\u2028", "\x0c"])
+def test_only_line_feeds_end_the_lines_of_lists(all_formats, tmp_path, character):
+    for name in ("tum", "vslam-lab"):
+        shutil.copytree(all_formats / name, tmp_path / name)
+    path = tmp_path / "tum/associations.txt"
+    path.write_text(f"# recorded{character}in the lab\n{path.read_text()}")
+    assert [pair.written for pair in find_pairs(tmp_path / "tum")] == [
+        p.written for p in find_pairs(all_formats / "tum")
+    ]
+    path, image = tmp_path / "vslam-lab/rgb.csv", find_pairs(tmp_path / "vslam-lab")[0].rgb
+    path.write_text(path.read_text().replace(image.name, f"a{character}b.png"))
+    assert find_pairs(tmp_path / "vslam-lab")[0].rgb.name == f"a{character}b.png"
+
+
 def test_lists_whose_stamps_do_not_meet_are_refused_and_not_replaced_by_names(run, tmp_path):
     out = tmp_path / "out"
     write_sequence(run_frames(run.path), out)

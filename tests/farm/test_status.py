@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.dataset.sequence_options import SequenceOptions
+from iclnuim.formats.files import write_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.headless.farm import slurm
@@ -65,6 +66,13 @@ def test_images_that_were_deleted_are_missing(run, capsys):
     (run.path.parent / "noisy/depth/000001.png").unlink()
     values = told(capsys, run.path.parent)
     assert (values["in_sequences"], values["missing_frames"]) == (2, [1])
+
+
+@pytest.mark.parametrize("wrong", [{"light": []}, {"light": {}}, {"camera": []}, {"camera": {"fx": 0}}])
+def test_a_setting_of_the_job_that_is_wrong_names_the_recipe(run, wrong, capsys):
+    write_json(run.path / "sequence.json", {"job": {**run.recipe["job"], **wrong}})
+    assert main(["status", str(run.path)]) == 2
+    assert "raw/sequence.json: " in capsys.readouterr().err
 
 
 def test_a_killed_command_does_not_count_as_working(run, capsys):

@@ -15,7 +15,7 @@ pytest.importorskip("embreex")
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.fusion.pictures import picture  # noqa: E402
-from iclnuim.fusion.surface_error import TrueSurface, read_mesh  # noqa: E402
+from iclnuim.fusion.surface_error import TrueSurface, read_mesh, read_pairs, read_reconstruction  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 
 #: A box, 2 x 2 x 1 m, seen from inside.
@@ -86,6 +86,46 @@ def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=match):
         read_mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("points", "match"),
+    [(BOX * 0 + 1, "all vertices in one place"), (BOX * [1e300, 1, 1], r"at most 1e\+06 m, found 1e\+300 m")],
+)
+@pytest.mark.filterwarnings("error")
+def test_a_model_without_extent_or_far_away_is_refused(points, match):
+    with pytest.raises(InputError, match=match):
+        TrueSurface(points, SIDES)
+
+
+def test_a_model_whose_vertices_are_nearly_all_in_one_place_gives_distances_and_no_warning():
+    points = np.vstack([BOX, np.zeros((3000, 3))])
+    triangles = np.vstack([SIDES, np.arange(8, 3008).reshape(-1, 3)])
+    error = TrueSurface(points, triangles).error(BOX * 2)
+    assert error.distances_m.max() > 0.9 and error.warnings == ()
+
+
+@pytest.mark.parametrize("far_m", [2e6, 1e11])
+@pytest.mark.filterwarnings("error")
+def test_a_reconstruction_far_away_is_refused_with_the_file(tmp_path, far_m):
+    write_ply(tmp_path / "far.ply", np.vstack([BOX, [[far_m, 0, 0]]]), SIDES)
+    with pytest.raises(
+        InputError, match=r"far\.ply: expected coordinates of at most 1e\+06 m, found .*; try another unit"
+    ):
+        read_reconstruction(tmp_path / "far.ply")
+    assert len(read_reconstruction(tmp_path / "far.ply", 1e5 / far_m).points) == 9
+
+
+def test_pairs_are_read_whatever_a_comment_contains_and_too_few_name_the_file(tmp_path, command_here):
+    write_ply(tmp_path / "box.ply", BOX, SIDES)
+    (tmp_path / "pairs.txt").write_text("0 0 0 1 0 0  # corner\x85\u2028\x0cpicked twice\n1 0 0 2 0 0\n")
+    assert [points.tolist() for points in read_pairs(tmp_path / "pairs.txt")] == [
+        [[0, 0, 0], [1, 0, 0]],
+        [[1, 0, 0], [2, 0, 0]],
+    ]
+    box, pairs = tmp_path / "box.ply", tmp_path / "pairs.txt"
+    code, _, error = command_here("evaluate", "surface", box, "--model", box, "--pairs", pairs)
+    assert code == 2 and "pairs.txt: expected three or more pairs of points" in error
 
 
 ROOM = np.vstack([BOX, BOX[[0, 1, 3, 2]] * (0.2, 0.3, 0.4) + (0.9, 0.4, 0)])
@@ -300,6 +340,7 @@ def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, m
         (("-o", "m.ply", "--preset", "other"), "a preset"),
         (("-o", "m.ply", "--poses", "far.txt"), "images that have a pose"),
         (("-o", "m.ply", "--voxel", "-1"), "--voxel"),
+        (("-o", "m.ply", "--max-blocks", "99999999999"), "--max-blocks"),
     ],
 )
 def test_fuse_says_in_one_line_what_it_cannot_use(sequence, tmp_path, options, match, icl):

@@ -140,11 +140,29 @@ def test_what_cannot_be_fused_is_refused_in_words(camera):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"voxel_m": 0}, {"truncation_m": 0.01}, {"window_blocks": 100}, {"behind_m": 0.1}, {"channels": 2}]
+    "wrong",
+    [
+        {"voxel_m": 0},
+        {"truncation_m": 0.01},
+        {"truncation_m": 1e6},
+        {"window_blocks": 100},
+        {"behind_m": 0.1},
+        {"channels": 2},
+        {"max_blocks": 10**11},
+    ],
 )
 def test_settings_that_make_no_volume_are_refused(wrong):
     with pytest.raises(InputError):
         VolumeSettings(**wrong)
+
+
+def test_more_blocks_than_fit_into_memory_are_refused(monkeypatch):
+    def full(*arguments):
+        raise MemoryError
+
+    monkeypatch.setattr("iclnuim.fusion.volume._empty_grid", full)
+    with pytest.raises(InputError, match="max_blocks: expected blocks that fit into memory, found 7"):
+        Volume(VolumeSettings(max_blocks=7))
 
 
 def test_empty_depth_leaves_nothing_to_see(camera):

@@ -115,7 +115,17 @@ def test_a_view_can_be_written_in_one_word():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "640", "640x480,1,2,3", "640x480,a,2,3,4", "0x480", "640x480,-1,2,3,4", "640x480,nan,2,3,4"]
+    "text",
+    [
+        "",
+        "640",
+        "640x480,1,2,3",
+        "640x480,a,2,3,4",
+        "0x480",
+        "640x480,-1,2,3,4",
+        "640x480,nan,2,3,4",
+        pytest.param("9" * 5000 + "x48", id="digits"),
+    ],
 )
 def test_a_view_that_cannot_be_understood_is_refused(text):
     with pytest.raises(InputError):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from iclnuim import postprocess
 from iclnuim.dataset.frames import image_frames
-from iclnuim.dataset.run_folder import open_run
+from iclnuim.dataset.run_folder import open_run, read_run
+from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -39,6 +40,60 @@ def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, 
     assert main(["dataset", str(tmp_path / "nowhere"), str(tmp_path / "x")]) == 2
     assert main([*command[:2], str(tmp_path / "y"), "--depth-noise", "paper", "--depth-settings", '{"a": 1}']) == 2
     assert "settings of the noise model 'paper'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["depth", "rgb"])
+@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", "{"], ids=["nested", "digits", "nan", "half"])
+def test_noise_settings_that_are_not_json_are_refused_in_one_line(kind, text, raw, tmp_path, capsys):
+    assert (
+        main(["dataset", str(raw), str(tmp_path / "out"), f"--{kind}-noise", "paper", f"--{kind}-settings", text]) == 2
+    )
+    assert "expected noise settings in JSON, found" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("job", ["x", None, 3, []])
+def test_a_recipe_whose_job_is_no_object_is_refused(job, raw, tmp_path, capsys):
+    write_json(raw / "sequence.json", {"job": job})
+    assert main(["dataset", str(raw), str(tmp_path / "out")]) == 2
+    assert "raw/sequence.json: expected the recipe of a run, with its job" in capsys.readouterr().err
+
+
+def test_a_frame_that_is_named_by_no_decimal_number_is_left_out(raw, tmp_path, capsys):
+    for name in ("\u00b2\u00b3", "0\u00b2"):
+        (raw / f"exr/{name}.exr").write_bytes(b"")
+    assert main(["dataset", str(raw), str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["made"] == 3
+    assert read_run(raw).frame_numbers() == [0, 1, 2]
+
+
+def test_frames_that_start_with_a_minus_are_refused_with_the_way_to_write_them(raw, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["dataset", str(raw), "--frames", "-3:", str(tmp_path / "out")])
+    assert capsys.readouterr().err.endswith("argument --frames: expected one argument; try --frames=-3:\n")
+
+
+def test_an_image_that_is_a_loop_of_links_is_one_line(raw, tmp_path, capsys):
+    out = tmp_path / "sequence"
+    assert main(["dataset", str(raw), str(out)]) == 0
+    (out / "rgb/000001.png").unlink()
+    (out / "rgb/000001.png").symlink_to("000001.png")
+    (tmp_path / "loop").symlink_to("loop")
+    capsys.readouterr()
+    assert main(["inspect", str(out)]) == 2
+    assert "do not exist: 000001.png" in capsys.readouterr().out
+    assert main(["convert", str(out), str(tmp_path / "other"), "--quiet"]) == 2
+    assert "000001.png: expected an image" in capsys.readouterr().err
+    assert main(["pack", str(tmp_path / "loop")]) == 2
+    assert "loop: expected a sequence" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", [{"fx": -1.0}, {"depth_units_per_metre": 0}, {"depth_units_per_metre": "x"}])
+def test_a_value_of_the_camera_that_is_wrong_names_its_file(change, raw, tmp_path, capsys):
+    out = tmp_path / "sequence"
+    assert main(["dataset", str(raw), str(out)]) == 0
+    write_json(out / "camera.json", {**read_json(out / "camera.json"), **change})
+    assert main(["noise", str(out), str(tmp_path / "noisy"), "--depth-noise", "paper"]) == 2
+    assert f"{out / 'camera.json'}: " in capsys.readouterr().err
 
 
 def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(raw, tmp_path, capsys):
@@ -269,6 +324,9 @@ def test_calibrate_reads_an_exposure_series_and_gives_back_its_noise(tmp_path, c
     found = json.loads(capsys.readouterr().out)["rgb"]
     assert found["response"] == "srgb"
     assert [found["sigma_c"], found["sigma_s"]] == pytest.approx([0.003, 0.02], rel=0.05)
+    (tmp_path / "exposures.txt").write_text("inf 0_0.png\n1 1_0.png\n")
+    assert main(["noise", "calibrate", str(tmp_path)]) == 2
+    assert "exposures.txt: expected two or more exposures, finite and > 0" in capsys.readouterr().err
 
 
 def test_preview_and_pack(raw, tmp_path, capsys):

@@ -359,6 +359,14 @@ def test_make_through_a_scene_overwrites_no_file_of_other_content(repository, tm
     assert [p.name for p in tmp_path.iterdir()] == ["room.json"]
 
 
+def test_a_viewpoint_far_outside_the_scene_is_refused(repository, tmp_path, run):
+    pytest.importorskip("bpy", reason="needs the bpy package")
+    (tmp_path / "places.txt").write_text("1e9 0 0  # far\x85away\n1 1 1\n")
+    words = ["make", "--scene", repository / "tests/room.obj", "--out", tmp_path / "path", "--viewpoints"]
+    code, _, error = run(*words, tmp_path / "places.txt")
+    assert code == 2 and "at most 20 m outside it, found 1e+09,0,0, 1e+09 m outside it" in error
+
+
 def test_all_trajectories_are_made_by_the_word_all_and_nothing_else_is_replaced(run, repository, tmp_path, monkeypatch):
     monkeypatch.setattr("iclnuim.headless.commands.trajectory.NAMES", ["living_room/kt2"])
     for _ in range(2):

@@ -87,6 +87,13 @@ def test_a_room_instead_of_a_wall_and_equal_repeats_are_refused(plane):
             calibrate_rgb(EXPOSURES, [stack[repeats] for stack in images])
 
 
+@pytest.mark.parametrize("exposure", [0.0, -1.0, float("inf"), float("nan")])
+@pytest.mark.filterwarnings("error")
+def test_an_exposure_that_is_not_positive_and_finite_is_refused(exposure):
+    with pytest.raises(InputError, match=f"finite and > 0, with images each, found 1, {exposure:g}"):
+        calibrate_rgb([1.0, exposure], [np.zeros((2, 4, 4, 3), np.uint8)] * 2)
+
+
 def test_too_little_is_said_in_one_line():
     with pytest.raises(InputError, match="two or more exposures"):
         calibrate_rgb([1.0], [np.zeros((3, 4, 4, 3), np.uint8)])

@@ -2,6 +2,7 @@
 truth are found here.
 """
 
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..formats.associations import LARGEST_NUMBER
 from ..formats.exr import read_exr
 from ..formats.files import data_lines, is_file, read_bytes, read_json, sha256
@@ -23,7 +24,7 @@ from ..sensor.transfer import light_from_srgb8
 from .depth_units import metres_from_depth16
 from .ground_truth import KINDS, TruthImages
 from .layout import DEPTH, RGB, SequenceCamera, SequenceFrame, posed, usual_step_s
-from .run_folder import RunFolder
+from .run_folder import RunFolder, read_run
 from .sequence_formats import format_of
 
 #: Text formats with one pose per line: the poses of some frames are a subset of the lines.
@@ -100,13 +101,18 @@ def find_pairs(folder: Path) -> list[ImagePair]:
 
 def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     """The images in the folders of the pairs that are in none, by kind: they have no partner, or are in no list."""
-    used = {RGB: {p.rgb.resolve() for p in pairs}, DEPTH: {p.depth.resolve() for p in pairs}}
+    used = {RGB: {_real(p.rgb) for p in pairs}, DEPTH: {_real(p.depth) for p in pairs}}
     found = {}
     for kind, paths in used.items():
         places = {(path.parent, path.suffix) for path in paths}
-        there = {image.resolve() for parent, ending in places for image in parent.glob(f"*{ending}")}
+        there = {_real(image) for parent, ending in places for image in parent.glob(f"*{ending}")}
         found[kind] = sorted(p for p in there - used[RGB] - used[DEPTH] if not _TRUTH_IMAGE.fullmatch(p.stem))
     return found
+
+
+def _real(path: Path) -> Path:
+    """The path without symbolic links, also if they form a loop."""
+    return Path(os.path.realpath(path))
 
 
 def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
@@ -156,10 +162,8 @@ _CAMERA_HINT = "a camera.json in this folder with width, height, fx, fy, cx, cy,
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
     """The camera in the sequence's files; else the benchmark's camera if the image has 640 x 480 pixels."""
-    try:
+    with within(folder):
         there = format_of(folder).reader.camera(folder, image)
-    except InputError as error:
-        raise error if error.path else error.at(folder) from None
     if there is not None:
         return there
     header = image_header(image)
@@ -196,7 +200,7 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     folder or has no such frames.
     """
     folder = Path(folder)
-    there = {int(p.stem) for p in (folder / "exr").glob("*.exr") if p.stem.isdigit()}
+    there = {int(p.stem) for p in (folder / "exr").glob("*.exr") if p.stem.isdecimal()}
     if not there:
         hint = "the folder that `iclnuim render` wrote"
         raise InputError("a run with frames exr/000000.exr ...", path=folder, found="none", hint=hint)
@@ -207,9 +211,10 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     numbers = sorted(there.intersection(frame_slice(frames, len(truth))))
     if not numbers:
         raise InputError(f"frames {frames} to be rendered", path=folder, found="none of them")
-    camera = PinholeCamera.from_dict(read_json(folder / "camera.json"))
-    if (recipe := folder / "sequence.json").is_file():
-        origin: dict = {"run": read_json(recipe)}
+    with within(folder / "camera.json"):
+        camera = PinholeCamera.from_dict(read_json(folder / "camera.json"))
+    if (folder / "sequence.json").is_file():
+        origin: dict = {"run": read_run(folder).recipe}
     else:
         hashes = {name: sha256(read_bytes(folder / name)) for name in ("groundtruth.txt", "camera.json")}
         origin = {"frames": folder.resolve().name, "sha256": hashes}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..formats.associations import ImageList
 from ..formats.files import atomic_write, make_folder, read_json
 from ..formats.images import ARRAY, JPEG, image_header
@@ -243,14 +243,18 @@ def camera_file(folder: Path) -> SequenceCamera | None:
     """The camera in the folder's camera.json, which we write in several formats. None if there is no such file."""
     if not (folder / CAMERA).is_file():
         return None
-    settings = read_json(folder / CAMERA)
+    with within(folder / CAMERA):
+        return _camera_of(read_json(folder / CAMERA))
+
+
+def _camera_of(settings: dict) -> SequenceCamera:
+    """The camera of the content of camera.json."""
     units = settings.pop("depth_units_per_metre", UNITS_PER_METRE)
     if isinstance(units, bool) or not isinstance(units, int | float):
-        raise InputError("depth_units_per_metre as a number", path=folder / CAMERA, found=units)
+        raise InputError("depth_units_per_metre as a number", found=units)
     needed = [field.name for field in fields(PinholeCamera)]
     if missing := [name for name in needed if name not in settings]:  # the defaults are those of another camera
-        found = f"no {', '.join(missing)}"
-        raise InputError(f"a camera with {', '.join(needed)}", path=folder / CAMERA, found=found)
+        raise InputError(f"a camera with {', '.join(needed)}", found=f"no {', '.join(missing)}")
     return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import shipped
-from ..errors import InputError, WorkError
+from ..errors import InputError, WorkError, within
 from ..formats import exr
 from ..formats.files import make_folder, read_json, sha256, write_json
 from ..formats.trajectories import read_trajectory, write_trajectory
@@ -45,7 +45,17 @@ class RunFolder:
 
     @property
     def camera(self) -> PinholeCamera:
-        return PinholeCamera.from_dict(self.recipe["job"]["camera"])
+        """The camera of the job. Raises InputError."""
+        with within(self.path / "sequence.json"):
+            return PinholeCamera.from_dict(self.recipe["job"].get("camera"))
+
+    @property
+    def job(self) -> RenderJob:
+        """The job. Raises InputError."""
+        try:
+            return RenderJob.from_dict(self.recipe["job"])
+        except InputError as error:
+            raise error.at(self.path / "sequence.json") from None
 
     def truth(self) -> Trajectory:
         """Poses and stamps of all frames of the trajectory. Raises InputError."""
@@ -57,7 +67,7 @@ class RunFolder:
 
     def frame_numbers(self) -> list[int]:
         """The numbers of the existing frame files, in order."""
-        return sorted(int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdigit())
+        return sorted(int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdecimal())
 
     def is_finished(self, number: int) -> bool:
         """Whether a frame's file can be read to the end, has the right size and channels, and was made by this recipe."""

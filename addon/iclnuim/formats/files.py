@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+import math
 import os
 import platform
 import shutil
@@ -11,6 +12,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, WorkError
 
@@ -22,6 +24,8 @@ except ImportError:  # Windows
 #: Identifies this host in temporary names: process numbers are not unique on a shared file system.
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 
+#: Maximum number of digits of a whole number in JSON: it is within the range of a float.
+_LONGEST_INTEGER = 300
 
 #: Names of open files, which can also be regular files.
 _OPEN_FILES = ("/dev/stdout", "/dev/stderr", "/dev/fd/", "/proc/")
@@ -165,16 +169,37 @@ def write_json(path: str | os.PathLike[str], content: dict) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> dict:
     """Read a JSON object. Raises InputError with the line of the first error."""
-    text = read_text(path)
-    try:
-        content = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError("JSON", path=path, line=error.lineno, found=f"other text ({error.msg})") from None
-    except RecursionError:
-        raise InputError("JSON", path=path, found="brackets nested too deeply") from None
+    content = content_of_json(read_text(path), path=path)
     if not isinstance(content, dict):
         raise InputError("a JSON object", path=path, found=type(content).__name__)
     return content
+
+
+def content_of_json(text: str, what: str = "JSON", path: str | os.PathLike[str] | None = None) -> Any:
+    """The content of JSON text. Raises InputError, with the line in `path` if that is given, also for numbers that are not finite or have
+    hundreds of digits.
+    """
+    try:
+        return json.loads(text, parse_int=_short_integer, parse_float=_finite, parse_constant=_finite)
+    except json.JSONDecodeError as error:
+        line = None if path is None else error.lineno
+        raise InputError(what, path=path, line=line, found=f"other text ({error.msg})") from None
+    except RecursionError:
+        raise InputError(what, path=path, found="brackets nested too deeply") from None
+    except ValueError as error:
+        raise InputError(what, path=path, found=error) from None
+
+
+def _short_integer(text: str) -> int:
+    if len(text) > _LONGEST_INTEGER:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"the number {text}, which is not finite")
+    return value
 
 
 def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:

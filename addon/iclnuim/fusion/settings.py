@@ -22,6 +22,7 @@ class VolumeSettings(Settings):
         0.045,
         "truncation distance, at least two voxels; if it is not given, the command fuse uses three voxels where these are more",
         unit="m",
+        high=10.0,
         option="--truncation",
         source="Handa 2014, VI-C",
     )
@@ -37,7 +38,9 @@ class VolumeSettings(Settings):
         256, "side length of the window, a power of two", unit="blocks of 8 voxels", low=4, option=""
     )
     max_weight: int = setting(255, "maximum weight of the running mean, in frames", low=1, high=4000, option="")
-    max_blocks: int = setting(120_000, "maximum number of blocks of 8^3 voxels in memory; 120000 take 0.9 GB", low=1)
+    max_blocks: int = setting(
+        120_000, "maximum number of blocks of 8^3 voxels in memory; 120000 take 0.9 GB", low=1, high=100_000_000
+    )
     far_m: float = setting(8.0, "maximum depth that is used", unit="m", low=1e-6, option="--far")
     channels: int = setting(3, "colour channels: 0, 1 or 3", low=0, high=3, option="")
 

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, WorkError, blender_missing, named
+from ..errors import InputError, WorkError, blender_missing, named, within
 from ..evaluation.absolute_error import ErrorStatistics
 from ..evaluation.align import MIN_EXTENT_SHARE, AlignmentSettings, align, principal_extents, umeyama
 from ..evaluation.associate import associate
-from ..formats.files import read_text
+from ..formats.files import data_lines, read_text
 from ..formats.ply import read_ply
+from ..formats.trajectory_file import LARGEST_POSITION_M
 from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
@@ -81,12 +82,15 @@ class SurfaceError:
 class TrueSurface:
     """The true surface for comparison with reconstructions: points (n, 3) in metres and triangles (m, 3).
 
-    Raises InputError if there are no triangles, WorkError if libigl is missing.
+    Raises InputError if there are no triangles, or if they are in one place or too far away, WorkError if libigl is missing.
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray) -> None:
         self._distance = TriangleDistance(points, triangles)
         self._corners = self._distance.vertices[np.unique(triangles)]
+        _check_positions(self._corners)
+        if (self._corners == self._corners[0]).all():
+            raise InputError("a surface with an area", found="all vertices in one place")
 
     @property
     def vertices(self) -> np.ndarray:
@@ -111,7 +115,7 @@ class TrueSurface:
         """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit, handedness or world frame seems to be wrong.
         `unit_m`: the unit from which they were converted to metres, for these warnings.
 
-        Raises InputError for another shape, if there are no vertices, or if some are NaN or infinite.
+        Raises InputError for another shape, if there are no vertices, or if some are NaN, infinite or too far away.
         """
         points = np.asarray(points)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -119,6 +123,7 @@ class TrueSurface:
         if not len(points) or not np.isfinite(points).all():
             found = f"{np.count_nonzero(~np.isfinite(points).all(-1))} of {len(points)} that are not"
             raise InputError("vertices (n, 3) that are finite", found=found)
+        _check_positions(points)
         T = SE3.identity() if T_model_mesh is None else T_model_mesh
         distances_m = self.distance(T.apply(points))
         return SurfaceError(distances_m, T, self._warnings(points, T, float(distances_m.mean()), unit_m))
@@ -152,7 +157,7 @@ class TrueSurface:
     def _warnings(self, points: np.ndarray, T: SE3, mean_m: float, unit_m: float) -> tuple[str, ...]:
         low, high = _extent(self._corners)
         size_m = float(np.linalg.norm(high - low))
-        if mean_m <= _SMALL_MEAN * size_m:
+        if not size_m or mean_m <= _SMALL_MEAN * size_m:  # 0: nearly all vertices are in one place
             return ()
         some = points[:: max(1, len(points) // _SAMPLE)]
         if found := self._unit_warning(some, T, size_m, unit_m):
@@ -279,7 +284,8 @@ class Reconstruction:
 def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
     """Read a mesh or a point cloud in units of unit_m. Points that are not finite, and triangles with such points, are left out.
 
-    Raises InputError for a file that is neither or has no finite point and for an invalid unit, WorkError if a reader is missing.
+    Raises InputError for a file that is neither, has no finite point or points too far away, and for an invalid unit, WorkError if a reader
+    is missing.
     """
     low, high = _UNITS_M
     if not low <= unit_m <= high:
@@ -296,12 +302,22 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
             f"{invalid} of {len(points)} points with NaN or infinity are left out, and {int((~whole).sum())} triangles"
         )
         points, triangles = points[finite], number[triangles[whole]]
+    points = points if unit_m == 1 else points * unit_m
+    with within(path):
+        _check_positions(points, "another {unit}, or removing these points")
     if not len(triangles):
         notes.append("without faces: a point cloud")
     elif not any(areas_m2(points, part).any() for part in np.array_split(triangles, len(triangles) // 1_000_000 + 1)):
         notes.append(f"none of {len(triangles)} triangles has an area: read as a point cloud")
         triangles = triangles[:0]
-    return Reconstruction(points if unit_m == 1 else points * unit_m, triangles, tuple(notes))
+    return Reconstruction(points, triangles, tuple(notes))
+
+
+def _check_positions(points: np.ndarray, hint: str | None = None) -> None:
+    """Raises InputError for points (n, 3) in metres that are farther from the origin than poses can be."""
+    largest_m = np.abs(points).max()
+    if largest_m > LARGEST_POSITION_M:
+        raise InputError(f"coordinates of at most {LARGEST_POSITION_M:g} m", found=f"{largest_m:g} m", hint=hint)
 
 
 def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -410,8 +426,8 @@ def read_transform(path: Path) -> SE3:
 def read_pairs(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Read points (n, 3) on the mesh and (n, 3) on the model from a text file with six numbers per line; `#` begins a comment. Raises InputError."""
     rows = []
-    for number, line in enumerate(read_text(path).splitlines(), 1):
-        words = line.split("#")[0].replace(",", " ").replace(";", " ").split()
+    for number, line in data_lines(read_text(path)):
+        words = line.replace(",", " ").replace(";", " ").split()
         try:
             row = [float(word) for word in words]
         except ValueError:

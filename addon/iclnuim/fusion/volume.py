@@ -35,6 +35,19 @@ class View:
     colour: np.ndarray
 
 
+def _empty_grid(s: VolumeSettings, rows: int) -> kernels.Grid:
+    """A grid without blocks. The system allocates zeroed pages at the first write, so many rows take no memory until they are used."""
+    return kernels.Grid(
+        np.zeros(3, np.int64),
+        np.zeros((s.window_blocks,) * 3, np.int32),
+        np.zeros((rows, 3), np.int32),
+        np.zeros((rows, 512), np.float32),
+        np.zeros((rows, 512), np.uint16),
+        np.zeros((rows, 512 if s.channels else 1, s.channels + 1), np.uint16),
+        np.zeros(rows, bool),
+    )
+
+
 class Volume:
     """leaving(volume, leaves) is called before rows are released; leaves: bool (rows,), true for these rows."""
 
@@ -43,19 +56,13 @@ class Volume:
     ) -> None:
         self.settings = s = settings or VolumeSettings()
         rows = s.max_blocks + 1
-        # The system allocates zeroed pages at the first write, so a large bound takes no memory until it is used.
-        self.grid = kernels.Grid(
-            np.zeros(3, np.int64),
-            np.zeros((s.window_blocks,) * 3, np.int32),
-            np.zeros((rows, 3), np.int32),
-            np.zeros((rows, 512), np.float32),
-            np.zeros((rows, 512), np.uint16),
-            np.zeros((rows, 512 if s.channels else 1, s.channels + 1), np.uint16),
-            np.zeros(rows, bool),
-        )
-        self._free = np.arange(rows - 1, 0, -1, dtype=np.int32)
+        try:
+            self.grid = _empty_grid(s, rows)
+            self._free = np.arange(rows - 1, 0, -1, dtype=np.int32)
+            self._stamp, self._rows = np.zeros(rows, np.int32), np.zeros(rows, np.int32)
+        except MemoryError:
+            raise InputError("blocks that fit into memory", setting="max_blocks", found=s.max_blocks) from None
         self._n_free = s.max_blocks
-        self._stamp, self._rows = np.zeros(rows, np.int32), np.zeros(rows, np.int32)
         self._on_leaving, self._placed = leaving, False
         self.frames = self.max_used = self._tick = 0
 

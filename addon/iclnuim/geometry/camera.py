@@ -50,7 +50,7 @@ class PinholeCamera(Settings):
     def parse(cls, text: str) -> "PinholeCamera":
         """`WIDTHxHEIGHT,FX,FY,CX,CY`, the last four optional: by default the benchmark's view, scaled to the width."""
         parts = text.strip().split(",")
-        size = re.fullmatch(r"(\d+)x(\d+)", parts[0])
+        size = re.fullmatch(r"(\d{1,9})x(\d{1,9})", parts[0])
         if not size or len(parts) not in (1, 5):
             raise InputError("a camera as WIDTHxHEIGHT or WIDTHxHEIGHT,FX,FY,CX,CY", found=text)
         width, height = int(size[1]), int(size[2])

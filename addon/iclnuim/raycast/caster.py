@@ -12,6 +12,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.handheld_plan import MARGINS_M, FreeSpace, Waypoint, rounded
 from ..geometry.points import farthest_points
 from ..geometry.se3 import SE3
+from ..geometry.triangles import check_mesh
 
 #: A centroid is visible if the ray to it reaches this share of its length.
 _ARRIVED = 1 - 1e-4
@@ -47,12 +48,13 @@ class Hits:
 class RayCaster:
     """Casts rays at triangles (m, 3), indices into vertices (n, 3) in metres, world. held_out (m,): triangles without depth that still occlude.
 
-    Raises InputError if there are no triangles, WorkError if embreex is missing.
+    Raises InputError if there are no triangles or their indices are wrong, WorkError if embreex is missing.
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, held_out: np.ndarray | None = None) -> None:
         if not len(triangles):
             raise InputError("a surface with triangles", found="none")
+        check_mesh(np.asarray(vertices), np.asarray(triangles))
         try:
             from embreex.mesh_construction import TriangleMesh
             from embreex.rtcore_scene import EmbreeScene

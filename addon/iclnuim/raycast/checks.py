@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..dataset.ground_truth import INSTANCE, NORMAL
+from ..errors import InputError
 from ..formats.scene_model import SceneModel
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -69,7 +70,10 @@ class GlassCaster(RayCaster):
 
 
 def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
-    """(h, w) signed error in metres; NaN on edges, +-inf where only one of the two has depth."""
+    """(h, w) signed error in metres; NaN on edges, +-inf where only one of the two has depth. Raises InputError for an image of another size."""
+    if depth_z_m.shape != (camera.height, camera.width):
+        found = " x ".join(map(str, depth_z_m.shape[::-1]))
+        raise InputError(f"{camera.width} x {camera.height} as in the camera", found=found)
     truth = caster.depth(camera, T_world_camera)
     error = depth_z_m.astype(float) - truth
     error[(depth_z_m > 0) != (truth > 0)] = np.inf

@@ -51,8 +51,9 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     Raises InputError for fewer than two exposures, fewer than two repeats, equal repeats, or no values between black and white.
     """
     gains = np.asarray(exposures, float)
-    if len(gains) < 2 or len(images) != len(gains) or (gains <= 0).any():
-        raise InputError("two or more exposures > 0, with images each", found=f"{len(gains)}")
+    if len(gains) < 2 or len(images) != len(gains) or not (np.isfinite(gains) & (gains > 0)).all():
+        found = ", ".join(f"{gain:g}" for gain in gains)
+        raise InputError("two or more exposures, finite and > 0, with images each", found=found or "none")
     if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
         raise InputError("two or more 8-bit images of each exposure", found="fewer")
     means = np.stack([stack.mean(0, dtype=np.float64).ravel() for stack in images])

@@ -14,7 +14,7 @@ from ...formats.associations import (
     write_associations,
     write_image_list,
 )
-from ...formats.files import is_file, read_text, write_json
+from ...formats.files import data_lines, is_file, read_text, write_json
 from ...formats.trajectory_file import LARGEST_FRAME, SHORTEST_STEP_NS, stamp_text_of_ns
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
@@ -66,9 +66,8 @@ def found(folder: Path) -> bool:
     """Whether there are lists and their first image exists: a folder of another format may contain unused lists."""
     if not (files := _list_files(folder)):
         return False
-    for line in read_text(files[0]).splitlines():
-        fields = line.split("#", 1)[0].split()
-        if len(fields) > 1:
+    for _, line in data_lines(read_text(files[0])):
+        if len(fields := line.split()) > 1:
             return is_file(folder / fields[1])
     return False
 

@@ -1,6 +1,7 @@
 """VSLAM-LAB: rgb_0/, depth_0/, rgb.csv, calibration.yaml, groundtruth.csv; stamps in nanoseconds (https://github.com/VSLAM-LAB/VSLAM-LAB, Datasets/)."""
 
 import csv
+import io
 import re
 from pathlib import Path
 
@@ -60,7 +61,7 @@ cameras:
 def _rows(folder: Path) -> list[Row]:
     """The pairs of the list; lines without a depth image are left out."""
     file, found = folder / _LIST, []
-    lines = csv.reader(read_text(file).splitlines())
+    lines = csv.reader(io.StringIO(read_text(file), newline=""))
     try:
         head = next(lines)
         places = [head.index(name) for name in _COLUMNS]
