@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from iclnuim.errors import InputError
-from iclnuim.formats.files import is_stream
+from iclnuim.formats.files import is_stream, real_path
 
 #: Options whose value is written.
 _OUTPUTS = ("out", "csv", "plot", "rerun", "blend")
@@ -72,7 +72,7 @@ def _inputs(args: argparse.Namespace) -> Iterator[Path]:
 def _is_read(path: Path, given: Path) -> bool:
     if given.is_file():
         return os.path.samefile(path, given)
-    path, given = _real(path), _real(given)
+    path, given = real_path(path), real_path(given)
     if not path.is_relative_to(given):
         return False
     image = path.suffix.lower() in _IMAGES and path.parent != given
@@ -81,7 +81,7 @@ def _is_read(path: Path, given: Path) -> bool:
 
 def _sequence_with(path: Path) -> Path | None:
     """The sequence that a file belongs to, whether or not the command reads it; None if there is none."""
-    path = _real(path)
+    path = real_path(path)
     return next((folder for folder in path.parents[:_DEPTH] if _has(folder, path)), None)
 
 
@@ -90,7 +90,7 @@ def _has(folder: Path, path: Path) -> bool:
     from iclnuim.dataset.frames import find_pairs, find_truth
 
     try:
-        images = {_real(image) for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)}
+        images = {real_path(image) for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)}
         truth = find_truth(folder)
     except InputError:
         images, truth = set(), None
@@ -99,9 +99,4 @@ def _has(folder: Path, path: Path) -> bool:
         return False
     image = path.suffix.lower() in _IMAGES and path.parent in places - {folder}
     listed = path.parent == folder and _SEQUENCE.fullmatch(path.name)
-    return path in images or image or bool(listed) or truth is not None and path == _real(truth)
-
-
-def _real(path: Path) -> Path:
-    """The path without symbolic links; those of a loop stay, where Path.resolve() raises RuntimeError."""
-    return Path(os.path.realpath(path))
+    return path in images or image or bool(listed) or truth is not None and path == real_path(truth)

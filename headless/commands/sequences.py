@@ -7,7 +7,6 @@ writes the archive to publish.
 
 import argparse
 import json
-import os
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
@@ -24,7 +23,7 @@ from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, within
-from iclnuim.formats.files import check_file, data_lines, is_stream, read_bytes, read_text, sha256
+from iclnuim.formats.files import check_file, data_lines, is_stream, read_bytes, read_text, real_path, sha256
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
 
@@ -261,7 +260,7 @@ def _check_archive(args: argparse.Namespace, out: Path) -> None:
     """Raises InputError for another kind of archive, one inside the folder, and, if the user did not name it, for a file of another origin."""
     if not out.name.endswith(_ARCHIVES) and not is_stream(out):
         raise InputError(f"an archive named *{' or *'.join(_ARCHIVES)}", path=out, found=out.suffix or "no ending")
-    if Path(os.path.realpath(out)).is_relative_to(os.path.realpath(args.folder)):
+    if real_path(out).is_relative_to(real_path(args.folder)):
         raise InputError(
             "an archive outside the folder that is packed", path=out, found="a file in it", hint="another {out}"
         )
@@ -271,7 +270,7 @@ def _check_archive(args: argparse.Namespace, out: Path) -> None:
 
 
 def _pack(args: argparse.Namespace, console: Console) -> None:
-    whole = Path(os.path.realpath(args.folder))  # `.` has no name
+    whole = real_path(args.folder)  # `.` has no name
     out = args.out or (args.folder if args.folder.name else whole).with_name(f"{whole.name}.tar.gz")
     check_packable(args.folder, args.licence)
     _check_archive(args, out)

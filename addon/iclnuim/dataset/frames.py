@@ -2,7 +2,6 @@
 truth are found here.
 """
 
-import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,7 @@ import numpy as np
 from ..errors import InputError, within
 from ..formats.associations import LARGEST_NUMBER
 from ..formats.exr import read_exr
-from ..formats.files import data_lines, is_file, read_bytes, read_json, sha256
+from ..formats.files import data_lines, is_file, read_bytes, read_json, real_path, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
 from ..formats.trajectories import read_trajectory
@@ -101,18 +100,13 @@ def find_pairs(folder: Path) -> list[ImagePair]:
 
 def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     """The images in the folders of the pairs that are in none, by kind: they have no partner, or are in no list."""
-    used = {RGB: {_real(p.rgb) for p in pairs}, DEPTH: {_real(p.depth) for p in pairs}}
+    used = {RGB: {real_path(p.rgb) for p in pairs}, DEPTH: {real_path(p.depth) for p in pairs}}
     found = {}
     for kind, paths in used.items():
         places = {(path.parent, path.suffix) for path in paths}
-        there = {_real(image) for parent, ending in places for image in parent.glob(f"*{ending}")}
+        there = {real_path(image) for parent, ending in places for image in parent.glob(f"*{ending}")}
         found[kind] = sorted(p for p in there - used[RGB] - used[DEPTH] if not _TRUTH_IMAGE.fullmatch(p.stem))
     return found
-
-
-def _real(path: Path) -> Path:
-    """The path without symbolic links, also if they form a loop."""
-    return Path(os.path.realpath(path))
 
 
 def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:

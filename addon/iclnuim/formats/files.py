@@ -79,6 +79,11 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+def real_path(path: str | os.PathLike[str]) -> Path:
+    """The path without symbolic links. Those of a loop stay, where Path.resolve() raises RuntimeError."""
+    return Path(os.path.realpath(path))
+
+
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by a file."""
     path = Path(path)
