@@ -142,7 +142,12 @@ class _Parser(argparse.ArgumentParser):
         """`--frames=-3:` if the option's value was taken for another option because it starts with a minus."""
         if not message.endswith(": expected one argument"):
             return ""
-        given = ((option, value) for option, value in pairwise(self.words) if option[:1] == "-" and option in message)
+        names = message.removeprefix("argument ").partition(":")[0].split("/")
+        given = (
+            (option, value)
+            for option, value in pairwise(self.words)
+            if value[:1] == "-" and len(option) > 1 and any(name.startswith(option) for name in names)
+        )
         values = (f"{option}={value}" for option, value in given if value not in self._option_string_actions)
         return next((text for text in values if "=--" not in text), "")
 

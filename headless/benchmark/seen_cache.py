@@ -3,14 +3,12 @@
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from iclnuim.errors import WorkError
-from iclnuim.formats.files import atomic_write, make_folder
+from iclnuim.formats.files import atomic_write, locked, make_folder
 from iclnuim.fusion.quality import Seen, SeenBy, what_was_seen
 from iclnuim.fusion.settings import QualitySettings
 from iclnuim.fusion.surface_error import TrueSurface
@@ -30,7 +28,9 @@ def cached_seen(folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy,
     path = folder / f"{key}.npz"
     try:
         make_folder(folder)
-        with _locked(path.with_suffix(".lock")):
+        lock = path.with_suffix(".lock")
+        lock.touch()
+        with locked(lock, wait=True):  # where there are no such locks, two processes may compute the same result
             if (found := _read(path, views)) is None:
                 found = what_was_seen(surface, seen_by, settings)
                 _write(path, found)
@@ -55,16 +55,3 @@ def _write(path: Path, seen: Seen) -> None:
         "depth_z_m": seen.depth_z_m,
     }
     atomic_write(path, lambda temporary: np.savez(temporary, **content))
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock, which the system releases if the process is killed. Without such locks (Windows), two processes may compute the same result."""
-    with open(path, "w") as file:
-        try:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
-        except ImportError:
-            pass
-        yield

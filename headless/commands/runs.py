@@ -189,9 +189,11 @@ def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | No
     """The file to save the scene in. One that exists is kept, with a note, if the run has begun; otherwise raises InputError."""
     if blend is None or not os.path.lexists(blend):
         return blend
-    if not (plan.raw / "sequence.json").is_file():
+    if blend.is_dir() or not (plan.raw / "sequence.json").is_file():
         refuse_existing(blend, "another name for {blend}")
-    console.note(f"{blend} exists already and is not changed; remove it to have the scene saved again")
+    if plan.farm.engine != "local":
+        return blend  # which is refused
+    console.note(f"{blend} exists already and is not changed; give another name to save the scene again")
     return None
 
 

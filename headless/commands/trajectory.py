@@ -418,7 +418,10 @@ def _check_near(places: np.ndarray, vertices: np.ndarray) -> None:
 
 def _waypoints(texts: list[str]) -> list[Waypoint]:
     if len(texts) == 1 and Path(texts[0]).is_file():
-        return [_waypoint(row, path=texts[0], line=k) for k, row in data_lines(read_text(texts[0]))]
+        rows = data_lines(read_text(texts[0]))
+        if not rows:
+            raise InputError("viewpoints", path=texts[0], found="comments alone")
+        return [_waypoint(row, path=texts[0], line=k) for k, row in rows]
     return [_waypoint(text) for text in texts]
 
 

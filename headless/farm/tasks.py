@@ -18,6 +18,7 @@ from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import RunFolder, read_run
 from iclnuim.dataset.sequence import JournalEntry, SequenceImages, SequenceWriter
 from iclnuim.errors import WorkError
+from iclnuim.formats.files import locked
 from iclnuim.worker_events import Event, FrameDone, Ready
 
 from ..options import Console
@@ -42,18 +43,24 @@ class SequenceStage:
     def __init__(self, plan: RunPlan, workers: int, on_frame: Callable[[int], None] = lambda number: None) -> None:
         self._plan, self._on_frame = plan, on_frame
         self._pool = FramePool(_ImageMaker(plan).make, workers, self._made)
+        self._locks = ExitStack()
 
     def __enter__(self) -> "SequenceStage":
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        with self._locks:
+            self.close()
 
     def begin(self, raw: RunFolder) -> None:
-        """Begin or resume the sequences of this run. Raises InputError if a folder contains other sequences."""
+        """Begin or resume the sequences of this run. Raises InputError if a folder contains other sequences, WorkError if another process is
+        writing them.
+        """
         plan = self._plan
         self._raw = raw
         self._writer = SequenceWriter(frames_of_run(raw, plan.numbers), plan.variants(), plan.formats)
+        for out in plan.variants():
+            self._locks.enter_context(locked(out))
         self._lacking = set(self._writer.missing)
 
     def add(self, number: int) -> None:

@@ -389,11 +389,29 @@ def test_frames_that_another_process_finished_meanwhile_stay_in_the_sequence(run
     assert contents(tmp_path / "a") == contents(fill(run, tmp_path / "whole"))
 
 
+def test_a_frame_that_another_process_repaired_meanwhile_stays_in_the_lists(run, tmp_path):
+    fill(run, tmp_path / "a", frames=":3")
+    (tmp_path / "a/rgb/000000.png").unlink()
+    first, second = (SequenceWriter(run_frames(run.path, part), {tmp_path / "a": NOISY}) for part in (":2", "3:"))
+    first.write()
+    second.write()
+    assert contents(tmp_path / "a") == contents(fill(run, tmp_path / "whole"))
+
+
+def test_frames_that_another_process_made_meanwhile_are_not_made_again(run, tmp_path):
+    first, second = (SequenceWriter(run_frames(run.path), {tmp_path / "a": NOISY}) for _ in range(2))
+    first.write()
+    image = (tmp_path / "a/rgb/000001.png").stat().st_mtime_ns
+    second.write()
+    assert (tmp_path / "a/rgb/000001.png").stat().st_mtime_ns == image
+    assert contents(tmp_path / "a") == contents(fill(run, tmp_path / "whole"))
+
+
 def test_two_processes_do_not_write_one_sequence(run, tmp_path):
     fill(run, tmp_path / "a", frames=":2")
-    with locked(tmp_path / "a"), pytest.raises(WorkError, match="another process is writing this folder"):
+    with locked(tmp_path / "a"), pytest.raises(WorkError, match="another process is writing here"):
         fill(run, tmp_path / "a")
-    assert not (tmp_path / "a/rgb/000002.png").exists()
+    assert '"finished": true' in (tmp_path / "a/recipe.json").read_text()
     assert contents(fill(run, tmp_path / "a")) == contents(fill(run, tmp_path / "whole"))
 
 

@@ -225,12 +225,12 @@ def test_frames_that_cannot_be_understood_are_refused(text):
 def test_matrices_that_are_no_rotations_are_refused(walk, wrong):
     rotations = walk.T_world_camera.rotation.copy()
     rotations[7] = wrong
-    with pytest.raises(InputError, match="rotation matrices, found another matrix in pose 7"):
+    with pytest.raises(InputError, match="rotation matrices, found pose 7 without them"):
         Trajectory(walk.stamps_s, SE3(rotations, walk.positions_m))
 
 
 def test_positions_that_are_not_finite_are_refused(walk):
     positions_m = walk.positions_m.copy()
     positions_m[3, 1] = np.inf
-    with pytest.raises(InputError, match="finite positions .* pose 3"):
+    with pytest.raises(InputError, match="finite positions .* pose 3 without"):
         Trajectory(walk.stamps_s, SE3(walk.T_world_camera.rotation, positions_m))

@@ -7,7 +7,7 @@ from iclnuim.formats.png import write_png
 
 
 @pytest.mark.parametrize(
-    ("name", "recipe", "said"),
+    ("name", "recipe", "message"),
     [
         ("recipe.json", {"source": []}, "expected a JSON object as source, found []"),
         ("recipe.json", {"source": {"run": 3}}, "expected a JSON object as run, found 3"),
@@ -16,10 +16,10 @@ from iclnuim.formats.png import write_png
         ("sequence.json", {"machine": {"features": "avx"}}, 'expected a list as features, found "avx"'),
     ],
 )
-def test_a_part_of_another_type_is_refused(name, recipe, said, tmp_path, command_here):
+def test_a_part_of_another_type_is_refused(name, recipe, message, tmp_path, command_here):
     write_json(tmp_path / name, recipe)
     code, _, error = command_here("compare", tmp_path, tmp_path)
-    assert (code, error) == (2, f"iclnuim compare: {tmp_path / name}: {said}\n")
+    assert (code, error) == (2, f"iclnuim compare: {tmp_path / name}: {message}\n")
 
 
 def test_images_that_come_from_no_run_are_compared(tmp_path, command_here):

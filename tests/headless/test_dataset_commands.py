@@ -70,6 +70,9 @@ def test_frames_that_start_with_a_minus_are_refused_with_the_way_to_write_them(r
     with pytest.raises(SystemExit, match="2"):
         main(["dataset", str(raw), "--frames", "-3:", str(tmp_path / "out")])
     assert capsys.readouterr().err.endswith("argument --frames: expected one argument; try --frames=-3:\n")
+    with pytest.raises(SystemExit, match="2"):
+        main(["dataset", str(raw), "-o", "x.txt", str(tmp_path / "out"), "--frames"])
+    assert capsys.readouterr().err.endswith("argument --frames: expected one argument; try iclnuim dataset --help\n")
 
 
 def test_an_image_that_is_a_loop_of_links_is_one_line(raw, tmp_path, capsys):

@@ -209,7 +209,10 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
     calibration, line = file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"
     if calibration.exists() and read_bytes(calibration) != line.encode():
         raise InputError(
-            "the camera of this log, or no file", path=calibration, found="other text", hint="another {out}"
+            "the camera of this log, or no file",
+            path=calibration,
+            found="other text",
+            hint="moving this file away, or another {out}",
         )
     atomic_write_text(calibration, line)  # before the log, so that an interrupted log has none
     atomic_write(file, write)

@@ -152,7 +152,7 @@ class SequenceWriter:
     """Writes the same frames with one or several settings, folder -> settings (clean and noisy). Each frame is read once.
 
     If there are several formats, each has a separate subfolder. Frames whose images have the hashes in the journal are skipped.
-    Raises InputError if a folder contains other files or another sequence, WorkError if it cannot be made.
+    Raises InputError if a folder contains other files or another sequence, WorkError if it cannot be made, or another process is writing it.
     """
 
     def __init__(
@@ -194,8 +194,9 @@ class SequenceWriter:
             for target in self.targets:
                 locks.enter_context(locked(target.out))
                 target.read_again()
-            with FramePool(self.make, min(workers or cores(), len(self.missing) or 1), noted) as pool:
-                for number in self.missing:
+            missing = [n for n in self.missing if any(n not in t.finished for t in self.targets)]
+            with FramePool(self.make, min(workers or cores(), len(missing) or 1), noted) as pool:
+                for number in missing:
                     pool.add(number)
             return [] if pool.stopped else self.complete()
 
@@ -331,23 +332,28 @@ class _Target(_Images):
         if source.volatile and self.finished:
             self._refuse_changed(formats)
         make_folder(out)
-        write_json(out / "recipe.json", self.recipe)
+        with locked(out):
+            self._begin()
+
+    def _begin(self) -> None:
+        """Write the recipe, make the folders of images, and remove what a crash has left."""
+        write_json(self.out / "recipe.json", self.recipe)
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
             # remove a line truncated by a crash, in place: if the file were rewritten, a kill could lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
-        images = (place.path for n in source.numbers for places in self.places[n].values() for place in places)
-        for folder in sorted({out, *(path.parent for path in images)}):
+        images = (place.path for n in self.source.numbers for places in self.places[n].values() for place in places)
+        for folder in sorted({self.out, *(path.parent for path in images)}):
             make_folder(folder)
             for leftover in folder.glob(".*.tmp.*"):
                 if writer_has_ended(leftover):
                     leftover.unlink(missing_ok=True)
 
     def read_again(self) -> None:
-        """Read the journal again: another process may have added frames since construction."""
-        new = {n: entry for n, entry in read_entries(self.journal).items() if n not in self.entries}
-        self.entries |= new
-        self.finished |= {n for n in new if n in self.places and self.is_complete(n)}
+        """Read the journal again: another process may have made frames since construction."""
+        self.entries |= read_entries(self.journal)
+        new = self.entries.keys() & self.places.keys() - self.finished
+        self.finished |= {n for n in new if self.is_complete(n)}
 
     def note(self, entry: JournalEntry) -> None:
         """Append one line to the journal. Raises WorkError if it cannot be written."""

@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -54,33 +54,33 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes out of a folder that exists, until the end of the block or of the process. It leaves no file. Without effect where the
-    system or the file system has no such locks (Windows, some network file systems).
+def locked(path: Path, wait: bool = False) -> Iterator[None]:
+    """Keep other processes out of a folder or file that exists, until the end of the block or of the process. It leaves no file. Without effect
+    where the system or the file system has no such locks (Windows, some network file systems).
 
-    Raises WorkError if another process has locked the folder.
+    Raises WorkError if another process has locked it, or, with `wait`, waits for that process.
     """
     if fcntl is None:
         yield
         return
-    descriptor = os.open(folder, os.O_RDONLY)
+    descriptor = os.open(path, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         os.close(descriptor)
-        raise WorkError(
-            f"{folder}: another process is writing this folder", hint="waiting for it, or another folder"
-        ) from None
+        raise WorkError(f"{path}: another process is writing here", hint="waiting for it, or another folder") from None
     except OSError:
         pass
     try:
         yield
     finally:
+        with suppress(OSError):  # a forked process that has not ended has the same lock
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
         os.close(descriptor)
 
 
 def real_path(path: str | os.PathLike[str]) -> Path:
-    """The path without symbolic links. Those of a loop stay, where Path.resolve() raises RuntimeError."""
+    """The path without symbolic links. Those of a loop stay, where Path.resolve() raises RuntimeError before Python 3.13."""
     return Path(os.path.realpath(path))
 
 

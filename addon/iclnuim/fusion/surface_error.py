@@ -304,7 +304,7 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
         points, triangles = points[finite], number[triangles[whole]]
     points = points if unit_m == 1 else points * unit_m
     with within(path):
-        _check_positions(points, "another {unit}, or removing these points")
+        _check_positions(points, "another {unit}, or moving the mesh near the origin")
     if not len(triangles):
         notes.append("without faces: a point cloud")
     elif not any(areas_m2(points, part).any() for part in np.array_split(triangles, len(triangles) // 1_000_000 + 1)):

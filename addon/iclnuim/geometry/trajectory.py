@@ -56,10 +56,8 @@ class Trajectory:
             raise InputError("as many poses as stamps", found=f"{self.T_world_camera.shape} and {stamps.shape}")
         if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
             raise InputError("finite, strictly increasing stamps")
-        if (wrong := np.flatnonzero(~self.T_world_camera.is_rigid())).size:
-            raise InputError(
-                "poses of finite positions and rotation matrices", found=f"another matrix in pose {wrong[0]}"
-            )
+        if (invalid := np.flatnonzero(~self.T_world_camera.is_rigid())).size:
+            raise InputError("finite positions and rotation matrices", found=f"pose {invalid[0]} without them")
         stamps.setflags(write=False)
         object.__setattr__(self, "stamps_s", stamps)
 

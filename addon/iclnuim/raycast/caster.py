@@ -48,7 +48,7 @@ class Hits:
 class RayCaster:
     """Casts rays at triangles (m, 3), indices into vertices (n, 3) in metres, world. held_out (m,): triangles without depth that still occlude.
 
-    Raises InputError if there are no triangles or their indices are wrong, WorkError if embreex is missing.
+    Raises InputError if there are no triangles or invalid indices, WorkError if embreex is missing.
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, held_out: np.ndarray | None = None) -> None:

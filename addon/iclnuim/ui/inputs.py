@@ -11,9 +11,10 @@ import numpy as np
 
 from .. import shipped
 from ..blender import camera, light_map
+from ..dataset.run_folder import read_run
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
-from ..formats.files import make_folder, process_is_running, read_json, sha256
+from ..formats.files import make_folder, process_is_running, sha256
 from ..formats.libraries import first_library
 from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
 from ..geometry import axes
@@ -161,4 +162,4 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
 def _scene_of_run(out: Path) -> Path | None:
     """The scene of the run that was begun in `out`, if there is one."""
     record = out / "raw/sequence.json"
-    return Path(read_json(record).get("job", {}).get("scene", "")).resolve() if record.is_file() else None
+    return Path(str(read_run(record.parent).recipe["job"].get("scene", ""))).resolve() if record.is_file() else None

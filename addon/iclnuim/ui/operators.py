@@ -11,12 +11,12 @@ from bpy.props import BoolProperty, StringProperty
 from ..blender import camera as keyed_camera
 from ..blender import orient, sanitize, scene, scene_paths
 from ..dataset.frames import read_frame
+from ..dataset.run_folder import read_run
 from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
 from ..evaluation.relative_error import RelativeErrorSettings, parse_delta
-from ..formats.files import read_json
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.scene_axes import SceneReading
 from ..geometry.trajectory import frame_rate_hz, frame_slice
@@ -142,9 +142,8 @@ def resume(self, context):
         hint = "Render, or the {out} that the render was started in"
         raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
     inputs.check_free(out / "raw")
-    job = RenderJob.from_dict(read_json(recipe).get("job", {}))
-    poses = read_trajectory(out / "raw" / "groundtruth.txt", "tum").trajectory
-    _render(job, out, list(frame_slice(settings.frames, len(poses))), settings.sequences(out))
+    run = read_run(out / "raw")
+    _render(run.job, out, list(frame_slice(settings.frames, len(run.truth()))), settings.sequences(out))
 
 
 @operator("Cancel")
