@@ -14,8 +14,8 @@ from iclnuim.odometry import icp, kernels  # noqa: E402
 from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information, spread_information  # noqa: E402
 from iclnuim.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
 from iclnuim.odometry.icp import Icp  # noqa: E402
-from iclnuim.odometry.photometric import Dvo, PhotometricTerm, Rgbd, Tiles  # noqa: E402
-from iclnuim.odometry.protocol import Frame, Result, Status  # noqa: E402
+from iclnuim.odometry.photometric import Dvo, PhotometricTerm, Rgbd, Start, Tiles  # noqa: E402
+from iclnuim.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
 from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
 from iclnuim.odometry.solver import MAX_SIGMA_M, Level, Limits, Pass, Stop, System, solve  # noqa: E402
 from iclnuim.odometry.track import EntropyReference, KeyframeReference, Reference, Tracker, track  # noqa: E402
@@ -331,6 +331,28 @@ def test_a_guess_that_is_far_off_is_corrected_from_a_far_keyframe(name, off_deg)
     for axis in (*np.eye(3), *-np.eye(3)):
         found = method.align(reference, current, after(20) @ SE3.exp(np.r_[0, 0, 0, np.radians(off_deg) * axis]))
         assert np.abs((after(20).inverse() @ found.T_reference_camera).log()).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("turned", "predicted", "taken"),
+    [(0.2, 0.95, "predicted"), (0.7, 0.95, "turned"), (None, 0.95, "turned"), (0.9, None, "turned")],
+)
+def test_the_prediction_is_aligned_too_where_another_guess_replaces_it(turned, predicted, taken):
+    """Correlations at the two results; None: the alignment fails."""
+    poses, fits = {"turned": after(1), "predicted": after(2)}, {"turned": turned, "predicted": predicted}
+
+    class Images:
+        def fit(self, T):
+            return next(fits[name] for name, pose in poses.items() if pose is T), 0.4
+
+    def align(start):
+        name = next(name for name, pose in poses.items() if pose is start.guess)
+        return Result(start.guess) if fits[name] else failure("image: unrelated")
+
+    start = Start(poses["turned"], [], Images(), predicted=poses["predicted"])
+    found = start.aligned(align, lambda result: result)
+    assert found.status is (Status.OK if fits[taken] else Status.FAILED)
+    assert not fits[taken] or found.T_reference_camera is poses[taken]
 
 
 @pytest.mark.parametrize("jump, noise", [(10, 0.0), (14, 0.001)])

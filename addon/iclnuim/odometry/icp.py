@@ -278,7 +278,9 @@ class IcpRgbd(Icp):
         coarsest = planes[schedule[0][0]]
         if start.poor or biased:
             coarsest(guess, 0)  # for the distance between the surfaces at the guess
-            result, finest = self._image_first(reference, current, start, planes)
+            result, finest = start.aligned(
+                lambda one: self._image_first(reference, current, one, planes), lambda found: found[0]
+            )
             if result.status is not Status.FAILED:
                 start = start._replace(guess=result.T_reference_camera)
         if not biased:

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ from .depth_term import FIRM, LOOSE, DepthTerm, inlier_weights, scale_ambiguity
 from .protocol import Frame, Result, Status, failure
 from .solver import SYMMETRIC, Level, Limits, Pass, PyramidOdometer, Stop, System, pyramid, small_twist, solve
 
+Found = TypeVar("Found")
 NONE = np.empty(0)
 #: An image with a smaller standard deviation (grey levels) is black, white or covered.
 MIN_CONTRAST = 1.0
@@ -327,13 +328,30 @@ def _register(one: np.ndarray, other: np.ndarray, camera: PinholeCamera) -> np.n
 
 class Start(NamedTuple):
     """Where an alignment starts: guess, schedule, and the term of the coarsest images, if they did not fit at the prediction (poor), or if
-    only the result is checked (afterwards).
+    only the result is checked (afterwards). predicted: the prediction, if the guess is another pose.
     """
 
     guess: SE3
     schedule: list[tuple[int, int]]
     poor: PhotometricTerm | None = None
     afterwards: PhotometricTerm | None = None
+    predicted: SE3 | None = None
+
+    def aligned(self, align: Callable[["Start"], Found], result_of: Callable[[Found], Result]) -> Found:
+        """What `align` finds from this start; or from the prediction, if that is another pose and the coarsest images fit clearly better at its
+        result: on a bare wall a wrong pose can fit better than a good prediction, before both are aligned.
+        """
+        found = align(self)
+        if self.predicted is None or result_of(found).status is Status.FAILED:
+            return found
+        other = align(self._replace(guess=self.predicted))
+        return other if self._fit(result_of(other)) > CLEARLY * self._fit(result_of(found)) else found
+
+    def _fit(self, result: Result) -> float:
+        """How well the coarsest images fit at a result: their correlation times the share of visible pixels; 0 for a failure."""
+        if self.poor is None or result.status is Status.FAILED:
+            return 0.0
+        return max(math.prod(self.poor.fit(result.T_reference_camera)), 0.0)
 
     def checked(self, result: Result) -> Result:
         """The result; DEGENERATE if the coarsest images do not fit, or, after a poor prediction, if it did not converge."""
@@ -358,7 +376,7 @@ def initialise(
     guess: SE3,
 ) -> Start:
     """If the coarsest images do not fit at the guess, or few pixels are visible, there may have been a sudden motion. A rotation is then estimated
-    from these images; if they fit clearly better there, it replaces that of the guess. All levels get more iterations. Without tiles only the result is checked.
+    from these images; if they fit clearly better there, the alignment starts from it too. All levels get more iterations. Without tiles only the result is checked.
     """
     n = schedule[0][0]
     term = PhotometricTerm(reference[n], current[n], settings, n)
@@ -370,7 +388,8 @@ def initialise(
     start = with_rotation(reference[n], current[n], guess, lambda T: math.prod(term.fit(T)))
     if start is guess and correlation >= MIN_FIT:
         return Start(guess, schedule)
-    return Start(start, [(m, ITERATIONS_FACTOR * count) for m, count in schedule], term)
+    iterated = [(m, ITERATIONS_FACTOR * count) for m, count in schedule]
+    return Start(start, iterated, term, predicted=None if start is guess else guess)
 
 
 class Rgbd(PyramidOdometer):
@@ -400,6 +419,9 @@ class Rgbd(PyramidOdometer):
         if no_contrast(reference, current):
             return failure("image: no contrast")
         start = initialise(reference, current, self.settings, self.schedule(reference), guess)
+        return start.checked(start.aligned(partial(self._align_from, reference, current), lambda result: result))
+
+    def _align_from(self, reference: list[Level], current: list[Level], start: Start) -> Result:
         n = start.schedule[-1][0]
         depth = DepthTerm(reference[n], current[n]) if self.settings.tiles else None
         passes, finest = photometric_passes(reference, current, self.settings, start.schedule, depth)
@@ -407,7 +429,7 @@ class Rgbd(PyramidOdometer):
         if result.status is not Status.FAILED and (reason := finest.unrelated()):
             return failure(reason)
         result = finest.checked(result)
-        return start.checked(depth.checked(result) if depth else result)
+        return depth.checked(result) if depth else result
 
 
 class Dvo(Rgbd):
