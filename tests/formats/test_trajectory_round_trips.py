@@ -176,8 +176,8 @@ def test_image_zero_alone_cannot_be_anchored(tmp_path):
 @pytest.mark.parametrize(
     ("poses", "message"),
     [
-        (SE3(np.full((2, 3, 3), np.nan), np.zeros((2, 3))), "finite poses"),
-        (SE3(np.broadcast_to(np.eye(3), (2, 3, 3)), np.full((2, 3), np.inf)), "finite poses"),
+        (SE3(np.full((2, 3, 3), np.nan), np.zeros((2, 3))), "finite positions and rotation matrices"),
+        (SE3(np.broadcast_to(np.eye(3), (2, 3, 3)), np.full((2, 3), np.inf)), "finite positions and rotation matrices"),
         (SE3(np.broadcast_to(np.eye(3), (2, 3, 3)), np.full((2, 3), 1e9)), "positions of at most"),
         (SE3.identity((0,)), "at least one pose"),
     ],

@@ -251,12 +251,10 @@ def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
 
 
 def check_writable(trajectory: Trajectory) -> None:
-    """Raises InputError for a trajectory that no reader would accept: no poses, or numbers that are not finite or implausible."""
+    """Raises InputError for a trajectory that no reader would accept: no poses, or implausible numbers."""
     if len(trajectory) == 0:
         raise InputError("at least one pose to write", found="none")
     positions_m, stamps_s = trajectory.positions_m, trajectory.stamps_s
-    if not (np.isfinite(positions_m).all() and np.isfinite(trajectory.T_world_camera.rotation).all()):
-        raise InputError("finite poses to write", found="NaN or infinity")
     if np.abs(positions_m).max() > LARGEST_POSITION_M:
         expected = f"positions of at most {LARGEST_POSITION_M:g} m to write"
         raise InputError(expected, found=f"{np.abs(positions_m).max():g} m")
