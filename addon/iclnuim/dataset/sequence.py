@@ -165,7 +165,10 @@ class SequenceWriter:
         self.source = source
         self.targets = [_Target(source, out, settings, chosen) for out, settings in sequences.items()]
         self.make = SequenceImages(source, sequences, formats).make
-        self.missing = [n for n in source.numbers if any(n not in t.finished for t in self.targets)]
+        self.missing = self._missing()
+
+    def _missing(self) -> list[int]:
+        return [n for n in self.source.numbers if any(n not in t.finished for t in self.targets)]
 
     def losses(self) -> list[str]:
         """What is lost when the source is written in these formats, one sentence each."""
@@ -194,7 +197,7 @@ class SequenceWriter:
             for target in self.targets:
                 locks.enter_context(locked(target.out))
                 target.read_again()
-            missing = [n for n in self.missing if any(n not in t.finished for t in self.targets)]
+            missing = self._missing()
             with FramePool(self.make, min(workers or cores(), len(missing) or 1), noted) as pool:
                 for number in missing:
                     pool.add(number)
