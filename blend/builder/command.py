@@ -24,6 +24,7 @@ from iclnuim.job import RenderJob
 from iclnuim.render import render_frames
 from iclnuim.sensor.transfer import srgb8
 from iclnuim.shipped import SCENES
+from iclnuim.worker_events import Event, Note
 
 from . import build_scene
 
@@ -129,7 +130,7 @@ def _compare(args: argparse.Namespace, console: Console) -> int:
 
     args.out.mkdir(parents=True, exist_ok=True)
     figures, progress = {}, console.progress(len(views.frames), "compare")
-    for number, rgb, depth_z_m in _rendered(views, args.samples_dir, args.samples):
+    for number, rgb, depth_z_m in _rendered(views, args.samples_dir, args.samples, console):
         bgr, (their_bgr, their_depth) = srgb8(rgb)[..., ::-1].copy(), views.official(args.samples_dir, number)
         figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(likeness.measure(their_bgr, their_depth))
         picture = cv2.imencode(".png", likeness.side_by_side(bgr, their_bgr))[1].tobytes()
@@ -144,15 +145,22 @@ def _write(content: bytes, path: Path) -> None:
     path.write_bytes(content)
 
 
-def _rendered(views: Any, samples_dir: Path, path_samples: int | None) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+def _rendered(
+    views: Any, samples_dir: Path, path_samples: int | None, console: Console
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yield (number, scene-linear RGB, planar Z) of the official views, rendered like the frames of `make`, or path traced with `path_samples`."""
+
+    def listen(event: Event) -> None:
+        if isinstance(event, Note):  # such as a bake, which takes minutes
+            console.note(f"note: {event.text}")
+
     with tempfile.TemporaryDirectory() as folder:
         poses, file = views.poses(samples_dir)[list(views.frames)], Path(folder) / "poses.txt"
         write_trajectory(file, Trajectory(np.array(views.frames) / 30.0, poses), "tum")
         job = RenderJob("compare", views.scene, str(file))
         if path_samples is not None:
             job = job.changed(light="path").changed(samples=path_samples)
-        run = render_frames(job, Path(folder) / "run")
+        run = render_frames(job, Path(folder) / "run", on_event=listen)
         for frame, number in enumerate(views.frames):
             yield (number, *read_frame(run.frame_file(frame), run.camera))
 

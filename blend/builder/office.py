@@ -58,11 +58,10 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("ceiling", "ceiling", panels, "ceiling")
     stage.add("ceiling_rails", "ceiling", rails, "rail")
     for k, (x, y) in enumerate(LUMINAIRES, 1):
-        skins = ("white metal", "tube light", "louver", "louver across")
-        fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), *skins)
+        fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "rail", "tube light")
         fitting.visible_diffuse = False  # the rectangle beneath it gives the light; the emission is only visible
     for k, (x, y) in enumerate(VENTS, 1):
-        stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1 - 0.003), "vent", "dark")
+        stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1), "vent", "steel paint")
 
 
 def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:

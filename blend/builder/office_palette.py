@@ -33,6 +33,7 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
     """Materials by short name; Blender names carry the prefix `office.`."""
     paint = _Painter(seed, detail)
     made = {**_shell(paint), **_furniture(paint), **_prints(paint), **_plain()}
+    made["tube light"] = glow("tube light", paint("louvers", tex.louvers, paint.size(256), (1.0, 0.997, 0.965)), 1.05)
     for name, material in made.items():
         material.name = "office." + name
     return made
@@ -49,15 +50,12 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
         "rail": polished("rail", (0.20, 0.20, 0.19), 0.27),
         "vent": matte("vent", (0.64, 0.64, 0.60)),
         "skirting": glossy("skirting", brown),
-        "louver": glow("louver", (1.0, 0.985, 0.88), 0.85),
-        "louver across": glow("louver across", (1.0, 0.985, 0.87), 0.58),
-        "tube light": glow("tube light", (1.0, 0.995, 0.93), 1.05),
     }
 
 
 def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
     size = paint.size
-    red = paint("laminate", textures.timber, size(1024), (0.37, 0.28, 0.22), (0.44, 0.335, 0.265), 8)
+    red = paint("laminate", tex.laminate, size(1024), (0.37, 0.28, 0.22), (0.44, 0.335, 0.265), 8)
     beech = paint("beech", textures.timber, size(1024), (0.55, 0.40, 0.26), (0.70, 0.54, 0.37))
     ochre = paint("ochre", tex.worn_paint, size(768), (0.57, 0.476, 0.324))
     return {
@@ -108,7 +106,6 @@ def _plain() -> dict[str, bpy.types.Material]:
         "green card": matte("green card", (0.10, 0.28, 0.16)),
         "buff card": matte("buff card", (0.62, 0.48, 0.28)),
         "white plastic": glossy("white plastic", (0.62, 0.62, 0.58)),
-        "white metal": glossy("white metal", (0.55, 0.55, 0.52)),
         "grey keys": matte("grey keys", (0.36, 0.35, 0.31)),
         "key": matte("key", (0.60, 0.57, 0.48)),
         "yellow": glossy("yellow", (0.70, 0.42, 0.03)),

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from .mesh import Mesh, facing, join
-from .office_measures import LUMINAIRES, PANEL, X0, X1, Y0, Y1, Z1
+from .office_measures import LOW, LUMINAIRES, PANEL, RAIL, VENT_LOW, X0, X1, Y0, Y1, Z1
 from .shapes import bar, frame, lathe, steps, tube
 from .solids import block, printed
 from .wallpieces import plane
 
-RIM = 0.03  # between a luminaire's panel edge and its light
+FRAME = 0.025  # width of a luminaire's frame
 
 
 def is_luminaire(x: float, y: float) -> bool:
@@ -37,47 +37,39 @@ def ceiling() -> tuple[Mesh, Mesh]:
 
 
 def _rail(centre: tuple[float, float], size: tuple[float, float]) -> Mesh:
-    """The lower side of a rail, 3 mm below the panels, with its flanks."""
-    body = block((*size, 0.006), (*centre, Z1), 0.0008)
+    """The lower side of a rail, with its flanks."""
+    body = block((*size, 2 * RAIL), (*centre, Z1), 0.0003)
     return body.without(lambda n: n[:, 2] > 0.5)
 
 
 def luminaire() -> Mesh:
-    """Two panels 0.5 x 0.5 m with louvers about (0, 0), flush with z = 0; slots 0 white metal, 1 light, 2 louver, 3 its blades across."""
-    parts, deep = [], 0.045
-    for x in (-PANEL / 2, PANEL / 2):
-        w = PANEL - 2 * RIM
-        edge, lip = PANEL - 0.024, RIM - 0.012
-        parts.append(frame(edge, edge, [(0, 0.0), (0, 0.0015), (lip, 0.0015)]).turned("x", 90).moved(x))
-        inside = frame(edge, edge, [(lip, 0.0015), (lip, -deep)]).turned("x", 90).moved(x)
-        parts.append(inside.painted(2))  # it emits like the blades, because it is lit from above
-        parts.append(plane((x - w / 2, -w / 2, deep), (0, w, 0), (w, 0, 0), w).painted(1))
-        for k in range(1, 5):
-            at = -w / 2 + w * k / 5
-            parts.append(block((0.005, w, 0.028), (x + at, 0, 0.0175), 0.001).painted(2))
-        for k in range(1, 4):
-            at = -w / 2 + w * k / 4
-            parts += [
-                block((w / 5 - 0.006, 0.005, 0.026), (x - w / 2 + w * (i + 0.5) / 5, at, 0.0178), 0.001).painted(3)
-                for i in range(5)
-            ]
-    return join(parts)
+    """Two panels 0.5 x 0.5 m about (0, 0): their light, flush with z = 0, in a frame 6 mm below it; slots 0 frame, 1 light (image).
+
+    The louvers are painted: in the original's depth the light is flat.
+    """
+    w, h = 2 * PANEL + 0.02, PANEL + 0.02
+    inner = h - 2 * FRAME
+    rim = frame(w, h, [(0, 0.0), (0, LOW), (FRAME, LOW), (FRAME, 0.0)]).turned("x", 90)
+    middle = block((0.03, inner, 2 * LOW), (0, 0, 0), 0.0003).without(lambda n: n[:, 2] > 0.5)
+    at = (0.015 + w / 2 - FRAME) / 2
+    lights = [printed((x, 0, 0), (0, inner, 0), (w / 2 - FRAME - 0.015, 0, 0)).painted(1) for x in (-at, at)]
+    return join([rim, middle, *lights])
 
 
 def vent(detail: float) -> Mesh:
-    """A round air outlet of concentric cones hanging out of z = 0; slots 0 white metal, 1 dark."""
-    n = steps(40, detail, 16)
+    """A round air outlet of concentric cones hanging out of z = 0; slots 0 metal, 1 the gaps."""
+    n, low = steps(40, detail, 16), -VENT_LOW
     rings = []
-    for outer, low in ((0.152, -0.010), (0.118, -0.016), (0.084, -0.019), (0.050, -0.021)):
+    for outer in (0.152, 0.118, 0.084, 0.050):
         profile = [
             (outer - 0.014, -0.0015),
             (outer - 0.016, low + 0.003),
             (outer - 0.012, low),
-            (outer, low + 0.006),
+            (outer, low + 0.003),
             (outer + 0.002, -0.001),
         ]
         rings.append(facing(lathe(profile, n), -1))
-    rings.append(facing(lathe([(0.0, -0.021), (0.024, -0.020), (0.026, -0.012)], n), -1))
+    rings.append(facing(lathe([(0.0, low), (0.024, low), (0.026, -0.0013)], n), -1))
     back = facing(lathe([(0.0, -0.0013), (0.15, -0.0013)], n), -1).painted(1)
     return join([*rings, back])
 
