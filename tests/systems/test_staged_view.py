@@ -1,13 +1,16 @@
 """The view of a sequence that a system is given, its settings files, and its own file's mistakes."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from iclnuim.dataset.slam_settings import SLAM_SETTINGS
 from iclnuim.formats.associations import read_image_list
 from iclnuim.formats.png import read_depth16
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless import cli
 from iclnuim.headless.systems.staging import StagedSequence
 from iclnuim.headless.systems.system import built_in, read_system
@@ -80,6 +83,16 @@ def test_settings_files_hold_the_camera_as_their_readers_see_it(run, fake, tmp_p
     prefix, units = ("Camera1", "RGBD.DepthMapFactor") if kind == "orb_slam3" else ("Camera", "DepthMapFactor")
     assert [read.getNode(f"{prefix}.{name}").real() for name in ("fx", "fy", "cx", "cy")] == [7.5, 7.25, 3.5, 2.5]
     assert read.getNode(units).real() == 1000 and read.getNode("Camera.fps").real() == 30
+
+
+@pytest.mark.parametrize("camera", [PinholeCamera(), PinholeCamera(320, 240, 320 / 1.33, 240, 159.5, 119.5)])
+def test_points_are_near_up_to_the_distance_of_orb_slams_own_tum_files(camera):
+    """bf 40 and ThDepth 40 at 640 columns: 1600 / 481.2 = 3.325 m, at any resolution."""
+    three, two = (SLAM_SETTINGS[kind](camera, 30, 5000) for kind in ("orb_slam3", "orb_slam2"))
+    value = {key: float(number) for key, number in re.findall(r"^(Stereo\.b|Stereo\.ThDepth): (\S+)$", three, re.M)}
+    assert value["Stereo.b"] * value["Stereo.ThDepth"] == pytest.approx(3.325, abs=1e-4)
+    old = {key: float(number) for key, number in re.findall(r"^(Camera\.bf|ThDepth): (\S+)$", two, re.M)}
+    assert old["Camera.bf"] * old["ThDepth"] / camera.fx == pytest.approx(3.325, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", built_in())

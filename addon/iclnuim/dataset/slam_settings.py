@@ -8,8 +8,10 @@ from collections.abc import Callable
 
 from ..geometry.camera import PinholeCamera
 
-#: The baseline of a depth camera is arbitrary: with the factor for near points it only sets the distance up to which points are near (3 m here).
-_BASELINE_M, _NEAR_M = 0.08, 3.0
+#: As in ORB-SLAM's files for TUM sequences: focal length times baseline (px m) in images of 640 columns, and the baselines up to which points are near.
+#: The baseline of a depth camera is arbitrary: both only set this distance (3.3 m for the benchmark's camera). Beyond it, a keyframe takes only
+#: its 100 nearest points, many of which are errors of noisy depth at edges.
+_FOCAL_BASELINE, _NEAR_BASELINES = 40.0, 40.0
 _ORB = """ORBextractor.nFeatures: 1000
 ORBextractor.scaleFactor: 1.2
 ORBextractor.nLevels: 8
@@ -50,8 +52,8 @@ Camera.fps: {_whole(rate_hz)}
 # as in ORB-SLAM3's own settings for TUM sequences
 Camera.RGB: 1
 
-Stereo.ThDepth: {_NEAR_M / _BASELINE_M:.6f}
-Stereo.b: {_BASELINE_M:.6f}
+Stereo.ThDepth: {_NEAR_BASELINES!r}
+Stereo.b: {_focal_baseline(c) / c.fx:.6f}
 RGBD.DepthMapFactor: {float(units)!r}
 
 {_ORB}"""
@@ -72,9 +74,9 @@ Camera.p2: 0.0
 Camera.width: {c.width}
 Camera.height: {c.height}
 Camera.fps: {float(_whole(rate_hz))}
-Camera.bf: {_BASELINE_M * c.fx:.6f}
+Camera.bf: {_focal_baseline(c):.6f}
 Camera.RGB: 1
-ThDepth: {_NEAR_M / _BASELINE_M:.6f}
+ThDepth: {_NEAR_BASELINES!r}
 DepthMapFactor: {float(units)!r}
 
 {_ORB}"""
@@ -99,8 +101,8 @@ Camera:
   fps: {float(_whole(rate_hz))}
   cols: {c.width}
   rows: {c.height}
-  focal_x_baseline: {_BASELINE_M * c.fx:.6f}
-  depth_threshold: {_NEAR_M / _BASELINE_M:.6f}
+  focal_x_baseline: {_focal_baseline(c):.6f}
+  depth_threshold: {_NEAR_BASELINES!r}
   color_order: "RGB"
 
 Preprocessing:
@@ -145,6 +147,10 @@ local_transform:
    cols: 4
    data: [ 0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0 ]
 """
+
+
+def _focal_baseline(c: PinholeCamera) -> float:
+    return _FOCAL_BASELINE * c.width / 640
 
 
 def _whole(rate_hz: float) -> int:
