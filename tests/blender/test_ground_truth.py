@@ -185,7 +185,7 @@ def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_trut
     assert "ground_truth" not in json.loads((tmp_path / "plain/sequence.json").read_text())["job"]
 
 
-def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_dialect(truth_run, tmp_path):
+def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_run, tmp_path):
     command = [sys.executable, "-m", "iclnuim", "dataset", str(truth_run), str(tmp_path / "out"), "--quiet"]
     for form in ("tum", "euroc"):
         command += ["--format", form]

@@ -199,6 +199,14 @@ def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
     assert recipe["invalid_depth_pixels"]["infinite"] == 2 * 64
 
 
+def test_a_sequence_of_an_older_version_is_resumed_although_its_recipe_calls_formats_dialects(run, tmp_path):
+    recipe = fill(run, tmp_path / "out", frames=":2") / "recipe.json"
+    recipe.write_text(recipe.read_text().replace('"formats"', '"dialects"'))
+    fill(run, tmp_path / "out")
+    content = json.loads(recipe.read_text())
+    assert content["formats"] == ["tum"] and "dialects" not in content and content["frames"]["count"] == 4
+
+
 def test_depth_that_does_not_fit_becomes_no_measurement_and_never_wraps():
     metres = np.array([[0.0, 13.107, 13.1072, 65.0, np.inf, np.nan, -1.0, 0.0002, 1.0]], np.float32)
     units = depth16_from_metres(metres)

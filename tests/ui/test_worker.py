@@ -94,7 +94,7 @@ def test_bad_input_comes_back_as_one_line(tmp_path, begin):
 def test_sequences_of_other_noise_are_refused_before_the_first_frame(tmp_path, begin):
     def sequences(seed: int) -> dict:
         return {
-            "dialects": ["tum"],
+            "formats": ["tum"],
             "variants": {str(tmp_path / "noisy"): {"depth": "released", "rgb": "none", "seed": seed}},
         }
 

@@ -52,7 +52,7 @@ _SCHEMA_VERSION = 1
 _IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
 #: format_in_folder: the format in the folder itself, to which formats in subfolders were added later.
 _KEYS = (
-    "kind", *_IDENTITY, "dialects", "format_in_folder", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels",
+    "kind", *_IDENTITY, "formats", "format_in_folder", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels",
 )  # fmt: skip
 
 
@@ -257,14 +257,14 @@ def complete_frames(
 def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
     """The writer of sequences of a run's frames, which may not be rendered yet. Folders and recipes are made now.
 
-    `wanted`, as a worker receives it: {"dialects": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
+    `wanted`, as a worker receives it: {"formats": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
     "depth_units": units per metre, default 5000}}}. Raises InputError, WorkError.
     """
     sequences = {}
     for folder, v in wanted["variants"].items():
         models, units = (depth_model(v["depth"]), rgb_model(v["rgb"])), v.get("depth_units", UNITS_PER_METRE)
         sequences[Path(folder)] = SequenceSettings(*models, v["seed"], units)
-    return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["dialects"])
+    return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["formats"])
 
 
 def keep_freed_memory() -> None:
@@ -401,7 +401,7 @@ class _Target(_Images):
             "source": self.source.origin,
             "camera": self.source.camera.to_dict(),
             **self.settings.to_dict(),
-            "dialects": [format.name for format, _ in self.layout],
+            "formats": [format.name for format, _ in self.layout],
             "versions": versions,
             "source_commit": source_commit(),
             "finished": False,
@@ -574,6 +574,8 @@ def read_recipe(path: Path) -> dict:
         raise InputError("the recipe of a sequence", path=path, found=recipe.get("kind", "another file"))
     if version > _SCHEMA_VERSION:
         raise InputError(f"a recipe of schema {_SCHEMA_VERSION} or older", path=path, found=version)
+    if "dialects" in recipe:  # as 0.1.0 named them
+        recipe["formats"] = recipe.pop("dialects")
     unknown = sorted(set(recipe) - set(_KEYS))
     if unknown:
         raise InputError("the keys of a sequence's recipe", path=path, found=", ".join(unknown))
@@ -595,7 +597,7 @@ def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
 
 def _format_in_folder(recipe: dict) -> str:
     """The format whose files are in the sequence's folder itself; "" if each format has a subfolder."""
-    formats = recipe.get("dialects", ())
+    formats = recipe.get("formats", ())
     return formats[0] if len(formats) == 1 else recipe.get("format_in_folder", "")
 
 

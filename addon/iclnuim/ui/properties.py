@@ -167,7 +167,7 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
             models["noisy"] = (options.depth_noise, options.rgb_noise)
         rest = {"seed": options.seed, "depth_units": options.depth_units}
         variants = {str(out / name): {"depth": depth, "rgb": rgb, **rest} for name, (depth, rgb) in models.items()}
-        return {"dialects": list(options.formats), "variants": variants}
+        return {"formats": list(options.formats), "variants": variants}
 
 
 def settings_of(group: type) -> dict[str, Setting]:
