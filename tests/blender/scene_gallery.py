@@ -943,6 +943,7 @@ def settings_that_spoil(folder: Path) -> None:
         ),
         (scene.cycles, {"light_sampling_threshold": 1.0, "scrambling_distance": 0.0, "texture_limit_render": "128"}),
         (scene.cycles, {"sampling_pattern": "TABULATED_SOBOL", "film_exposure": 4.0}),
+        (scene.cycles, {"use_auto_tile": True, "tile_size": 8}),
     ):
         for name, value in values.items():
             setattr(owner, name, value)

@@ -17,6 +17,7 @@ from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import WorkError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
 
 
@@ -67,6 +68,15 @@ def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(render
         assert a["Z"].dtype == np.float32
         assert np.array_equal(a["Z"], b["Z"])
         assert not np.array_equal(a["R"], b["R"])
+
+
+def test_an_image_larger_than_the_tiles_of_cycles_is_rendered_whole(render_here, whole_run, tmp_path):
+    """2048 x 2048 pixels by default: in tiles, Cycles has no passes in memory, and the frame would be black."""
+    camera = PinholeCamera(2100, 2100, 1600, 1600, 1049.5, 1049.5)
+    render_here(tmp_path / "large", "3", job=job_of(whole_run, camera=camera))
+    run = read_run(tmp_path / "large")
+    z, truth = read_exr(run.frame_file(3))["Z"], analytic_depth(camera, run.truth().T_world_camera[3])
+    assert np.median(np.abs(z - truth)) < 1e-5 and np.median(read_exr(run.frame_file(3))["G"]) > 0.1
 
 
 def test_a_frame_is_the_same_bytes_alone_in_sequence_backwards_and_resumed(render_here, whole_run, tmp_path):
