@@ -10,7 +10,7 @@ from .shapes import bar, frame, lathe, steps, tube
 from .solids import block, printed
 from .wallpieces import plane
 
-FRAME = 0.025  # width of a luminaire's frame
+FRAME, DIVIDER = 0.025, 0.03  # widths of a luminaire's frame, and of the bar between its panels
 
 
 def is_luminaire(x: float, y: float) -> bool:
@@ -26,20 +26,21 @@ def ceiling() -> tuple[Mesh, Mesh]:
         for c, d in zip(ys[:-1], ys[1:], strict=True)
         if not is_luminaire((a + b) / 2, (c + d) / 2)
     ]
-    long = [_rail((x, (Y0 + Y1) / 2), (0.024, Y1 - Y0)) for x in xs[1:-1]]
+    long = [_strip((x, (Y0 + Y1) / 2, Z1), (0.024, Y1 - Y0), RAIL) for x in xs[1:-1]]
     cross = [
-        _rail(((a + b) / 2, y), (b - a - 0.024, 0.024)) for y in ys[1:-1] for a, b in zip(xs[:-1], xs[1:], strict=True)
+        _strip(((a + b) / 2, y, Z1), (b - a - 0.024, 0.024), RAIL)
+        for y in ys[1:-1]
+        for a, b in zip(xs[:-1], xs[1:], strict=True)
     ]
-    edge = [_rail((x, 0), (0.022, Y1 - Y0)) for x in (X0 + 0.011, X1 - 0.011)] + [
-        _rail((0, y), (X1 - X0 - 0.044, 0.022)) for y in (Y0 + 0.011, Y1 - 0.011)
+    edge = [_strip((x, 0, Z1), (0.022, Y1 - Y0), RAIL) for x in (X0 + 0.011, X1 - 0.011)] + [
+        _strip((0, y, Z1), (X1 - X0 - 0.044, 0.022), RAIL) for y in (Y0 + 0.011, Y1 - 0.011)
     ]
     return join(cells), join([*long, *cross, *edge])
 
 
-def _rail(centre: tuple[float, float], size: tuple[float, float]) -> Mesh:
-    """The lower side of a rail, with its flanks."""
-    body = block((*size, 2 * RAIL), (*centre, Z1), 0.0003)
-    return body.without(lambda n: n[:, 2] > 0.5)
+def _strip(centre: tuple[float, float, float], size: tuple[float, float], low: float) -> Mesh:
+    """A strip at the ceiling: its lower side, `low` below the centre, with its flanks."""
+    return block((*size, 2 * low), centre, 0.0003).without(lambda n: n[:, 2] > 0.5)
 
 
 def luminaire() -> Mesh:
@@ -50,9 +51,11 @@ def luminaire() -> Mesh:
     w, h = 2 * PANEL + 0.02, PANEL + 0.02
     inner = h - 2 * FRAME
     rim = frame(w, h, [(0, 0.0), (0, LOW), (FRAME, LOW), (FRAME, 0.0)]).turned("x", 90)
-    middle = block((0.03, inner, 2 * LOW), (0, 0, 0), 0.0003).without(lambda n: n[:, 2] > 0.5)
-    at = (0.015 + w / 2 - FRAME) / 2
-    lights = [printed((x, 0, 0), (0, inner, 0), (w / 2 - FRAME - 0.015, 0, 0)).painted(1) for x in (-at, at)]
+    middle = _strip((0, 0, 0), (DIVIDER, inner), LOW)
+    near, far = DIVIDER / 2, w / 2 - FRAME
+    lights = [
+        printed((x, 0, 0), (0, inner, 0), (far - near, 0, 0)).painted(1) for x in (-(near + far) / 2, (near + far) / 2)
+    ]
     return join([rim, middle, *lights])
 
 
