@@ -15,6 +15,8 @@ import numpy as np
 from ..errors import InputError, WorkError
 
 OLDEST = (4, 2, 0)
+#: Upper limit of Cycles' tile_size. From 5.2 on larger images are always rendered in tiles.
+LARGEST_TILE_PX = 8192
 
 
 def require_supported_version() -> None:
@@ -120,16 +122,18 @@ def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
 @contextmanager
 def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
     """Yields a dictionary that gets the channels (h, w) of the render in the `with` block, top row first, named as in Blender's multilayer EXR; None
-    if they are not wanted, or if this version does not allow it.
+    if they are not wanted, if this version does not allow it, or if the image is larger than a tile.
 
     The Python part of Cycles is intercepted: once the render has ended, passes are no longer accessible from Python.
     """
+    size = bpy.context.scene.render
     cycles: Any = sys.modules.get("cycles.engine")
     original = getattr(cycles, "render", None)
     accessible = (
         "get_result" in bpy.types.RenderEngine.bl_rna.functions and "rect" in bpy.types.RenderPass.bl_rna.properties
     )
-    if not wanted or original is None or not accessible:
+    whole = max(size.resolution_x, size.resolution_y) <= LARGEST_TILE_PX
+    if not (wanted and whole and accessible) or original is None:
         yield None
         return
     passes: dict[str, np.ndarray] = {}

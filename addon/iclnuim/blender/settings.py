@@ -16,7 +16,8 @@ _MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen 
 CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
 #: Cycles' settings of every frame. The bounces are those of path tracing: more change these rooms by less than the noise. With a fixed seed all
 #: frames would have the same noise pattern. sample_clamp_indirect limits the light of a path with bounces, to avoid fireflies. In tiles (by
-#: default of images over 2048 x 2048 pixels), Cycles has no passes in memory: frames would be black.
+#: default of images over 2048 x 2048 pixels), Cycles has no passes in memory: frames would be black. From 5.2 on tiles cannot be turned off, only
+#: be as large as possible.
 _CYCLES = {
     "device": "CPU", "shading_system": False, "sample_offset": 0, "use_adaptive_sampling": False, "time_limit": 0.0,
     "use_animated_seed": True, "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8,
@@ -24,7 +25,7 @@ _CYCLES = {
     "sample_clamp_indirect": 10.0, "use_light_tree": True, "use_guiding": False, "debug_use_spatial_splits": True,
     "pixel_filter_type": "BLACKMAN_HARRIS", "film_exposure": 1.0, "use_sample_subset": False,
     "use_fast_gi": False, "blur_glossy": 1.0, "light_sampling_threshold": 0.01, "texture_limit_render": "OFF",
-    "use_auto_tile": False, "sampling_pattern": "AUTOMATIC", "scrambling_distance": 1.0, "auto_scrambling_distance": False,
+    "use_auto_tile": False, "tile_size": compat.LARGEST_TILE_PX, "sampling_pattern": "AUTOMATIC", "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
 #: Settings of the view layer: files hide surfaces or the sky with these, or set another number of samples.
 _LAYER = {
