@@ -49,8 +49,8 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
 
 def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.88)),
-        "ceiling": matte("ceiling", paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.22)),
+        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.60)),
+        "ceiling": matte("ceiling", paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.06)),
         "floor": glossy(
             "floor",
             paint("boards", textures.boards, size["large"], 22, (0.36, 0.185, 0.115), (0.60, 0.365, 0.25)),
@@ -65,8 +65,8 @@ def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Materia
     n = size["cloth"]
     linen = paint("linen", textures.cloth, n, 90, (0.90, 0.875, 0.82), 0.10, 0.025)
     return {
-        "sofa": matte("sofa", paint("boucle", textures.boucle, size["mid"], 44, (0.86, 0.86, 0.845), 0.125)),
-        "crimson": matte("crimson", paint("crimson", textures.cloth, n, 64, (0.50, 0.15, 0.25), 0.32)),
+        "sofa": matte("sofa", paint("upholstery", textures.cloth, size["small"], 28, (0.78, 0.80, 0.825), 0.16, 0.015)),
+        "crimson": matte("crimson", paint("crimson", textures.cloth, n, 64, (0.41, 0.155, 0.25), 0.32)),
         "blue": matte("blue", paint("blue", textures.cloth, n, 64, (0.28, 0.37, 0.48), 0.28)),
         "ochre": matte("ochre", paint("ochre", textures.cloth, n, 56, (0.80, 0.58, 0.26), 0.32)),
         "grey seat": matte("grey seat", paint("grey", textures.cloth, n, 60, (0.46, 0.48, 0.50), 0.30)),
@@ -101,7 +101,7 @@ def _pictures(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Mater
 
 def _plain(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "steel": polished("steel", (0.22, 0.215, 0.205), 0.3),
+        "steel": polished("steel", (0.30, 0.295, 0.28), 0.08),
         "trim": glossy("trim", (0.16, 0.16, 0.16)),
         "brass": polished("brass", (0.42, 0.27, 0.08), 0.2),
         "dark metal": glossy("dark metal", (0.03, 0.03, 0.032)),

@@ -56,7 +56,7 @@ def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     panels, rails = ceiling()
     stage.add("ceiling", "ceiling", panels, "ceiling")
-    stage.add("ceiling_rails", "ceiling", rails, "rail")
+    stage.add("ceiling_rails", "ceiling", rails, "rail", "ceiling")
     for k, (x, y) in enumerate(LUMINAIRES, 1):
         fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "rail", "tube light")
         fitting.visible_diffuse = False  # the rectangle beneath it gives the light; the emission is only visible

@@ -59,7 +59,7 @@ def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
     beech = paint("beech", textures.timber, size(1024), (0.55, 0.40, 0.26), (0.70, 0.54, 0.37))
     ochre = paint("ochre", tex.worn_paint, size(768), (0.57, 0.476, 0.324))
     return {
-        "laminate": glossy("laminate", red),
+        "laminate": glossy("laminate", red, 1.3),
         "beech": glossy("beech", beech),
         "ochre": glossy("ochre", ochre),
         "grey case": glossy("grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60))),
@@ -96,11 +96,11 @@ def _plain() -> dict[str, bpy.types.Material]:
         "slot": matte("slot", (0.44, 0.42, 0.335)),
         "dark": matte("dark", (0.035, 0.033, 0.030)),
         "screen": glossy("screen", (0.008, 0.009, 0.010), 1.5),
-        "steel paint": glossy("steel paint", (0.19, 0.194, 0.19)),
-        "steel": polished("steel", (0.12, 0.12, 0.115), 0.3),
-        "chrome": polished("chrome", (0.25, 0.25, 0.24), 0.5),
-        "blue board": matte("blue board", (0.040, 0.075, 0.135)),
-        "blue plastic": glossy("blue plastic", (0.05, 0.17, 0.25)),
+        "steel paint": glossy("steel paint", (0.067, 0.068, 0.066)),
+        "steel": polished("steel", (0.15, 0.15, 0.145), 0.08),
+        "chrome": polished("chrome", (0.25, 0.25, 0.24), 0.15),
+        "blue board": matte("blue board", (0.033, 0.047, 0.066)),
+        "blue plastic": glossy("blue plastic", (0.17, 0.29, 0.37)),
         "red plastic": glossy("red plastic", (0.26, 0.05, 0.04)),
         "red card": matte("red card", (0.48, 0.07, 0.05)),
         "green card": matte("green card", (0.10, 0.28, 0.16)),

@@ -37,16 +37,13 @@ def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
 
 
 def mineral(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
-    """2 x 2 m of ceiling panels: fine fissures and pin holes, each panel a shade of its own, one with a water stain."""
+    """2 x 2 m of ceiling panels: fine fissures and pin holes, each panel a shade of its own."""
     shape = (size, size)
     each = enlarged(rng.normal(0, 1, (4, 4)), shape)
     fissure = smoothstep(1.3, 1.8, cloud(rng, shape, 0.5, 40, 260, (1.0, 2.5)))
     fine = cloud(rng, shape, 0.3, 60)
-    y, x = np.mgrid[0:size, 0:size] / size
-    r = np.hypot(x - 0.42, y - 0.70) + 0.008 * cloud(rng, shape, 1.6, 1, 24)
-    stain = np.exp(-(((r - 0.045) / 0.006) ** 2)) + 0.35 * smoothstep(0.05, 0.02, r)
     value = 1 + 0.008 * each + 0.003 * fine - 0.020 * fissure
-    return to_bytes(np.array(tone) * value[..., None] * (1 - stain[..., None] * np.array([0.06, 0.10, 0.17])))
+    return to_bytes(np.array(tone) * value[..., None])
 
 
 def louvers(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
@@ -62,7 +59,7 @@ def louvers(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
 def paint(rng: np.random.Generator, size: int, tone: Colour, strength: float = 1.0) -> np.ndarray:
     """Rolled wall paint on a smooth wall: very fine texture, faint patches, some scuffs."""
     shape = (size, size)
-    value = 0.003 * cloud(rng, shape, 1.6, 1, 20) + 0.0014 * cloud(rng, shape, 0.35, 50)
+    value = 0.0015 * cloud(rng, shape, 1.6, 1, 20) + 0.0014 * cloud(rng, shape, 0.35, 50)
     return to_bytes(np.array(tone) * (1 + strength * value[..., None]))
 
 
@@ -77,7 +74,7 @@ def worn_paint(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
 
 def laminate(rng: np.random.Generator, size: int, dark: Colour, light: Colour, rings: float) -> np.ndarray:
     """1 x 1 m of a desk's top: timber with short fine streaks along the grain."""
-    streaks = cloud(rng, (size, size), 0.3, 40, 400, (1.0, 5.0)) * 0.155 + cloud(rng, (size, size), 0.3, 60, 300) * 0.12
+    streaks = cloud(rng, (size, size), 0.3, 40, 400, (1.0, 5.0)) * 0.20 + cloud(rng, (size, size), 0.3, 60, 300) * 0.05
     return to_bytes(timber(rng, size, dark, light, rings) / 255 * (1 + streaks[..., None]))
 
 

@@ -18,7 +18,10 @@ def is_luminaire(x: float, y: float) -> bool:
 
 
 def ceiling() -> tuple[Mesh, Mesh]:
-    """Mineral panels with openings for the luminaires, and the rails between them."""
+    """Mineral panels with openings for the luminaires, and the rails between them, slots: 0 rail, 1 flanks.
+
+    Flanks as dark as the rails would be rows of dots in most images: they are 1 mm high.
+    """
     xs, ys = (np.unique(np.clip(np.arange(-8, 9) * PANEL, a, b)) for a, b in ((X0, X1), (Y0, Y1)))
     cells = [
         plane((a, c, Z1), (0, d - c, 0), (b - a, 0, 0), 2.0, (c / 2.0, a / 2.0))
@@ -35,7 +38,11 @@ def ceiling() -> tuple[Mesh, Mesh]:
     edge = [_strip((x, 0, Z1), (0.022, Y1 - Y0), RAIL) for x in (X0 + 0.011, X1 - 0.011)] + [
         _strip((0, y, Z1), (X1 - X0 - 0.044, 0.022), RAIL) for y in (Y0 + 0.011, Y1 - 0.011)
     ]
-    return join(cells), join([*long, *cross, *edge])
+    return join(cells), join([part for rail in (*long, *cross, *edge) for part in _with_flanks(rail)])
+
+
+def _with_flanks(strip: Mesh) -> list[Mesh]:
+    return [strip.without(lambda n: n[:, 2] > -0.9), strip.without(lambda n: n[:, 2] <= -0.9).painted(1)]
 
 
 def _strip(centre: tuple[float, float, float], size: tuple[float, float], low: float) -> Mesh:

@@ -195,7 +195,8 @@ def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
         instance.node_tree = group
         tree.links.new(instance.outputs[0], nodes["EMISSION"].inputs["Color"])
         plane(material, repeats=3.0)
-    assert [made.name for made in mipmaps.filter_textures(PinholeCamera())] == [f"{image.name} mipmaps"]
+    names = [made.name for made in mipmaps.filter_textures(PinholeCamera())]
+    assert names == [f"{image.name} mipmaps", "footprint noise"]
     assert texture.image.name == f"{image.name} mipmaps"
     assert all("mipmap footprint 64 x 64 REPEAT " in mesh.attributes for mesh in bpy.data.meshes)
 
@@ -216,7 +217,7 @@ def patterned(tmp_path_factory):
     """Scenes of a plane two metres in front of the camera, by the number of texels within a pixel and the shader, and the camera's path."""
     folder = tmp_path_factory.mktemp("patterned")
     files = {}
-    for texels, shader in ((0.25, "Emission"), (7.3, "Emission"), (7.3, "BsdfDiffuse")):
+    for texels, shader in (*((texels, "Emission") for texels in (0.25, 1.3, 1.84, 3.1, 7.3)), (7.3, "BsdfDiffuse")):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         image = new_image(checks(1 if texels > 1 else 8))
         image.pack()
@@ -251,6 +252,14 @@ def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(render_here,
             assert filtered == pytest.approx(0.5, abs=0.02)
         else:
             assert plain.std() > 0.1 and filtered == pytest.approx(plain, abs=2e-3)
+
+
+def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(render_here, patterned, tmp_path):
+    """Cells 8 texels wide read level 0 if their footprint times noise between e / 4 and e / 2 is less than 2 texels: half of them at 2 (4 / e) / 1.5."""
+    frames = [frame(render_here, tmp_path / f"{texels}", patterned, texels)[0] for texels in (1.3, 1.84, 3.1)]
+    coarser = [(abs(seen[..., 0] - 0.5) < 0.003).mean() for seen in frames]  # level 1 is grey
+    # rays are longer than the distance of the plane, by 7 % in the mean
+    assert coarser == pytest.approx([0.0, 0.5, 1.0], abs=0.1)
 
 
 def frames_of_tiles(render_here, folder, patterned, repeats, offset, extension, mapping_in_the_shader):

@@ -1,9 +1,12 @@
 """Textures filtered for the distance at which they are seen, in memory only: Cycles reads one texel per ray, however many lie within a pixel.
 
 Each texture is replaced by an image that also holds smaller versions of itself (levels of mipmaps, Williams 1983), each half as wide as the one before.
-A pixel reads the finest level whose texels are at least as wide as half of the pixel's width on the surface. This width is computed
+A pixel reads the finest level whose texels are at least as wide as half of the pixel's width on the surface, its footprint. This width is computed
 from the length of the ray and from how densely the texture covers each face. Foreshortening is not considered: it would blur surfaces seen
 at a grazing angle along both directions.
+
+The footprint is multiplied by noise that is fixed on the surface, over one octave: at a constant footprint the level would change on a line that is
+visible as a jump of contrast, and that stays in its place in the image while the surface moves.
 
 Image: side by side, from right to left, levels 0, 1, ..., each with margins. Level k is smaller by s = 2^-k, and begins at s times the width of
 level 0, so a position in it is s p in units of the image's width, if p is the position in level 0. No position is outside, so the image is not
@@ -31,6 +34,10 @@ from .surfaces import array_of
 LEVELS = 6
 #: Larger textures are not filtered: their copies would take gigabytes while they are made.
 MAX_TEXELS = 4096 * 4096
+#: Width of a cell with one value of the noise, in texels of level 0; level 3 has texels of this width.
+_CELL = 8
+#: The footprint is multiplied by this and by 1 to 2, depending on the noise; their geometric mean is 4 / e, so the mean footprint is unchanged.
+_LEAST_FOOTPRINT = math.e / 4
 #: Rows of a level that are computed at once, so that they stay in the processor's cache.
 _BAND = 16
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
@@ -71,8 +78,9 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
     surfaces, or that have more than MAX_TEXELS; textures of libraries; and faces made by Geometry Nodes without the UV map.
     """
     made: dict[tuple[Image, str], Image] = {}
+    noise: dict[tuple[int, ...], Image] = {}
     found = [t for material in bpy.data.materials if material.library is None for t in textures_of(material)]
-    pixel = 1 / math.sqrt(camera.fx * camera.fy)
+    pixel = _LEAST_FOOTPRINT / math.sqrt(camera.fx * camera.fy)
     whole = _place(bpy.data.objects, found, pixel)
     _measure_density(bpy.data.objects, [texture for texture in found if texture.node not in whole])
     for texture in {
@@ -81,11 +89,14 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
         key = texture.node.image, texture.node.extension
         if key not in made:
             made[key] = with_mipmaps(*key)
-        _read_levels(texture, made[key], pixel, whole.get(texture.node))
+        size = tuple(made[key].size)
+        if size not in noise:
+            noise[size] = _noise(*size)
+        _read_levels(texture, made[key], noise[size], pixel, whole.get(texture.node))
     for image, _ in made:
         if not image.is_dirty:  # it can be read from its file again
             image.buffers_free()
-    return list(made.values())
+    return [*made.values(), *noise.values()]
 
 
 def textures_of(material: Material) -> list[Texture]:
@@ -276,6 +287,17 @@ def with_mipmaps(image: Image, extension: str) -> Image:
     return made
 
 
+def _noise(width: int, height: int) -> Image:
+    """An image whose alpha is noise between 0 and 1 in cells, for an image with levels of this size."""
+    made = bpy.data.images.new("footprint noise", width // _CELL, height // _CELL, alpha=True)
+    made.colorspace_settings.name, made.alpha_mode = "Non-Color", "CHANNEL_PACKED"
+    pixels = np.ones((math.prod(made.size), 4), np.float32)
+    pixels[:, 3] = np.random.default_rng(0).random(len(pixels))
+    made.pixels.foreach_set(pixels.ravel())
+    made.update()
+    return made
+
+
 def margins(size: int) -> tuple[int, int]:
     """Texels of the repeated texture before and after a side, so that every level has whole texels and at least one texel of margin."""
     unit = 2 ** (LEVELS - 1)
@@ -312,7 +334,7 @@ def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asa
 # Shaders
 
 
-def _read_levels(texture: Texture, levels: Image, pixel: float, whole: bool | None) -> None:
+def _read_levels(texture: Texture, levels: Image, noise: Image, pixel: float, whole: bool | None) -> None:
     """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit.
 
     whole: None if positions are to be computed from the UV map; otherwise they are attributes, and each face lies within one repeat or not.
@@ -341,6 +363,8 @@ def _read_levels(texture: Texture, levels: Image, pixel: float, whole: bool | No
         first = vectors(
             tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns + 0.5, top / rows, 0.0)
         )
+    spread = add_node(tree, "TexImage", first, image=noise, interpolation="Closest").node.outputs["Alpha"]
+    footprint = calculate(tree, "MULTIPLY_ADD", footprint, spread, footprint)
     tree.links.new(vectors(tree, "MULTIPLY", first, _steps(tree, footprint)), node.inputs["Vector"])
     node.image, node.extension = levels, "EXTEND"
 
