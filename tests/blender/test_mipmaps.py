@@ -337,6 +337,11 @@ def test_a_run_from_before_mipmaps_goes_on_without_them(render_here, patterned, 
         InputError, match="found frames without mipmaps; try turning mipmaps off to go on as before, or another out"
     ):
         frame(render_here, out, patterned, 0.25)
+    recipe["job"]["mipmaps"] = True
+    del recipe["texture_filter"]
+    (out / "sequence.json").write_text(json.dumps(recipe))
+    with pytest.raises(InputError, match="found frames with mipmaps of an older version; try another out"):
+        frame(render_here, out, patterned, 0.25)
     written = tmp_path / "by_hand.json"
     written.write_text(json.dumps({"scene": "living_room", "trajectory": "living_room/kt2"}))
     assert read_recipe(written).mipmaps is True

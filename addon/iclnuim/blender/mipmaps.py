@@ -30,6 +30,8 @@ from .compat import nodes_of
 from .shader_nodes import add_node, calculate, vectors
 from .surfaces import array_of
 
+#: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are mixed by noise.
+VERSION = 2
 #: Levels of a texture, including itself; the coarsest is smaller by 2^(LEVELS - 1).
 LEVELS = 6
 #: Larger textures are not filtered: their copies would take gigabytes while they are made.

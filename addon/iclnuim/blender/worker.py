@@ -206,6 +206,7 @@ def recipe(job: RenderJob) -> dict:
         "trajectory_sha256": sha256(read_bytes(trajectory_file(job))),
         "scene_sha256": scene.scene_sha256(job.scene),
         "blender": compat.version_line(),
+        "texture_filter": mipmaps.VERSION,
         "versions": {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__},
         "source_commit": shipped.source_commit(),
         "machine": {"system": platform.platform(), "processor": processor, "features": _features()},

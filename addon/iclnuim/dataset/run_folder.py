@@ -167,7 +167,8 @@ def _changed(begun: dict, requested: dict) -> dict[str, str]:
     there, job = (recipe["job"] if isinstance(recipe.get("job"), dict) else {} for recipe in (begun, requested))
     sentences = {"trajectory": "other poses or stamps of the trajectory {}", "scene": "another version of the scene {}"}
     same = [name for name in sentences if name in job and there.get(name) == job[name]]
-    textures = f"frames with{'' if there.get('mipmaps') else 'out'} mipmaps"
+    older = " of an older version" if there.get("mipmaps") and job.get("mipmaps") else ""
+    textures = f"frames with{'' if there.get('mipmaps') else 'out'} mipmaps{older}"
     return {"mipmaps": textures, **{f"{name}_sha256": sentences[name].format(job[name]) for name in same}}
 
 
@@ -191,9 +192,11 @@ def refuse_other(
 def run_identity(recipe: dict) -> dict:
     """The values that determine the pixels of a run. Scene and trajectory are represented by their hashes, not by name or path.
 
-    Runs without mipmaps are those of recipes from before this setting.
+    Runs without mipmaps are those of recipes from before this setting. `texture_filter` of the recipe is the version of mipmaps, from the second on.
     """
     job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
+    if job.get("mipmaps"):
+        job = {**job, "mipmaps": recipe.get("texture_filter", True)}
     left_out = ("sequence", "scene", "trajectory", *(() if job.get("mipmaps") else ("mipmaps",)))
     job = {key: value for key, value in job.items() if key not in left_out}
     return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
