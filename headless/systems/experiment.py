@@ -151,13 +151,14 @@ def _is_done(place: Path, limit_s: float) -> bool:
 
 
 def merged(comparisons: list[dict]) -> list[dict]:
-    """Merge the rows of systems, which have no preset, with the other rows of their sequence. The later of two rows of one system replaces
-    the earlier.
+    """Merge rows of one sequence: of odometers with the same preset, and of systems, which have no preset, with any. The later of two rows with
+    one name replaces the earlier.
     """
     found: list[dict] = []
     for comparison in sorted(comparisons, key=lambda one: one["preset"] is None):
-        existing = next((one for one in found if one["sequence"] == comparison["sequence"]), None)
-        if comparison["preset"] is not None or existing is None:
+        same = [one for one in found if one["sequence"] == comparison["sequence"]]
+        existing = next((one for one in same if comparison["preset"] in (None, one["preset"])), None)
+        if existing is None:
             found.append(comparison)
             continue
         names = [row["odometer"] for row in comparison["runs"]]

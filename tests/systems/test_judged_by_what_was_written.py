@@ -149,13 +149,14 @@ def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run
     ours |= {"frames_per_s": 100.0, "ate_rmse_m": 0.001, "rpe_1s_rmse_m": 0.002}
     race = {"sequence": "kt2/clean", "preset": "best", "runs": [ours]}
     (tmp_path / "ours.json").write_text(json.dumps({"races": [race]}))
-    files = [str(tmp_path / "out/results.json"), str(tmp_path / "ours.json")]
+    (tmp_path / "more.json").write_text(json.dumps({"races": [{**race, "runs": [{**ours, "odometer": "dvo"}]}]}))
+    files = [str(tmp_path / name) for name in ("out/results.json", "ours.json", "more.json")]
     plot = ["--plot", str(tmp_path / "chart.png")] if charts else []
     assert cli.main(["bench", "odometry", *files, *plot]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "kt2/clean, our odometers with preset best"
-    assert [line.split()[0] for line in lines[2:6]] == ["icp", "good", "good", "nothing"]
-    assert "wrote nothing" in lines[6] and (not charts or (tmp_path / "chart.png").stat().st_size > 5000)
+    assert [line.split()[0] for line in lines[2:7]] == ["icp", "dvo", "good", "good", "nothing"]
+    assert "wrote nothing" in lines[7] and (not charts or (tmp_path / "chart.png").stat().st_size > 5000)
 
 
 def test_an_interrupted_run_leaves_no_process_and_no_half_run(fake, sequence, tmp_path):
