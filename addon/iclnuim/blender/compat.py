@@ -126,13 +126,13 @@ def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
 
     The Python part of Cycles is intercepted: once the render has ended, passes are no longer accessible from Python.
     """
-    size = bpy.context.scene.render
     cycles: Any = sys.modules.get("cycles.engine")
     original = getattr(cycles, "render", None)
     accessible = (
         "get_result" in bpy.types.RenderEngine.bl_rna.functions and "rect" in bpy.types.RenderPass.bl_rna.properties
     )
-    whole = max(size.resolution_x, size.resolution_y) <= LARGEST_TILE_PX
+    frame = bpy.context.scene.render
+    whole = max(frame.resolution_x, frame.resolution_y) <= LARGEST_TILE_PX
     if not (wanted and whole and accessible) or original is None:
         yield None
         return

@@ -25,7 +25,8 @@ _CYCLES = {
     "sample_clamp_indirect": 10.0, "use_light_tree": True, "use_guiding": False, "debug_use_spatial_splits": True,
     "pixel_filter_type": "BLACKMAN_HARRIS", "film_exposure": 1.0, "use_sample_subset": False,
     "use_fast_gi": False, "blur_glossy": 1.0, "light_sampling_threshold": 0.01, "texture_limit_render": "OFF",
-    "use_auto_tile": False, "tile_size": compat.LARGEST_TILE_PX, "sampling_pattern": "AUTOMATIC", "scrambling_distance": 1.0, "auto_scrambling_distance": False,
+    "use_auto_tile": False, "tile_size": compat.LARGEST_TILE_PX, "sampling_pattern": "AUTOMATIC",
+    "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
 #: Settings of the view layer: files hide surfaces or the sky with these, or set another number of samples.
 _LAYER = {
