@@ -49,7 +49,7 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
 
 def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.60)),
+        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.88)),
         "ceiling": matte("ceiling", paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.06)),
         "floor": glossy(
             "floor",

@@ -217,7 +217,7 @@ def patterned(tmp_path_factory):
     """Scenes of a plane two metres in front of the camera, by the number of texels within a pixel and the shader, and the camera's path."""
     folder = tmp_path_factory.mktemp("patterned")
     files = {}
-    for texels, shader in (*((texels, "Emission") for texels in (0.25, 1.3, 1.84, 3.1, 7.3)), (7.3, "BsdfDiffuse")):
+    for texels, shader in (*((texels, "Emission") for texels in (0.25, 1.05, 1.67, 3.1, 7.3)), (7.3, "BsdfDiffuse")):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         image = new_image(checks(1 if texels > 1 else 8))
         image.pack()
@@ -255,8 +255,8 @@ def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(render_here,
 
 
 def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(render_here, patterned, tmp_path):
-    """Cells 8 texels wide read level 0 if their footprint times noise between e / 4 and e / 2 is less than 2 texels: half of them at 2 (4 / e) / 1.5."""
-    frames = [frame(render_here, tmp_path / f"{texels}", patterned, texels)[0] for texels in (1.3, 1.84, 3.1)]
+    """Cells 8 texels wide read level 0 if their footprint times noise between 0.74 and 1.48 is less than 2 texels: half of them at 2 / 1.11."""
+    frames = [frame(render_here, tmp_path / f"{texels}", patterned, texels)[0] for texels in (1.05, 1.67, 3.1)]
     coarser = [(abs(seen[..., 0] - 0.5) < 0.003).mean() for seen in frames]  # level 1 is grey
     # rays are longer than the distance of the plane, by 7 % in the mean
     assert coarser == pytest.approx([0.0, 0.5, 1.0], abs=0.1)
