@@ -20,7 +20,7 @@ LABELS = ("A-D", "E-H", "I-L", "M-P", "Q-T", "U-Z")
 
 
 def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
-    """2 x 2 m of half-metre carpet tiles: pile, uneven tiles, soiled every metre along the walked seams."""
+    """2 x 2 m of half-metre carpet tiles: pile, uneven tiles, soiled in places along every second seam."""
     shape = (size, size)
     t = np.arange(size) / size
     seam = np.minimum((4 * t) % 1, 1 - (4 * t) % 1) / 4  # of the tile's 2 m
@@ -30,9 +30,10 @@ def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     soil = np.exp(-np.minimum(metre[:, None], metre[None]) / (0.035 * np.clip(wander, 0.3, 2)))
     each = enlarged(rng.normal(0, 1, (4, 4)), shape)
     # as much contrast between pixels as in two official frames, where a pixel covers 3 to 8 mm
-    pile = cloud(rng, shape, 0.25, 60) * 0.092 + cloud(rng, shape, 0.4, 45, 270) * 0.13
+    pile = cloud(rng, shape, 0.25, 60) * 0.115 + cloud(rng, shape, 0.4, 45, 270) * 0.145
     worn = cloud(rng, shape, 1.5, 1, 30)
-    value = (1 + pile + 0.018 * each + 0.03 * worn - 0.30 * soil) * (0.82 + 0.18 * joint)
+    soil *= np.clip(0.85 + 0.7 * cloud(rng, shape, 1.2, 1, 6), 0.15, 2)
+    value = (1 + pile + 0.018 * each + 0.03 * worn - 0.28 * soil) * (0.82 + 0.18 * joint)
     return to_bytes(np.array(tone) * value[..., None] * (1 - soil[..., None] * np.array([0.0, 0.03, 0.06])))
 
 
@@ -73,8 +74,9 @@ def worn_paint(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
 
 
 def laminate(rng: np.random.Generator, size: int, dark: Colour, light: Colour, rings: float) -> np.ndarray:
-    """1 x 1 m of a desk's top: timber with short fine streaks along the grain."""
-    streaks = cloud(rng, (size, size), 0.3, 40, 400, (1.0, 5.0)) * 0.20 + cloud(rng, (size, size), 0.3, 60, 300) * 0.05
+    """1 x 1 m of a desk's top: timber with long streaks along the grain, and short fine ones."""
+    shape = (size, size)
+    streaks = 0.11 * cloud(rng, shape, 0.3, 20, 250, (1, 30)) + 0.24 * cloud(rng, shape, 0.1, 90, 400, (1, 8))
     return to_bytes(timber(rng, size, dark, light, rings) / 255 * (1 + streaks[..., None]))
 
 

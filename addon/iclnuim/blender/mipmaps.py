@@ -30,17 +30,17 @@ from .compat import nodes_of
 from .shader_nodes import add_node, calculate, vectors
 from .surfaces import array_of
 
-#: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are mixed by noise.
-VERSION = 2
+#: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are mixed by noise; 3 has larger cells of it.
+VERSION = 3
 #: Levels of a texture, including itself; the coarsest is smaller by 2^(LEVELS - 1).
 LEVELS = 6
 #: Larger textures are not filtered: their copies would take gigabytes while they are made.
 MAX_TEXELS = 4096 * 4096
-#: Width of a cell with one value of the noise, in texels of level 0; level 3 has texels of this width.
-_CELL = 8
-#: The footprint is multiplied by this and by 1 to 2, depending on the noise. With 0.74 living room kt2 changes from frame to frame as much as with 16
-#: rays a pixel (1.05 and 1.06 of 255); with 0.68 by 1.14, with 0.80 by 0.97.
-_LEAST_FOOTPRINT = 0.74
+#: Width of a cell with one value of the noise, in texels of level 0: two to four pixels where level 3 is read. If a pixel holds more than one cell,
+#: each frame sees another one of them, and texture cannot be tracked (frames 560 to 1059 of noisy office kt3, ORB-SLAM3: 66 mm with 8, 14 with 32).
+_CELL = 32
+#: The footprint is multiplied by this and by 1 to 2, depending on the noise: an octave about the footprint itself.
+_LEAST_FOOTPRINT = math.sqrt(0.5)
 #: Rows of a level that are computed at once, so that they stay in the processor's cache.
 _BAND = 16
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
