@@ -48,10 +48,10 @@ _CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
 _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
 #: Curve -> sequences, number of frames, and the step to which the table refers: the default, or one at which all methods work.
 _CURVES = {
-    "iterations": (_FOUR, 240, 1.0),
-    "levels": (_FOUR, 240, 0.0),
-    "pixels": (_FOUR, 240, 1.0),
-    "resolution": (_FOUR, 240, 640.0),
+    "iterations": (_FOUR, 120, 1.0),
+    "levels": (_FOUR, 120, 0.0),
+    "pixels": (_FOUR, 120, 1.0),
+    "resolution": (_FOUR, 120, 640.0),
     "keyframe": (_FOUR, 120, 0.02),
     "rate": (f"{_CLEAN_TWO} --values 15,30,60,120,240", 60, 30.0),
     "realtime": (_FOUR, 120, 1.0),
