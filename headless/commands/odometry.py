@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 from iclnuim.odometry.registry import ODOMETERS, odometer
+from iclnuim.odometry.track import REFERENCES
 
 from ..options import Console, add_rerun, checked_rerun, common, count
 from ..sequence_options import add_camera_options, current_word, open_sequence, require
@@ -28,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="EST", help="write a TUM trajectory; with --all a folder, METHOD.txt for each"
     )
     add("--preset", default="best", help="best (default) or paper")
-    help = "what a frame is aligned against: default (that of the method), frame, keyframe, entropy, matches or model"
+    help = f"what a frame is aligned against: default (that of the method), {', '.join(REFERENCES)} or model"
     add("--reference", default="default", metavar="KIND", help=help)
     add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
     help = "offset of the sensor's inverse depth in 1/m, which is subtracted; default: 0"

@@ -79,6 +79,7 @@ class Fovis:
             depth=True,
             level_weights=True,
             limits=Limits(min_inliers=0.0, prior_m=0.03),
+            reference="matched-keyframe",
         ),
     }
 

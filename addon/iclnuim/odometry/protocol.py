@@ -119,7 +119,7 @@ def failure(reason: str) -> Result:
 class Odometer(Protocol):
     """prepare() is called once per frame, align() once per pair; both depend only on their arguments.
 
-    `reference` is what a frame is aligned against by default: "frame" (the one before), "keyframe", "entropy" or "matches". Code
+    `reference` is what a frame is aligned against by default: a name in track.REFERENCES, such as "frame" (the one before). Code
     that renders a model for an odometer passes a complete Frame to prepare(), unless the odometer is a `PyramidOdometer`, which
     declares what it reads.
     """

@@ -111,6 +111,32 @@ class MatchesReference(Reference):
         return self.view
 
 
+class MatchedKeyframeReference(KeyframeReference):
+    """A keyframe as above, replaced by the current frame as soon as fewer than `min_share` of the matches of its first alignment are left:
+    points that move differently are few between close frames, and may be the majority between far ones. 0.75 is ORB-SLAM2's bound for RGB-D
+    cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017; `thRefRatio` in its Tracking.cc).
+    """
+
+    def __init__(self, min_share: float = 0.75) -> None:
+        super().__init__()
+        self.min_share = min_share
+        self.first_matches: int | None = None  # of the keyframe's first alignment
+
+    def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
+        before, view = self.keyframe, super().renew(frame, prepared, T_world_camera, result)
+        if view is not before or result is None:
+            self.first_matches = None
+        elif self.first_matches is None:
+            self.first_matches = result.matches
+        elif result.matches < self.min_share * self.first_matches:
+            return self.restart(frame, prepared, T_world_camera)
+        return view
+
+    def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
+        self.first_matches = None
+        return super().restart(frame, prepared, T_world_camera)
+
+
 class EntropyReference(KeyframeReference):
     """A keyframe is used while the ratio of the motion's entropy to that of the keyframe's first motion is at least min_ratio:
     C. Kerl, J. Sturm, D. Cremers, "Dense visual SLAM for RGB-D cameras", IROS 2013, section IV-B. The next keyframe is the last
@@ -152,6 +178,7 @@ REFERENCES = {
     "keyframe": KeyframeReference,
     "entropy": EntropyReference,
     "matches": MatchesReference,
+    "matched-keyframe": MatchedKeyframeReference,
 }
 
 
