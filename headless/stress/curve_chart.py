@@ -72,7 +72,7 @@ def _axis(curve: str) -> tuple[str, Callable[[Point], float]]:
         return CURVES[curve][1], lambda p: p.value or 0.0
     if curve == "rate":
         return "processing time in ms per second of the sequence", lambda p: p.ms * (p.value or 1.0)
-    return "mean ms per frame", lambda p: p.ms
+    return "median ms per frame", lambda p: p.ms
 
 
 def _ticks(curve: str, points: Sequence[Point]) -> list[float]:

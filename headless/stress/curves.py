@@ -5,6 +5,7 @@ Times can be compared only within a run: all variants process a frame before the
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ _EDGE = 0.02
 
 @dataclass(frozen=True)
 class Point:
-    """One step of a curve for one method: number of frames, of those processed and tracked, ATE, and mean processing time per frame.
+    """One step of a curve for one method: number of frames, of those processed and tracked, ATE, and median processing time per frame.
 
     value: None for a method that does not have the setting, and so has one step only.
     """
@@ -59,15 +60,13 @@ class Variant:
     value: float | None
     tracker: Tracker
     halvings: int = 0
-    seconds: float = 0.0
-    processed: int = 0
+    seconds: list[float] = field(default_factory=list)  # processing time of each frame
     stamps_s: list[float] = field(default_factory=list)
     poses: list[SE3] = field(default_factory=list)
 
     def add(self, stamp_s: float, frame: Frame) -> None:
         found = self.tracker.add(stamp_s, halved(frame, self.halvings))
-        self.seconds += found.result.seconds
-        self.processed += 1
+        self.seconds.append(found.result.seconds)
         if not found.lost:
             self.stamps_s.append(stamp_s)
             self.poses.append(found.T_world_camera)
@@ -78,8 +77,8 @@ class Variant:
         if len(self.poses) > 2:
             poses = SE3.from_matrix(np.array([T.matrix for T in self.poses]))
             ate_m = ate_rmse_m(truth, Trajectory(np.array(self.stamps_s), poses))
-        ms = 1e3 * self.seconds / max(1, self.processed)
-        return Point(self.method, curve, self.value, frames, self.processed, len(self.poses), ate_m, ms)
+        ms = 1e3 * float(np.median(self.seconds))
+        return Point(self.method, curve, self.value, frames, len(self.seconds), len(self.poses), ate_m, ms)
 
 
 @dataclass(eq=False)
@@ -91,9 +90,8 @@ class Busy(Variant):
     def add(self, stamp_s: float, frame: Frame) -> None:
         if stamp_s < self.done_s:
             return
-        before = self.seconds
         super().add(stamp_s, frame)
-        self.done_s = stamp_s + (self.value or 1.0) * (self.seconds - before)
+        self.done_s = stamp_s + (self.value or 1.0) * self.seconds[-1]
 
 
 # -- settings of our odometers in steps: (settings of the method, value) -> settings
@@ -168,14 +166,12 @@ def interleaved(
     truth: Trajectory,
     progress: Callable[[], object],
 ) -> list[Point]:
-    """Process every frame with all variants in turn. The first frame is also processed beforehand, so that compiling is not timed."""
-    first = next(iter(frames()))
+    """Process every frame with all variants in turn. The first frames are also processed beforehand, so that compiling is not timed."""
+    first = list(islice(frames(), 3))
     for one in variants:
-        small = halved(first[1], one.halvings)
-        one.tracker.odometer.prepare(small, one.tracker.camera)
         again = Tracker(one.tracker.odometer, one.tracker.camera)
-        for _ in range(2):
-            again.add(first[0], small)
+        for stamp_s, frame in first:
+            again.add(stamp_s, halved(frame, one.halvings))
     total = 0
     for stamp_s, frame in frames():
         total += 1

@@ -54,7 +54,24 @@ def test_frames_that_arrive_while_a_method_is_busy_are_dropped(segment, monkeypa
     busy = curves.Busy("slow", slowdown, Tracker(Slow(), segment.camera))
     for stamp_s, frame in segment.frames():
         busy.add(stamp_s, frame)
-    assert busy.processed == processed
+    assert len(busy.seconds) == processed
+
+
+def test_compiling_at_the_first_alignment_is_not_timed(segment, monkeypatch):
+    clock_s = [0.0]
+    monkeypatch.setattr("iclnuim.odometry.track.time.perf_counter", lambda: clock_s[0])
+
+    class Compiled(Slow):
+        first = True
+
+        def align(self, reference, current, guess):
+            clock_s[0] += 10.0 if self.first else 0.001
+            self.first = False
+            return Result(guess)
+
+    variant = curves.Variant("compiled", None, Tracker(Compiled(), segment.camera))
+    (point,) = curves.interleaved("keyframe", [variant], segment.frames, segment.truth, lambda: None)
+    assert max(variant.seconds) < 0.002 and point.ms == pytest.approx(1) and point.processed == point.frames == 40
 
 
 @pytest.mark.parametrize(("curve", "values"), [("resolution", "160,80"), ("rate", "15,30"), ("realtime", "0.001")])
