@@ -477,9 +477,8 @@ def test_a_matched_keyframe_after_lost_frames_counts_its_own_matches():
     assert [reference.renew(None, i, SE3.identity(), few)[0] for i in (3, 4)] == [2, 2]
 
 
-def reasons_of_tracked(count, result_of, lost=()):
-    """The reasons that a tracker reports for `count` frames, of which those in `lost` have no image, if an odometer aligns frame `other` with
-    frame `one` with result_of(one, other)."""
+def tracked_by(result_of, count, lost=(), against=None):
+    """`count` tracked frames, of which those in `lost` have no image, if an odometer aligns frame `other` with frame `one` with result_of(one, other)."""
 
     class Stub:
         name, reference = "stub", "frame"
@@ -490,9 +489,40 @@ def reasons_of_tracked(count, result_of, lost=()):
         def align(self, one, other, guess):
             return result_of(one, other)
 
-    tracker = Tracker(Stub(), CAMERA)
+    tracker = Tracker(Stub(), CAMERA, against=against)
     frames = [replace(view(i, ROOM), stamp_s=i) for i in range(count)]
-    return [tracker.add(i, "no image" if i in lost else f).result.reason for i, f in enumerate(frames)]
+    return [tracker.add(i, "no image" if i in lost else f) for i, f in enumerate(frames)]
+
+
+def reasons_of_tracked(count, result_of, lost=()):
+    return [f.result.reason for f in tracked_by(result_of, count, lost)]
+
+
+def test_a_frame_that_does_not_fit_a_matched_keyframe_is_aligned_with_the_frame_before_and_reported():
+    aligned = []
+
+    def result_of(one, other):
+        aligned.append((one, other))
+        if other - one > farthest or other in unusable:
+            return failure("test: too far")
+        return Result(SE3(np.eye(3), [0.01 * (other - one), 0, 0]))
+
+    def run_on(count, lost=(), against=MatchedKeyframeReference):
+        aligned.clear()
+        found = tracked_by(result_of, count, lost, against())
+        places_m = [f.T_world_camera.translation[0] for f in found if not f.lost]
+        assert places_m == pytest.approx([0.01 * i for i, f in enumerate(found) if not f.lost])
+        return [f.result.status for f in found]
+
+    ok, bad, lost = Status.OK, Status.DEGENERATE, Status.FAILED
+    farthest, unusable = 2, ()
+    assert run_on(9) == [ok] * 3 + [bad] * 5 + [ok]  # after five such frames the last one is the keyframe
+    assert aligned[:6] == [(0, 1), (0, 2), (0, 3), (2, 3), (0, 4), (3, 4)] and aligned[-1] == (7, 8)
+    farthest, unusable = 9, (2,)
+    assert run_on(4) == [ok, ok, lost, ok] and aligned == [(0, 1), (0, 2), (1, 2), (0, 3)]
+    farthest, unusable = 1, ()
+    assert run_on(4, lost=(2,)) == [ok, ok, lost, lost] and aligned == [(0, 1), (0, 3)]
+    assert run_on(3, against=KeyframeReference) == [ok, ok, lost] and aligned == [(0, 1), (0, 2)]
 
 
 def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wrong():

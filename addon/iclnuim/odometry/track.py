@@ -33,7 +33,12 @@ View = tuple[Any, SE3]
 
 
 class Reference:
-    """Chooses the view that the next frame is aligned against. This class returns the current frame, subclasses an earlier one."""
+    """Chooses the view that the next frame is aligned against. This class returns the current frame, subclasses an earlier one.
+
+    tries_last: whether a frame that does not fit the view is aligned with the frame before instead.
+    """
+
+    tries_last = False
 
     def renew(self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None) -> View:
         """The view after a tracked frame. prepared: output of prepare(); result: output of align(), None for the first frame."""
@@ -114,8 +119,11 @@ class MatchesReference(Reference):
 class MatchedKeyframeReference(KeyframeReference):
     """A keyframe as above, replaced by the current frame as soon as fewer than `min_share` of the matches of its first alignment are left:
     points that move differently are few between close frames, and may be the majority between far ones. 0.75 is ORB-SLAM2's bound for RGB-D
-    cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017; `thRefRatio` in its Tracking.cc).
+    cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017; `thRefRatio` in its Tracking.cc). A frame that does not fit the keyframe is aligned with the
+    frame before, as in the authors' program of FOVIS; after MAX_LOST such frames in a row the current one is the keyframe.
     """
+
+    tries_last = True
 
     def __init__(self, min_share: float = 0.75) -> None:
         super().__init__()
@@ -230,6 +238,7 @@ class Tracker:
             math.nan,
         )  # the time of the pose T_view_camera, and how long the last motion took
         self.losses, self.repeated = 0, False
+        self.unfit = 0  # number of consecutive frames that do not fit the view and were aligned with the frame before
         self.assumed = False  # whether the pose of the view comes from the policy
         # stamp and pose of the last frame that was OK, if no pose was assumed since then; of the last tracked frame, if it was DEGENERATE
         self.good: tuple[float, SE3] | None = None
@@ -260,11 +269,24 @@ class Tracker:
         current = self.previous
         if self.view is None:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
-        guess = self.T_view_camera @ self._expected(stamp_s, previous, current)
+        motion = self._expected(stamp_s, previous, current)
+        guess = self.T_view_camera @ motion
         result = self.odometer.align(self.view, current, guess)
+        if result.status is Status.FAILED and self.reference.tries_last and self.last and self.view is not previous:
+            return current, self._against_last(previous, current, motion, result)
+        self.unfit = 0
         if result.status is Status.OK and (doubt := self._doubt(stamp_s, frame, guess, result)):
             result = replace(result, status=Status.DEGENERATE, reason=doubt)
         return current, result
+
+    def _against_last(self, previous: Any, current: Any, motion: SE3, lost: Result) -> Result:
+        """The alignment with the last frame of a frame that does not fit the view, DEGENERATE; `lost` if this fails as well."""
+        result = self.odometer.align(previous, current, motion)
+        if result.status is Status.FAILED:
+            return lost
+        self.unfit += 1
+        reason = result.reason or "track: does not fit the reference, aligned with the frame before"
+        return replace(result, status=Status.DEGENERATE, reason=reason)
 
     def _prepared(self, frame: Frame) -> Any:
         if self.sequential is None or self.previous is None:
@@ -309,7 +331,8 @@ class Tracker:
         return SE3.exp(times * self.motion.log())
 
     def _tracked(self, stamp_s: float, frame: Frame, current: Any, result: Result) -> SE3:
-        T_view_camera = _rigid(result.T_reference_camera)
+        T_view_reference = self.T_view_camera if self.unfit else SE3.identity()
+        T_view_camera = _rigid(T_view_reference @ result.T_reference_camera)
         self.motion, self.losses, self.assumed = self.T_view_camera.inverse() @ T_view_camera, 0, False
         self.motion_s, self.pose_s = stamp_s - self.pose_s, stamp_s
         self.uncertain = result.largest_sigma_m > WRONG_M
@@ -320,11 +343,15 @@ class Tracker:
             self.good, self.doubtful = (stamp_s, pose), None
         else:
             self.doubtful = stamp_s, pose
-        self._set_view(self.reference.renew(frame, current, pose, result), pose)
+        if self.unfit < MAX_LOST:
+            view = self.reference.renew(frame, current, pose, result)
+        else:
+            view, self.unfit = self.reference.restart(frame, current, pose), 0
+        self._set_view(view, pose)
         return pose
 
     def _on_lost(self, stamp_s: float, frame: Frame | str, current: Any) -> SE3:
-        self.losses += 1
+        self.losses, self.unfit = self.losses + 1, 0
         if self.policy == "constant-velocity":
             self.T_view_camera, self.pose_s = self.T_view_camera @ self._predicted(stamp_s), stamp_s
         pose = _rigid(self.T_world_view @ self.T_view_camera)
