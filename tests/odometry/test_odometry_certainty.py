@@ -22,6 +22,7 @@ from iclnuim.odometry.track import (  # noqa: E402
     EntropyReference,
     KeyframeReference,
     MatchedKeyframeReference,
+    MatchesReference,
     Reference,
     Tracker,
     track,
@@ -725,6 +726,9 @@ def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_a
     np.testing.assert_allclose(found[6].T_world_camera.matrix, found[3].T_world_camera.matrix, atol=1e-12)
     steady = run(name, [view(k, ROOM, camera=BIG) for k in range(len(stuck))], BIG)
     moved = found[-1].T_world_camera.translation - steady[-1].T_world_camera.translation
-    assert np.linalg.norm(moved) < 0.002 and (name == "fovis" or error_m(found) < 0.002)
+    assert np.linalg.norm(moved) < 0.002
+    # of fovis with its keyframe one alignment of these few corners is off by 10 mm, with and without repeated frames
+    against = MatchesReference() if name == "fovis" else None
+    assert error_m(list(track(odometer(name), BIG, frames, against=against))) < (0.01 if name == "fovis" else 0.002)
     interrupted = list(track(odometer(name), BIG, [*frames[:7], (6.5 / 30, "no image"), *frames[7:]]))
     assert [k for k, f in enumerate(interrupted) if f.result.status is not Status.OK] == [4, 5, 6, 7, 8]
