@@ -142,6 +142,19 @@ def test_the_stated_deviation_of_a_noisy_frame_allows_for_the_bias_of_its_depth(
     assert share < stated < 1.5 * share
 
 
+@pytest.mark.parametrize("name", ["fovis", "rgbd", "dvo"])
+@pytest.mark.parametrize(("noise", "calibrated", "share"), [(0.001, False, 0.005), (0.001, True, 0.002), (0, False, 0)])
+def test_images_with_depth_of_a_sensor_add_its_bias_to_their_own_variance(name, noise, calibrated, share, monkeypatch):
+    frames = [replace(view(i, ROOM, noise, BIG), calibrated=calibrated) for i in (0, 8)]
+    with_bias = run(name, frames, BIG)[1].result
+    monkeypatch.setattr("iclnuim.odometry.depth_term.MAX_ROUGHNESS", np.inf)
+    without = run(name, frames, BIG)[1].result
+    length_m = np.linalg.norm(without.T_reference_camera.translation)
+    added = np.linalg.inv(with_bias.information) - np.linalg.inv(without.information)
+    expected = (share * length_m) ** 2 * np.diag([1, 1, 1, 0, 0, 0])
+    assert np.allclose(added, expected, rtol=1e-3, atol=1e-12)
+
+
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
     frames = [view(i, WALL, 0.003) for i in range(3)]
     two = run("icp", frames)[-1].result.smallest_eigenvalue
@@ -171,6 +184,22 @@ def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_no
         system = jackknife_information(System.of_sums(sums.sum(axis=0)), sums, 0.0)
         twist = np.linalg.solve(system.A, system.b)
         nees.append(twist @ system.A @ twist / 6)
+    assert 0.5 < np.mean(nees) < 2
+
+
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_noise_that_pixels_do_not_share_is_not_taken_for_noise_that_they_share(name):
+    """The mean NEES per degree of freedom is near 1 with exact depth and noise that is independent in every pixel."""
+    method, nees = odometer(name), []
+    for i in range(12):
+        noisy = [
+            replace(f, grey=f.grey + np.random.default_rng(k).normal(0, 8, f.grey.shape).astype(np.float32))
+            for k in (i, i + 1)
+            for f in [view(k, ROOM, camera=BIG)]
+        ]
+        result = method.align(*(method.prepare(frame, BIG) for frame in noisy), STEP)
+        error = (STEP @ result.T_reference_camera.inverse()).log()
+        nees.append(error @ result.information @ error / 6)
     assert 0.5 < np.mean(nees) < 2
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..geometry.se3 import SE3
 from . import kernels
-from .certainty import disagreement
+from .certainty import MAX_ROUGHNESS, disagreement, with_bias
 from .protocol import WRONG_M, Result, Status
 from .solver import MAX_SIGMA_M, Level, System, small_twist
 
@@ -123,6 +123,17 @@ class DepthTerm:
             reason=reason,
         )
 
+    def final(self, result: Result) -> Result:
+        """checked(), and with the bias of the sensor, if depth is noisy."""
+        result = self.checked(result)
+        # not self.noise: at the first pose a wrong rotation adds to it
+        noisy = self.evaluations > 0 and self._disagreement() > MAX_ROUGHNESS
+        return with_bias(result, self.reference.calibrated) if noisy else result
+
+    def _disagreement(self) -> float:
+        """disagreement() of the normals at the last evaluation."""
+        return disagreement(self.cosine[np.isfinite(self.residual)])
+
     def _evaluate(self, T: SE3) -> System:
         level, found = self.reference, (self.residual, self.cosine)
         rule = (MAX_DISTANCE_M, MIN_COSINE, self.sigma, NU)
@@ -133,7 +144,7 @@ class DepthTerm:
             return NO_EQUATIONS
         self.sigma = max(kernels.student_scale(self.residual, NU, self.sigma, 10), 1e-5)
         if self.evaluations == 0:
-            self.noise = disagreement(self.cosine[np.isfinite(self.residual)])
+            self.noise = self._disagreement()
         system = System.of_sums(sums)
         known = system.less_noise(self.noise * system.weight)
         twist = _depth_only_twist(known.as_information(1.0))

@@ -32,7 +32,7 @@ def fast_features(frame: Frame, camera: PinholeCamera, levels: int, threshold: i
     excess = sum(len(uv) for uv, _ in found) - camera.width * camera.height // PIXELS_PER_CORNER
     kept = [_inside(strongest(*corners), image) for corners, image in zip(found, images, strict=True)]
     next_threshold = int(np.clip(threshold + int(GAIN * excess), MIN_THRESHOLD, MAX_THRESHOLD))
-    return assembled(images, frame.depth_z_m, camera, kept, describe_in_bytes, next_threshold)
+    return assembled(images, frame, camera, kept, describe_in_bytes, next_threshold)
 
 
 def halved(image: np.ndarray) -> np.ndarray:

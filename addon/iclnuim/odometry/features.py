@@ -43,11 +43,13 @@ class Features:
     points_m: np.ndarray
     descriptions: np.ndarray
     next_threshold: int = 0
+    calibrated: bool = False  # Frame.calibrated
 
     @cached_property
     def half(self) -> Level:
         """The half-size level for the geometric term, which does not use its grey values."""
-        return Level(self.images[-1], halve_depth(self.depth_z_m), self.camera.halved())
+        half = halve_depth(self.depth_z_m)
+        return Level(self.images[-1], half, self.camera.halved(), calibrated=self.calibrated)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +82,12 @@ def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Fe
         strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
         for n, (uv, scores) in enumerate(found)
     ]
-    return assembled(images, frame.depth_z_m, camera, kept, describe)
+    return assembled(images, frame, camera, kept, describe)
 
 
 def assembled(
     images: list[np.ndarray],
-    depth_z_m: np.ndarray,
+    frame: Frame,
     camera: PinholeCamera,
     corners: list[np.ndarray],
     describe: Callable[[np.ndarray, np.ndarray], np.ndarray],
@@ -97,11 +99,21 @@ def assembled(
     """
     level = np.repeat(np.arange(len(images)), [len(uv) for uv in corners])
     uv = np.concatenate([uv * 2**n for n, uv in enumerate(corners)]).astype(float)
-    z = depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]
+    z = frame.depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]
     descriptions = np.concatenate([describe(image, uv) for image, uv in zip(images, corners, strict=True)])
     has = z > 0
     points_m = points(camera, uv[has], z[has])
-    return Features(images, depth_z_m, camera, uv[has], level[has], points_m, descriptions[has], next_threshold)
+    return Features(
+        images,
+        frame.depth_z_m,
+        camera,
+        uv[has],
+        level[has],
+        points_m,
+        descriptions[has],
+        next_threshold,
+        frame.calibrated,
+    )
 
 
 def points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarray:

@@ -117,7 +117,7 @@ class Fovis:
         if found.reason:
             return failure(found.reason)
         result = self._refine(found, reference.camera)
-        return depth.checked(result) if depth else result
+        return depth.final(result) if depth else result
 
     def _search(
         self, reference: Features, current: Features, start: SE3, search_px: float, depth: DepthTerm | None

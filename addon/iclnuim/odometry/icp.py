@@ -7,7 +7,6 @@ the photometric term, T. Whelan et al., "Robust real-time visual odometry for de
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import cv2
@@ -16,7 +15,14 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .certainty import ACROSS, DOWN, disagreement, jackknife_information
+from .certainty import (
+    ACROSS,
+    DOWN,
+    MAX_ROUGHNESS,
+    disagreement,
+    jackknife_information,
+    with_bias,
+)
 from .depth_term import MAX_DISTANCE_M, DepthTerm
 from .photometric import PhotometricSettings, PhotometricTerm, Rgbd, Start, initialise, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
@@ -38,8 +44,6 @@ from .solver import (
 POOR_M = 0.015
 WIDE_DISTANCE_M, WIDE_ANGLE_DEG, WIDE_NU, WIDE_LEVEL, WIDE_STRIDE, WIDE_ITERATIONS = 1.0, 60.0, 2.0, 2, 2, 20
 WIDE_STOP, WIDE_LIMITS = Stop(min_step=1e-3), Limits(min_inliers=0.01)
-#: Median of 1 - cosine of normals: `released` noise has 0.006, clean frames below 1e-4.
-MAX_ROUGHNESS = 1e-3
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
 #: Below this eigenvalue (a share of a trace of three directions) a noisy frame is degenerate: one in a thousand points constrains the
 #: direction, at the border of an object that is leaving the view, where normals have more errors than those of noise.
@@ -53,9 +57,6 @@ MORE_INLIERS = 1.01
 #: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M, for all noisy frames: standard deviation of
 #: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
-#: Relative error of every motion from noisy frames, in its stated information. The offset of the noise `released`, 0.00155 a metre of inverse depth,
-#: makes an object at 1 to 3 m seem to move 0.3 to 0.9 % less. With the offset subtracted, motions are 0.2 % too short to 0.2 % too long.
-ROUGH_BIAS, CALIBRATED_BIAS = 0.005, 0.002
 #: Number of pixels of a noisy image that share one error, next to planes whose offset of depth is known: fewer than on clean frames, whose errors are
 #: those of interpolation. With 12 motions are as accurate, but NEES is up to 4.4 instead of 1.9; with 75 errors over a second are 4 to 13 % larger
 #: (noisy living room kt1, kt2, office kt2).
@@ -195,7 +196,7 @@ class Icp(PyramidOdometer):
             result = second if second.inliers > result.inliers else result
         if not self.rough(current):
             return result
-        return with_bias(result, CALIBRATED_BIAS if current[0].calibrated else ROUGH_BIAS)
+        return with_bias(result, current[0].calibrated)
 
     def _align_from(self, reference: list[Level], current: list[Level], guess: SE3) -> tuple[Result, float]:
         """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
@@ -214,14 +215,6 @@ def estimate_rotation(reference: list[Level], current: list[Level], settings: Ic
     term = PlaneTerm(reference[n], current[n], wide, n, max_distance_m=WIDE_DISTANCE_M)
     result = solve([Pass(term, WIDE_ITERATIONS, term.pixels, WIDE_STOP, rotation_only=True)], guess, WIDE_LIMITS)
     return guess if result.status is Status.FAILED else result.T_reference_camera
-
-
-def with_bias(result: Result, share: float) -> Result:
-    """The result whose stated information allows for a relative error of the motion. It does not make a motion degenerate: the bias is in no direction of its own."""
-    if result.status is Status.FAILED:
-        return result
-    system = System(result.information, np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
-    return replace(result, information=system.with_error(_components(result.T_reference_camera, share)).A)
 
 
 def roughness(level: Level) -> float:
@@ -326,9 +319,7 @@ class IcpRgbd(Icp):
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
         passes, finest = photometric_passes(reference, current, settings, start.schedule, depth)
-        passes[-1] = self._with_planes(
-            passes[-1], planes[n], partial(_components, share=ROUGH_ERROR) if biased else None
-        )
+        passes[-1] = self._with_planes(passes[-1], planes[n], _components if biased else None)
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(settings.limits, prior_m=prior_m)
         return depth.checked(solve(passes, start.guess, limits)), finest
@@ -353,7 +344,7 @@ def _length(T: SE3) -> np.ndarray:
     return ROUGH_ERROR * np.r_[T.translation, np.zeros(3)][:, None]
 
 
-def _components(T: SE3, share: float) -> np.ndarray:
+def _components(T: SE3) -> np.ndarray:
     """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation."""
     twist = T.log()
-    return share * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))
+    return ROUGH_ERROR * np.diag(np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3))

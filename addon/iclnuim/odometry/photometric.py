@@ -88,7 +88,7 @@ class PhotometricSettings:
         False  # scale of Student's t: estimated once per level, except the coarsest (Kerl 2013); not with tiles
     )
     mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
-    spread: float = 0.0  # number of pixels that share one error (fitted on kt2 and office kt0); 0: no noise model
+    spread: float = 0.0  # least number of pixels that share one error; with tiles more where their blocks disagree; 0: no noise model
     tiles: bool = (
         False  # a depth factor per tile, gain and offset per pair; coarse levels then estimate only the rotation
     )
@@ -204,8 +204,7 @@ class PhotometricTerm:
             system = self.tiles.eliminated(self.sums, firm)
         else:
             system = System.of_sums(kernels.sums(self.points, J, self.residual, J, self.residual, self.sigma, nu))
-        if self.tiles and not self.depth and self.settings.spread:
-            # no depth selects the tiles: an object that moves may be in some of them
+        if self.tiles and self.settings.spread:
             sums = self.tiles.block_sums()
             system = certainty.spread_information(system, sums, nu, self.settings.spread, ROUNDED)
         else:
@@ -404,7 +403,7 @@ class Rgbd(PyramidOdometer):
             max_depth_m=13.0,
             nu=5.0,
             mean_gradient=True,
-            spread=12.0,
+            spread=1.0,
             tiles=True,
             stop=Stop(min_step=2e-5),
             limits=Limits(min_inliers=0.001, prior_m=0.03),
@@ -429,7 +428,7 @@ class Rgbd(PyramidOdometer):
         if result.status is not Status.FAILED and (reason := finest.unrelated()):
             return failure(reason)
         result = finest.checked(result)
-        return depth.checked(result) if depth else result
+        return depth.final(result) if depth else result
 
 
 class Dvo(Rgbd):
