@@ -571,6 +571,24 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
     assert states([0, 1e-3, 2e-3, 2e-3, 4e-3, 5e-3], bad=(2,), lost=(3,)) == ["", "", "test", "no image", "", ""]
 
 
+def test_an_outlier_after_a_new_reference_at_an_assumed_pose_is_noticed_too():
+    def states(places_m):
+        def result_of(one, other):
+            if 2 <= other <= 6:
+                return failure("test: unrelated")
+            T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
+            return Result(
+                T, Status.DEGENERATE if other == 7 else Status.OK, reason="test: uncertain" if other == 7 else ""
+            )
+
+        return reasons_of_tracked(len(places_m), result_of)[7:]
+
+    after_six = [0.0] * 7
+    outlier = "track: the pose before was an outlier"
+    assert states([*after_six, 2e-2, 2e-3, 3e-3]) == ["test: uncertain", outlier, ""]
+    assert states([*after_six, 1e-3, 2e-3, 3e-3]) == ["test: uncertain", "", ""]
+
+
 def test_after_an_uncertain_pose_frames_are_reported_until_an_alignment_converges_or_is_certain():
     def reasons(sigmas_m, unconverged):
         def result_of(one, other):

@@ -240,7 +240,7 @@ class Tracker:
         self.losses, self.repeated = 0, False
         self.unfit = 0  # number of consecutive frames that do not fit the view and were aligned with the frame before
         self.assumed = False  # whether the pose of the view comes from the policy
-        # stamp and pose of the last frame that was OK, if no pose was assumed since then; of the last tracked frame, if it was DEGENERATE
+        # stamp and pose of the last frame that was OK, or of the assumed pose of the view since then; of the last tracked frame, if it was DEGENERATE
         self.good: tuple[float, SE3] | None = None
         self.doubtful: tuple[float, SE3] | None = None
         self.uncertain = False  # whether the standard deviation of the last pose is above WRONG_M
@@ -358,7 +358,7 @@ class Tracker:
         if not isinstance(frame, str) and current is not None and (self.policy == "restart" or self.losses >= MAX_LOST):
             self._set_view(self.reference.restart(frame, current, pose), pose)
             self.assumed, self.pose_s = True, stamp_s
-            self.good = None  # the path to an assumed pose is not measured
+            self.good, self.doubtful = (stamp_s, pose), None  # later poses are relative to it
         return pose
 
     def _set_view(self, view: tuple[Any, SE3], pose: SE3) -> None:
