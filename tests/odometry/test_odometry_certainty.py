@@ -190,14 +190,15 @@ def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_no
 @pytest.mark.parametrize("name", ["rgbd", "dvo"])
 def test_noise_that_pixels_do_not_share_is_not_taken_for_noise_that_they_share(name):
     """The mean NEES per degree of freedom is near 1 with exact depth and noise that is independent in every pixel."""
+
+    def noisy(i):
+        frame = view(i, ROOM, camera=BIG)
+        noise = np.random.default_rng(i).normal(0, 8, frame.grey.shape)
+        return replace(frame, grey=frame.grey + noise.astype(np.float32))
+
     method, nees = odometer(name), []
     for i in range(12):
-        noisy = [
-            replace(f, grey=f.grey + np.random.default_rng(k).normal(0, 8, f.grey.shape).astype(np.float32))
-            for k in (i, i + 1)
-            for f in [view(k, ROOM, camera=BIG)]
-        ]
-        result = method.align(*(method.prepare(frame, BIG) for frame in noisy), STEP)
+        result = method.align(*(method.prepare(noisy(k), BIG) for k in (i, i + 1)), STEP)
         error = (STEP @ result.T_reference_camera.inverse()).log()
         nees.append(error @ result.information @ error / 6)
     assert 0.5 < np.mean(nees) < 2

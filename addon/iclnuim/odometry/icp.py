@@ -15,14 +15,7 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from . import kernels
-from .certainty import (
-    ACROSS,
-    DOWN,
-    MAX_ROUGHNESS,
-    disagreement,
-    jackknife_information,
-    with_bias,
-)
+from .certainty import ACROSS, DOWN, MAX_ROUGHNESS, disagreement, jackknife_information, with_bias
 from .depth_term import MAX_DISTANCE_M, DepthTerm
 from .photometric import PhotometricSettings, PhotometricTerm, Rgbd, Start, initialise, no_contrast, photometric_passes
 from .protocol import Frame, Result, Status
